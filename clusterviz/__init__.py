@@ -1,0 +1,1 @@
+"""clusterviz: distributed volume rendering for scientific data."""

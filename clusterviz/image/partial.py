@@ -1,0 +1,30 @@
+"""A partial image: what one rank saw, as a rectangle of premultiplied pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.region import EMPTY, Rect
+
+
+@dataclass(frozen=True)
+class PartialImage:
+    """What one rank drew; everything outside `rect` is fully transparent.
+
+    Attributes
+    ----------
+    rect : Rect
+        The footprint on the screen.
+    rgba : float32 or uint8 (rect.height, rect.width, 4), premultiplied, C order
+    """
+
+    rect: Rect
+    rgba: NDArray[np.float32] | NDArray[np.uint8]
+
+
+def blank() -> PartialImage:
+    """The partial image of a rank that saw nothing: an empty rectangle."""
+    return PartialImage(EMPTY, np.zeros((0, 0, 4), np.float32))
