@@ -1,0 +1,132 @@
+"""The checks of single scene values that a type cannot express, each with what was found and what is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, TypeVar
+
+Points = TypeVar("Points", bound=tuple[tuple[float, ...], ...])
+Vector = tuple[float, float, float]
+
+PARALLEL = 1e-6
+"""Sine of the angle below which `view_up` counts as parallel to the direction of view."""
+
+
+class UnusableError(ValueError):
+    """A value that the scene cannot have; pydantic carries it to `scene.complaints`.
+
+    Parameters
+    ----------
+    what : what is wrong
+    allowed : what may be there
+    key : the key inside the checked section, where the check is of a whole section
+    found : what was there, where it is not the checked value itself
+    """
+
+    def __init__(self, what: str, allowed: str, *, key: str = "", found: object = None) -> None:
+        super().__init__(f"{what}; allowed {allowed}")
+        self.what, self.allowed, self.key, self.found = what, allowed, key, found
+
+
+def plain(value: Any) -> Any:
+    """NumPy scalars and arrays as Python numbers and lists; everything else as it is."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def form_of(value: Any) -> str:
+    """Which type of a value is meant, by its form: the tag of one branch of a union in `scene.values`."""
+    if isinstance(value, str):
+        return "<name>"
+    return "<points>" if _is_sequence(value) else "<number>"
+
+
+def check_path(value: str) -> str:
+    """A path: neither empty nor with a NUL, which no file system takes."""
+    if not value.strip() or "\0" in value:
+        raise UnusableError("not a path", "the path of a data file")
+    return value
+
+
+def check_clim(value: tuple[float, float]) -> tuple[float, float]:
+    """The ends of the colour map in order; equal ends are a step."""
+    if value[0] > value[1]:
+        raise UnusableError("the low end lies above the high end", "[low, high] with low <= high")
+    return value
+
+
+def check_points(points: Points) -> Points:
+    """Control points: at least one, sorted by value; a value that occurs twice is a step."""
+    if not points:
+        raise UnusableError("no control points", "at least one")
+    for before, after in pairwise(points):
+        if after[0] < before[0]:
+            raise UnusableError(f"control points out of order: {after[0]} after {before[0]}", "points sorted by value")
+    return points
+
+
+def check_cmap(value: Any) -> Any:
+    """A name, a file or points; what the points hold is checked by their own type."""
+    value = plain(value)
+    if value is None or _is_sequence(value) or (isinstance(value, str) and value.strip()):
+        return value
+    raise UnusableError("not a colour map", "a colour-map name, [[value, r, g, b], …], or a ParaView preset (.json)")
+
+
+def check_opacity(value: Any) -> Any:
+    """A number, a preset's name or points."""
+    from clusterviz.scene.opacity import PRESETS
+
+    value = plain(value)
+    if isinstance(value, str) and value not in PRESETS:
+        raise UnusableError(
+            "unknown opacity preset", f"a number, [[value, opacity], …], or one of {', '.join(PRESETS)}"
+        )
+    if isinstance(value, bool) or not (value is None or isinstance(value, (str, int, float)) or _is_sequence(value)):
+        raise UnusableError("not an opacity", "a number in 0..1, [[value, opacity], …], or a preset such as linear")
+    return value
+
+
+def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:
+    """A view needs a direction, and an up that is not along it; what is None is not checked."""
+    if view_up is not None and not any(view_up):
+        raise UnusableError("the zero vector has no direction", "a direction", key="view_up", found=list(view_up))
+    if position is None or focal_point is None:
+        return
+    if position == focal_point:
+        raise UnusableError(
+            "the same as position", "a point other than position", key="focal_point", found=list(position)
+        )
+    if view_up is not None and sine(difference(focal_point, position), view_up) < PARALLEL:
+        raise UnusableError(
+            "parallel to the direction of view", "any other direction", key="view_up", found=list(view_up)
+        )
+
+
+def difference(a: Vector, b: Vector) -> Vector:
+    """The direction of a − b, scaled to a largest component of 1 so that no length under- or overflows.
+
+    The difference is taken of halves where the whole would overflow, which changes no direction.
+    """
+    d = [p / 2 - q / 2 for p, q in zip(a, b, strict=True)]
+    if not any(d):
+        d = [p - q for p, q in zip(a, b, strict=True)]
+    return _scaled(d)
+
+
+def sine(a: Vector, b: Vector) -> float:
+    """Sine of the angle between two non-zero vectors of any magnitude."""
+    (ax, ay, az), (bx, by, bz) = _scaled(a), _scaled(b)
+    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    return cross / (math.hypot(ax, ay, az) * math.hypot(bx, by, bz))
+
+
+def _scaled(vector: Sequence[float]) -> Vector:
+    largest = max(abs(v) for v in vector)
+    x, y, z = (v / largest for v in vector)
+    return x, y, z
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes))

@@ -1,0 +1,181 @@
+"""The scene as frozen values: what to show, from where, how well, and on what terms the ranks share the work.
+
+One model a section of the scene file, one field a key. Everything that can be wrong with a single key or with the keys
+of one section is refused here; `None` means "choose for me" and is filled by `scene.complete` once the data is known.
+What is named in `PLANNED` is part of the language of scenes but is not drawn yet.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from clusterviz.scene.background import check_background
+from clusterviz.scene.checks import (
+    check_camera,
+    check_clim,
+    check_cmap,
+    check_opacity,
+    check_path,
+    check_points,
+    form_of,
+    plain,
+)
+
+FINITE = Field(strict=True, allow_inf_nan=False)
+Number = Annotated[float, FINITE, BeforeValidator(plain)]
+Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
+Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
+Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
+Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
+ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
+OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
+
+# A value of several types says by its form which one is meant, so that an error speaks of that one only.
+Name = Annotated[str, Tag("<name>")]
+Cmap = Annotated[
+    Name | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_cmap),
+]
+Opacity = Annotated[
+    Name
+    | Annotated[Fraction, Tag("<number>")]
+    | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_opacity),
+]
+Background = Annotated[
+    Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_background),
+]
+
+
+class Section(BaseModel):
+    """What all sections share: frozen, and no key but the ones that are declared."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Volume(Section):
+    """One volume: where its voxels are and how scalars become colour and opacity."""
+
+    path: Annotated[str, AfterValidator(check_path)] = Field(
+        description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path."
+    )
+    array: str | None = Field(default=None, description="Which array of the file, for files with several.")
+    cmap: Cmap | None = Field(
+        default=None,
+        description="A colour-map name (viridis, bone, coolwarm, …; _r reverses), control points "
+        "[[value, r, g, b], …] in data values and 0..1, or a ParaView preset file (.json).",
+    )
+    clim: Clim | None = Field(
+        default=None, description="The data values at the two ends of the colour map; default: 1st and 99th percentile."
+    )
+    opacity: Opacity | None = Field(
+        default=None,
+        description="Opacity gathered over opacity_unit_distance: a number, control points [[value, opacity], …] in "
+        "data values (a repeated value is a step), or a preset as in PyVista: linear, linear_r, sigmoid, geom, ….",
+    )
+    opacity_unit_distance: Positive | None = Field(
+        default=None,
+        description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
+    )
+    interpolation: Literal["linear", "nearest"] = Field(default="linear", description="How voxels become a field.")
+    blending: Literal["composite"] = Field(default="composite", description="How the samples along a ray are combined.")
+    shade: Literal[False] = Field(default=False, description="Light the volume by its gradient.")
+    ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
+    diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
+    specular: Fraction = Field(default=0.2, description="Specular share of the light; used where shade is true.")
+    specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
+        default=10.0, description="Sharpness of the highlight."
+    )
+
+
+class Camera(Section):
+    """VTK's camera; what is left out is chosen so that the whole scene is seen from (1, 1, 1)."""
+
+    position: Vector | None = Field(default=None, description="Where the eye is, in world units.")
+    focal_point: Vector | None = Field(default=None, description="Where it looks; default: the centre of the scene.")
+    view_up: Vector | None = Field(
+        default=None, description="The direction that is up in the picture; need not be a unit."
+    )
+    view_angle: Annotated[float, FINITE, Field(gt=0, lt=180), BeforeValidator(plain)] = Field(
+        default=30.0, description="Vertical angle of view, degrees."
+    )
+    parallel_scale: Positive | None = Field(
+        default=None, description="Half the picture's height in world units: parallel projection; null: perspective."
+    )
+
+    @model_validator(mode="after")
+    def _not_degenerate(self) -> Camera:
+        check_camera(self.position, self.focal_point, self.view_up)
+        return self
+
+
+class ImageSettings(Section):
+    """The picture."""
+
+    size: Annotated[tuple[Side, Side], BeforeValidator(plain)] = Field(
+        default=(1024, 768), description="Width and height in pixels."
+    )
+    background: Background = Field(
+        default="white", description="A CSS colour name or #rrggbb, [r, g, b] in 0..1, or transparent."
+    )
+
+
+class Quality(Section):
+    """What accuracy costs; every setting has a measured error."""
+
+    step: Positive = Field(
+        default=1.0, description="Distance between samples along a ray, in the smallest voxel spacing."
+    )
+    classification: Literal["post"] = Field(default="post", description="Where the transfer function is applied.")
+    filter: Literal["exact", "hardware"] = Field(
+        default="exact", description="exact: float32 weights; hardware: the texture unit's, about 8 bits."
+    )
+    early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
+        default=0.0, description="A ray ends when what lies behind could add at most this share; 0: never."
+    )
+    pixel: Literal["float32"] = Field(default="float32", description="The format in which partial images are blended.")
+
+
+class Cluster(Section):
+    """How the ranks share the work; no setting here changes the picture."""
+
+    mode: Literal["auto", "sort-last"] = Field(default="auto", description="What is divided: data (sort-last).")
+    compositing: Literal["auto", "serial", "tree", "direct-send", "binary-swap"] = Field(
+        default="auto", description="The algorithm that joins the partial images."
+    )
+    codec: Literal["auto", "raw"] = Field(default="auto", description="How pixels are packed for sending.")
+    transport: Literal["auto", "messages"] = Field(default="auto", description="How pixels travel.")
+    distribution: Literal["auto"] = Field(default="auto", description="How bricks are dealt to ranks.")
+    brick: Annotated[int, Field(strict=True, ge=2, le=1024), BeforeValidator(plain)] = Field(
+        default=64, description="Voxels along the side of a brick."
+    )
+
+
+class Scene(Section):
+    """Everything a picture is made of."""
+
+    volumes: Annotated[tuple[Volume, ...], Field(max_length=1)] = Field(default=(), description="What to show.")
+    camera: Camera = Field(default=Camera(), description="From where.")
+    image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
+    quality: Quality = Field(default=Quality(), description="How well.")
+    cluster: Cluster = Field(default=Cluster(), description="How the ranks share the work.")
+
+
+PLANNED: dict[str, tuple[object, ...]] = {
+    "blending": ("maximum", "minimum", "average", "additive", "isosurface"),
+    "shade": (True,),
+    "classification": ("pre", "pre-integrated", "preintegrated"),
+    "pixel": ("uint8", "float16", "rgba8"),
+    "mode": ("sort-first", "hybrid"),
+    "compositing": ("pipeline", "2-3-swap", "radix-k", "parallel-pipeline", "slic"),
+    "codec": ("lz4", "rle", "active-pixel"),
+    "transport": ("shared", "hierarchical"),
+    "distribution": ("static", "dynamic"),
+}
