@@ -1,0 +1,175 @@
+"""Which EGL devices a node has, and which of them a rank draws on.
+
+A node with four GPUs and four ranks should use all four, yet EGL gives everyone its first device unless told. The order
+here is that of `eglQueryDevicesEXT`, and so that of the device index which moderngl's EGL backend takes; it is not CUDA's
+order, which is why the CUDA number is listed beside it. Asking costs no context and no OpenGL.
+
+References
+----------
+EGL_EXT_device_enumeration, EGL_EXT_device_query, EGL_EXT_device_drm, EGL_EXT_device_drm_render_node,
+EGL_EXT_device_query_name, EGL_NV_device_cuda and EGL_MESA_device_software, in the Khronos registry.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from ctypes.util import find_library
+from dataclasses import dataclass
+from typing import Any
+
+from clusterviz.errors import DeviceError, InputError
+
+ENVIRONMENT = "CLUSTERVIZ_EGL_DEVICE"
+
+_EXTENSIONS, _VENDOR, _RENDERER = 0x3055, 0x3053, 0x335F
+_DRM_DEVICE_FILE, _DRM_RENDER_NODE_FILE, _CUDA_DEVICE = 0x3233, 0x3377, 0x323A
+_MOST_DEVICES = 128
+
+
+@dataclass(frozen=True)
+class EglDevice:
+    """One EGL device.
+
+    Attributes
+    ----------
+    index : position in `eglQueryDevicesEXT`, the device index that a context is made with
+    software : True for Mesa's llvmpipe, which draws on the CPU
+    drm_node : "/dev/dri/renderD128" or the like; "" where the driver names none
+    cuda_id : CUDA's number of the same device, None where it has none
+    renderer, vendor : the driver's names, "" where it gives none before a context exists
+    extensions : the device extensions
+    """
+
+    index: int
+    software: bool
+    drm_node: str = ""
+    cuda_id: int | None = None
+    renderer: str = ""
+    vendor: str = ""
+    extensions: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """What a person would call it: "software", "hardware, /dev/dri/renderD128, CUDA 0"."""
+        kind = "software" if self.software else "hardware"
+        cuda = "" if self.cuda_id is None else f"CUDA {self.cuda_id}"
+        return ", ".join(filter(None, (kind, self.renderer or self.vendor, self.drm_node, cuda)))
+
+
+def egl_devices() -> tuple[EglDevice, ...]:
+    """The EGL devices of this node, in EGL's own order; empty where EGL lists none.
+
+    Raises
+    ------
+    DeviceError
+        libEGL cannot be loaded, or is too old to list devices.
+    """
+    name = find_library("EGL")
+    if name is None:
+        raise DeviceError("no EGL library; on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri")
+    egl = _Egl(ctypes.CDLL(name))
+    return tuple(_describe(egl, index, handle) for index, handle in enumerate(egl.handles()))
+
+
+def choose_device(devices: Sequence[EglDevice], local_rank: int, override: int | None = None) -> int:
+    """The index of the device that a rank draws on: the override, else hardware in turn, else the software device.
+
+    Parameters
+    ----------
+    devices : what `egl_devices` found
+    local_rank : the rank's number on its node, from 0
+    override : an index that the user asked for
+
+    Raises
+    ------
+    DeviceError
+        There is no device at all.
+    InputError
+        The override names a device that does not exist.
+    """
+    if not devices:
+        raise DeviceError("EGL lists no device; on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri")
+    if override is not None:
+        if not 0 <= override < len(devices):
+            raise InputError(
+                "no such EGL device", where="EGL device", found=override, allowed=f"0 to {len(devices) - 1}"
+            )
+        return override
+    pool = [device for device in devices if not device.software] or list(devices)
+    return pool[local_rank % len(pool)].index
+
+
+def override_from(environ: Mapping[str, str]) -> int | None:
+    """The device index in CLUSTERVIZ_EGL_DEVICE, None where that is unset or empty.
+
+    Raises
+    ------
+    InputError
+        The variable holds something else than a whole number.
+    """
+    text = environ.get(ENVIRONMENT, "").strip()
+    if not text:
+        return None
+    if not text.isdecimal():
+        raise InputError("not a device index", where=ENVIRONMENT, found=repr(text), allowed="0, 1, 2, …")
+    return int(text)
+
+
+class _Egl:
+    """The four EGL entry points that list devices, with their C types."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        library.eglGetProcAddress.restype = ctypes.c_void_p
+        library.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+        self._library = library
+        pointer, integer = ctypes.c_void_p, ctypes.c_int
+        self._query_devices = self._entry(
+            "eglQueryDevicesEXT", ctypes.c_uint, integer, ctypes.POINTER(pointer), ctypes.POINTER(integer)
+        )
+        self._query_string = self._entry("eglQueryDeviceStringEXT", ctypes.c_char_p, pointer, integer)
+        self._query_attribute = self._entry(
+            "eglQueryDeviceAttribEXT", ctypes.c_uint, pointer, integer, ctypes.POINTER(ctypes.c_ssize_t)
+        )
+
+    def _entry(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+        address = self._library.eglGetProcAddress(name.encode())
+        if not address:
+            raise DeviceError(f"this EGL library cannot list devices: it lacks {name}")
+        return ctypes.CFUNCTYPE(result, *arguments)(address)
+
+    def handles(self) -> list[int]:
+        """The opaque device handles, in EGL's order."""
+        found = (ctypes.c_void_p * _MOST_DEVICES)()
+        count = ctypes.c_int(0)
+        if not self._query_devices(_MOST_DEVICES, found, ctypes.byref(count)):
+            return []
+        return [int(handle) for handle in found[: count.value] if handle]
+
+    def string(self, handle: int, name: int) -> str:
+        """One of the device's strings, "" where it has none."""
+        text: bytes | None = self._query_string(handle, name)
+        return (text or b"").decode(errors="replace")
+
+    def attribute(self, handle: int, name: int) -> int | None:
+        """One of the device's numbers, None where it has none."""
+        value = ctypes.c_ssize_t(0)
+        return value.value if self._query_attribute(handle, name, ctypes.byref(value)) else None
+
+
+def _describe(egl: _Egl, index: int, handle: int) -> EglDevice:
+    extensions = tuple(egl.string(handle, _EXTENSIONS).split())
+    # A string may only be asked for where its extension is listed; other names are EGL errors.
+    drm_node = egl.string(handle, _DRM_RENDER_NODE_FILE) if "EGL_EXT_device_drm_render_node" in extensions else ""
+    if not drm_node and "EGL_EXT_device_drm" in extensions:
+        drm_node = egl.string(handle, _DRM_DEVICE_FILE)
+    named = "EGL_EXT_device_query_name" in extensions
+    return EglDevice(
+        index=index,
+        software="EGL_MESA_device_software" in extensions,
+        drm_node=drm_node,
+        cuda_id=egl.attribute(handle, _CUDA_DEVICE) if "EGL_NV_device_cuda" in extensions else None,
+        renderer=egl.string(handle, _RENDERER) if named else "",
+        vendor=egl.string(handle, _VENDOR) if named else "",
+        extensions=extensions,
+    )
