@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Rect:
-    """Pixels [x_begin, x_end) × [y_begin, y_end); row 0 is the top of the picture. Empty where an end is not past its begin."""
+    """Pixels [x_begin, x_end) × [y_begin, y_end); row 0 is the top. Empty where an end is not past its begin."""
 
     x_begin: int
     y_begin: int

@@ -1,0 +1,142 @@
+"""Pictures on disk: .npy and .exr keep the float32 pixels before the background, .png is what a screen shows."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError, OutputError
+from clusterviz.image.finish import Colour, finish
+from clusterviz.image.replace import check_replaceable, replacing
+
+Pixels = NDArray[np.float32]
+
+
+def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour | None) -> None:
+    """Write a picture in the format of its extension; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : ends in .npy, .exr (float32, premultiplied, before the background) or .png (8 bit, over the background)
+    rgba : float32 (h, w, 4), premultiplied
+    background : (r, g, b) in [0, 1] or None for transparent; used by .png only
+
+    Raises
+    ------
+    OutputError
+        Unknown extension, missing or unwritable folder, disk full. Nothing is left behind.
+    InputError
+        `rgba` is not (h, w, 4), or has no pixels.
+    """
+    write = _WRITERS[_extension(path)]
+    if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
+        raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
+    with replacing(path) as temporary:
+        write(temporary, rgba, background)
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raise now what `write_image` would raise later: unknown extension, missing or unwritable folder.
+
+    Raises
+    ------
+    OutputError
+    """
+    _extension(path)
+    check_replaceable(path)
+
+
+def read_image(path: str | os.PathLike[str]) -> Pixels:
+    """Read a picture that `write_image` wrote, or any PNG.
+
+    Returns
+    -------
+    rgba : float32 (h, w, 4), premultiplied. A PNG comes as it is on the screen: its background is part of it.
+
+    Raises
+    ------
+    InputError
+        Unknown extension, missing or damaged file, not RGBA.
+    """
+    extension = Path(path).suffix.lower()
+    if extension not in _READERS:
+        raise InputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_READERS))
+    try:
+        rgba = _READERS[extension](Path(path))
+    except (OSError, ValueError, RuntimeError, KeyError, EOFError) as error:
+        raise InputError("cannot be read as a picture", where=str(path), found=error) from error
+    if rgba.ndim != 3 or rgba.shape[2] != 4:
+        raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
+    return np.ascontiguousarray(rgba, np.float32)
+
+
+def _extension(path: str | os.PathLike[str]) -> str:
+    extension = Path(path).suffix.lower()
+    if extension not in _WRITERS:
+        raise OutputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_WRITERS))
+    return extension
+
+
+def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
+    pixels = np.ascontiguousarray(rgba, np.float32)
+    # Not numpy.save: it writes through C's stdio, whose last buffer can be lost unreported on a full disk.
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(pixels))
+        file.write(pixels.data)
+
+
+def _write_png(path: Path, rgba: Pixels, background: Colour | None) -> None:
+    from PIL import Image
+
+    with path.open("wb") as file:
+        Image.fromarray(finish(rgba, background)).save(file, format="png")
+
+
+def _write_exr(path: Path, rgba: Pixels, background: Colour | None) -> None:
+    import OpenEXR
+
+    pixels = np.ascontiguousarray(rgba, np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    try:
+        with OpenEXR.File(header, {"RGBA": pixels}) as file:
+            file.write(str(path))
+        # The library says nothing when the disk is full as it closes the file; only reading it again tells.
+        whole = np.array_equal(_read_exr(path).view(np.uint32), pixels.view(np.uint32))
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+    if not whole:
+        raise OSError("the file is not whole")
+
+
+def _read_npy(path: Path) -> Pixels:
+    pixels: Pixels = np.load(path, allow_pickle=False)
+    return pixels
+
+
+def _read_png(path: Path) -> Pixels:
+    from PIL import Image
+
+    with Image.open(path) as file:
+        rgba = np.asarray(file.convert("RGBA"), np.float32) / np.float32(255)
+    rgba[..., :3] *= rgba[..., 3:]
+    return rgba
+
+
+def _read_exr(path: Path) -> Pixels:
+    import OpenEXR
+
+    with OpenEXR.File(str(path)) as file:
+        pixels: Pixels = file.channels()["RGBA"].pixels
+    return pixels
+
+
+_WRITERS: dict[str, Callable[[Path, Pixels, Colour | None], None]] = {
+    ".png": _write_png,
+    ".npy": _write_npy,
+    ".exr": _write_exr,
+}
+_READERS: dict[str, Callable[[Path], Pixels]] = {".png": _read_png, ".npy": _read_npy, ".exr": _read_exr}

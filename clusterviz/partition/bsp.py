@@ -1,0 +1,134 @@
+"""Who holds what: a binary space partition over whole bricks, one leaf a rank, balanced by a cost per brick.
+
+Planes between bricks make every rank's share a box, so that partial images can be ordered from any eye and a rank holds
+one piece of the volume. A pure function of the costs: every rank builds the same tree. See also `order`, `drawing`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.partition.tree import BrickBox, BspTree, Index, Leaf, Node, Split
+
+Costs = NDArray[np.float64]
+SAME_COST = 1e-9  # relative; sums taken along different axes differ by rounding, which must not choose the plane
+
+
+def build_tree(cost: Costs, ranks: int) -> BspTree:
+    """Divide the bricks among the ranks by recursive bisection.
+
+    A node of n ranks gives ⌊n/2⌋ of them to the side below its plane and the rest to the other. The plane is chosen by
+
+    1. the least cost of the busiest rank that is still possible: on each side the cost of a rank, where no more ranks
+       count than there are bricks that cost something, and never below the dearest brick;
+    2. the fewest ranks that surely get nothing;
+    3. the least cost of a rank on the dearer side;
+    4. the longest axis, the plane nearest the middle, z before y before x.
+
+    Parameters
+    ----------
+    cost : float64 (bz, by, bx), finite, not negative: what a brick costs; 0 for one that is not drawn
+    ranks : how many leaves; above the number of bricks some leaves are empty
+
+    Returns
+    -------
+    tree : the same on every rank for the same costs
+
+    Raises
+    ------
+    InputError
+        `ranks` below 1, or `cost` is not a non-empty 3-D array of finite values ≥ 0.
+
+    References
+    ----------
+    M. Berger, S. Bokhari: A partitioning strategy for nonuniform problems on multiprocessors, IEEE Transactions on
+    Computers 36(5), 1987 (binary decomposition).
+    """
+    if ranks < 1:
+        raise InputError("no rank to hold the bricks", where="ranks", found=ranks, allowed="1 or more")
+    if cost.ndim != 3 or cost.size == 0:
+        raise InputError("not an array over bricks", where="cost", found=f"shape {cost.shape}", allowed="(bz, by, bx)")
+    if not (np.isfinite(cost).all() and (cost >= 0).all()):
+        raise InputError("not a cost", where="cost", found="a negative or not finite value", allowed="0 or more")
+    z, y, x = cost.shape
+    return BspTree((z, y, x), ranks, _grow(np.asarray(cost, np.float64), BrickBox((0, 0, 0), (z, y, x)), 0, ranks))
+
+
+def _grow(cost: Costs, box: BrickBox, first_rank: int, ranks: int) -> Node:
+    if ranks == 1:
+        return Leaf(first_rank, box, _trim(cost, box), float(cost[box.slices].sum()))
+    low_ranks = ranks // 2
+    axis, plane = _best_plane(cost[box.slices], low_ranks, ranks - low_ranks)
+    plane += box.begin_zyx[axis]
+    low = BrickBox(box.begin_zyx, _replaced(box.end_zyx, axis, plane))
+    high = BrickBox(_replaced(box.begin_zyx, axis, plane), box.end_zyx)
+    return Split(
+        axis,
+        plane,
+        _grow(cost, low, first_rank, low_ranks),
+        _grow(cost, high, first_rank + low_ranks, ranks - low_ranks),
+    )
+
+
+def _trim(cost: Costs, box: BrickBox) -> BrickBox:
+    """The bounding box of the bricks that cost something."""
+    filled = np.argwhere(cost[box.slices] > 0)
+    if len(filled) == 0:
+        return BrickBox((0, 0, 0), (0, 0, 0))
+    begin, end = filled.min(axis=0) + box.begin_zyx, filled.max(axis=0) + box.begin_zyx + 1
+    return BrickBox((int(begin[0]), int(begin[1]), int(begin[2])), (int(end[0]), int(end[1]), int(end[2])))
+
+
+def _replaced(index: Index, axis: int, value: int) -> Index:
+    z, y, x = (value if a == axis else old for a, old in enumerate(index))
+    return z, y, x
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """A place to cut a box: `plane` of its `size` layers of bricks along `axis` lie below.
+
+    `load` is the cost of a rank on the dearer side, could bricks be divided; `idle` counts ranks that surely get none.
+    """
+
+    axis: int
+    plane: int
+    size: int
+    load: float
+    idle: int
+
+
+def _best_plane(cost: Costs, low_ranks: int, high_ranks: int) -> tuple[int, int]:
+    """(axis, bricks below the plane) within a box; one brick or none cannot be cut: all of it lies below."""
+    planes = [plane for axis in range(3) for plane in _planes(cost, axis, low_ranks, high_ranks)]
+    if not planes:
+        return 0, cost.shape[0]
+    dearest = float(cost.max())
+    planes = _least(planes, lambda plane: max(plane.load, dearest))
+    planes = _least(planes, lambda plane: plane.idle)
+    planes = _least(planes, lambda plane: plane.load)
+    best = min(planes, key=lambda plane: (-plane.size, abs(2 * plane.plane - plane.size)))
+    return best.axis, best.plane
+
+
+def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator[_Plane]:
+    """All planes across an axis, by running sums over the layers."""
+    others = tuple(other for other in range(3) if other != axis)
+    layer_costs, layer_bricks = cost.sum(axis=others), np.count_nonzero(cost, axis=others)
+    low_costs, high_costs = np.cumsum(layer_costs), np.cumsum(layer_costs[::-1])[::-1]
+    low_bricks, high_bricks = np.cumsum(layer_bricks), np.cumsum(layer_bricks[::-1])[::-1]
+    for plane in range(1, cost.shape[axis]):
+        low_busy, high_busy = min(low_ranks, int(low_bricks[plane - 1])), min(high_ranks, int(high_bricks[plane]))
+        load = max(float(low_costs[plane - 1]) / max(1, low_busy), float(high_costs[plane]) / max(1, high_busy))
+        yield _Plane(axis, plane, cost.shape[axis], load, low_ranks + high_ranks - low_busy - high_busy)
+
+
+def _least(planes: list[_Plane], measure: Callable[[_Plane], float]) -> list[_Plane]:
+    """Those with the smallest measure, up to rounding."""
+    limit = min(map(measure, planes)) * (1 + SAME_COST)
+    return [plane for plane in planes if measure(plane) <= limit]

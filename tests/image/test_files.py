@@ -1,0 +1,166 @@
+"""Pictures on disk: what is written comes back, and what cannot be written leaves nothing."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from clusterviz.errors import InputError, OutputError
+from clusterviz.image import check_writable, finish, read_image, write_image
+from clusterviz.image.replace import replacing
+
+FORMATS = [".npy", ".png", ".exr"]
+FLOATS = [".npy", ".exr"]
+
+
+def picture(height: int = 9, width: int = 7) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    rgba = rng.random((height, width, 4), np.float32)
+    rgba[..., :3] *= rgba[..., 3:]
+    return rgba
+
+
+@contextmanager
+def disk_full_after(size: int) -> Iterator[None]:
+    """No file may grow beyond `size` bytes: writing fails as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("extension", FLOATS)
+@pytest.mark.parametrize("size", [(9, 7), (1, 1), (1, 300), (300, 1)])
+def test_float_formats_are_exact(tmp_path: Path, extension: str, size: tuple[int, int]) -> None:
+    rgba = picture(*size)
+    rgba[0, 0] = [2.5, -1e-30, 1e30, 1e-8]
+    write_image(tmp_path / f"a{extension}", rgba, (1, 1, 1))
+    read = read_image(tmp_path / f"a{extension}")
+    assert read.dtype == np.float32
+    assert np.array_equal(read, rgba)
+
+
+@pytest.mark.parametrize("background", [None, (1.0, 0.5, 0.0)])
+def test_png_holds_the_finished_bytes(tmp_path: Path, background: tuple[float, float, float] | None) -> None:
+    write_image(tmp_path / "a.PNG", picture(), background)
+    with Image.open(tmp_path / "a.PNG") as file:
+        assert file.format == "PNG"
+        assert np.array_equal(np.asarray(file), finish(picture(), background))
+
+
+def test_png_reads_as_premultiplied(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.png", picture(), None)
+    assert np.abs(read_image(tmp_path / "a.png") - picture()).max() <= 1 / 255
+
+
+def test_a_view_with_strides_is_written_as_it_looks(tmp_path: Path) -> None:
+    for extension in FLOATS:
+        write_image(tmp_path / f"a{extension}", picture()[::-1, ::2], None)
+        assert np.array_equal(read_image(tmp_path / f"a{extension}"), picture()[::-1, ::2])
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize("room", [0, 1, 1000])
+def test_disk_full_leaves_the_old_file_and_nothing_else(tmp_path: Path, extension: str, room: int) -> None:
+    path = tmp_path / f"a{extension}"
+    path.write_bytes(b"old")
+    with disk_full_after(room), pytest.raises(OutputError, match=path.name):
+        write_image(path, picture(90, 70) if room else picture(1, 1), None)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_missing_and_unwritable_folders_are_named(tmp_path: Path, extension: str) -> None:
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "missing", tmp_path / "file", Path("/proc")):
+        with pytest.raises(OutputError, match=str(folder)):
+            check_writable(folder / f"a{extension}")
+        with pytest.raises(OutputError, match=str(folder)):
+            write_image(folder / f"a{extension}", picture(), None)
+
+
+def test_a_folder_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(OutputError, match="a folder"):
+        check_writable(tmp_path / "a.png")
+    with pytest.raises(OutputError, match="a folder"):
+        write_image(tmp_path / "a.png", picture(), None)
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a", ".png"])
+def test_unknown_extensions_name_the_known_ones(tmp_path: Path, name: str) -> None:
+    for attempt in (check_writable, lambda path: write_image(path, picture(), None)):
+        with pytest.raises(OutputError, match=r"\.png, \.npy, \.exr"):
+            attempt(tmp_path / name)
+    with pytest.raises(InputError, match=r"\.png, \.npy, \.exr"):
+        read_image(tmp_path / name)
+    assert os.listdir(tmp_path) == []
+
+
+def test_check_writable_leaves_nothing_and_harms_nothing(tmp_path: Path) -> None:
+    (tmp_path / "old.png").write_bytes(b"old")
+    check_writable(tmp_path / "old.png")
+    check_writable(tmp_path / "new.png")
+    assert os.listdir(tmp_path) == ["old.png"]
+    assert (tmp_path / "old.png").read_bytes() == b"old"
+
+
+def test_new_files_get_the_usual_permissions(tmp_path: Path) -> None:
+    (tmp_path / "plain").touch()
+    write_image(tmp_path / "a.npy", picture(), None)
+    assert (tmp_path / "a.npy").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_an_interrupt_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with replacing(tmp_path / "movie.mp4") as temporary:
+            assert temporary.suffix == ".mp4"
+            temporary.write_bytes(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (4, 4, 3), (0, 4, 4)])
+def test_what_is_no_picture_is_not_written(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="not a picture"):
+        write_image(tmp_path / "a.npy", np.zeros(shape, np.float32), None)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize("content", [b"", b"not a picture at all"])
+def test_damaged_files_are_named(tmp_path: Path, extension: str, content: bytes) -> None:
+    path = tmp_path / f"a{extension}"
+    with pytest.raises(InputError, match=path.name):
+        read_image(path)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=path.name):
+        read_image(path)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_truncated_files_are_named(tmp_path: Path, extension: str) -> None:
+    path = tmp_path / f"a{extension}"
+    write_image(path, picture(90, 70), None)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputError, match=path.name):
+        read_image(path)
+
+
+def test_an_array_of_another_shape_is_not_a_picture(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((3, 3)))
+    with pytest.raises(InputError, match=r"\(3, 3\)"):
+        read_image(tmp_path / "a.npy")
