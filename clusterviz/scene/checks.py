@@ -76,13 +76,11 @@ def check_cmap(value: Any) -> Any:
 
 def check_opacity(value: Any) -> Any:
     """A number, a preset's name or points."""
-    from clusterviz.scene.opacity import PRESETS
+    from clusterviz.scene.opacity import PRESET_NAMES, PRESETS
 
     value = plain(value)
     if isinstance(value, str) and value not in PRESETS:
-        raise UnusableError(
-            "unknown opacity preset", f"a number, [[value, opacity], …], or one of {', '.join(PRESETS)}"
-        )
+        raise UnusableError("unknown opacity preset", f"a number, [[value, opacity], …], or one of {PRESET_NAMES}")
     if isinstance(value, bool) or not (value is None or isinstance(value, (str, int, float)) or _is_sequence(value)):
         raise UnusableError("not an opacity", "a number in 0..1, [[value, opacity], …], or a preset such as linear")
     return value

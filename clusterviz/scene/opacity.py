@@ -19,6 +19,9 @@ ENTRIES = 256
 SIGMOIDS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20)
 FORWARD = ("linear", "geom", "sigmoid", *(f"sigmoid_{a}" for a in SIGMOIDS))
 PRESETS = (*FORWARD, *(f"{name}_r" for name in FORWARD), "foreground")
+PRESET_NAMES = (
+    f"linear, geom, sigmoid, {', '.join(f'sigmoid_{a}' for a in SIGMOIDS)}, each with _r for its reverse, foreground"
+)
 
 
 def preset_points(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

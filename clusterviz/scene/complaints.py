@@ -1,0 +1,143 @@
+"""Errors of the scene as a user reads them: file, key, what is wrong, what was found, what is allowed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from clusterviz.errors import SceneError
+from clusterviz.scene.checks import UnusableError
+from clusterviz.scene.values import PLANNED, Scene, Section
+
+Key = tuple[str | int, ...]
+SHOWN = 8
+"""How many errors are listed before the rest is only counted."""
+
+TYPES = {
+    "float_type": ("not a number", "a number"),
+    "int_type": ("not a whole number", "a whole number"),
+    "int_from_float": ("not a whole number", "a whole number"),
+    "string_type": ("not a text", "a text (in quotes where it looks like a number or a date)"),
+    "finite_number": ("not finite", "a finite number"),
+    "tuple_type": ("not a list", "a list"),
+    "missing": ("missing", "a value for this key"),
+}
+BOUNDS = {
+    "greater_than": ("too small", "more than", "gt"),
+    "greater_than_equal": ("too small", "at least", "ge"),
+    "less_than": ("too large", "less than", "lt"),
+    "less_than_equal": ("too large", "at most", "le"),
+}
+
+
+def scene_error(error: ValidationError, where: str, options: Mapping[Key, str] | None = None) -> SceneError:
+    """All complaints of a validation in one error, a line each.
+
+    Parameters
+    ----------
+    error : what pydantic found
+    where : the scene file, or what stands for it
+    options : the text of the command-line option that set a key, by key; it is named in place of the file
+    """
+    found = {str(_complaint(details, where, options or {})): None for details in error.errors()}
+    lines = list(found)[:SHOWN]
+    if len(found) > SHOWN:
+        lines.append(f"and {len(found) - SHOWN} more errors")
+    return SceneError("\n".join(lines))
+
+
+def key_text(key: Key) -> str:
+    """A key as people write it: volumes[0].clim; the tags of unions are left out."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif not part.startswith("<"):
+            text += f".{part}" if text else part
+    return text
+
+
+def unknown_key(where: str, name: object, section: type[Section] | None) -> SceneError:
+    """The error for a key that no section has, with the nearest one that this section has."""
+    known = list(section.model_fields) if section else []
+    near = get_close_matches(str(name), known, n=1, cutoff=0.5)
+    hint = f", did you mean {near[0]}?" if near else ""
+    return SceneError(f"unknown key{hint}", where=where, found=name, allowed=", ".join(known) or None)
+
+
+def section_at(key: Key) -> type[Section] | None:
+    """The section that a key leads to, None if it leads to a plain value or nowhere."""
+    section: type[Section] = Scene
+    for part in key:
+        if isinstance(part, int):
+            continue
+        field = section.model_fields.get(part)
+        inner = _section_in(field.annotation) if field else None
+        if inner is None:
+            return None
+        section = inner
+    return section
+
+
+def shown(value: Any) -> str:
+    """A found value on one line, cut where it is long."""
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except (TypeError, ValueError):
+        text = str(value)
+    return text if len(text) <= 80 else text[:77] + "…"
+
+
+def _section_in(annotation: Any) -> type[Section] | None:
+    for candidate in (annotation, *get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, Section):
+            return candidate
+    return None
+
+
+def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str]) -> SceneError:
+    kind, key, context = details["type"], details["loc"], details.get("ctx", {})
+    found: str | None = None if kind == "missing" else shown(details["input"])
+    cause = context.get("error")
+    if isinstance(cause, UnusableError):
+        key = (*key, cause.key) if cause.key else key
+        found = shown(cause.found) if cause.found is not None else found
+        return SceneError(cause.what, where=_place(key, where, options), found=found, allowed=cause.allowed)
+    place = _place(key, where, options)
+    if kind == "extra_forbidden":
+        return unknown_key(place, key[-1], section_at(key[:-1]))
+    what, allowed = _words(kind, key, details["msg"], details["input"], context)
+    return SceneError(what, where=place, found=found, allowed=allowed)
+
+
+def _words(kind: str, key: Key, message: str, value: Any, context: Mapping[str, Any]) -> tuple[str, str | None]:
+    """What is wrong and what is allowed, for pydantic's own kinds of error."""
+    if kind in TYPES:
+        return TYPES[kind]
+    if kind in BOUNDS:
+        what, relation, bound = BOUNDS[kind]
+        return what, f"{relation} {context[bound]:g}"
+    if kind == "literal_error":
+        planned = any(type(value) is type(choice) and value == choice for choice in PLANNED.get(str(key[-1]), ()))
+        allowed = context["expected"].replace("'", "").replace(" or ", ", ").replace("False", "false")
+        return ("not supported yet" if planned else "not one of the choices"), allowed
+    if kind == "too_long" and key == ("volumes",):
+        return "more than one volume is not supported yet", "one volume"
+    if kind in ("too_long", "too_short"):
+        return "a list of the wrong length", f"{context.get('max_length', context.get('min_length'))} values"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        section = section_at(key)
+        return "not a section", f"keys with values: {', '.join(section.model_fields) if section else ''}"
+    return message[:1].lower() + message[1:], None
+
+
+def _place(key: Key, where: str, options: Mapping[Key, str]) -> str:
+    for end in range(len(key), 0, -1):
+        if key[:end] in options:
+            return f"{options[key[:end]]}: {key_text(key)}"
+    return f"{where}: {key_text(key)}" if key else where

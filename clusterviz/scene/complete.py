@@ -1,0 +1,128 @@
+"""From the scene as written to the scene as drawn: every choice that was left open is made from facts of the data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.scene.camera import fitted_camera
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.opacity import opacity_points, spread
+from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.values import Scene, Volume
+
+LARGEST = float(np.finfo(np.float64).max)
+DEFAULT_CMAP = "bone"
+DEFAULT_OPACITY = ((0.0, 0.0), (0.15, 0.0), (1.0, 0.6))
+"""(share of clim, opacity): the lowest part, which in most data is air or noise, is not seen at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeFacts:
+    """What must be known of a volume to choose how it is shown.
+
+    Attributes
+    ----------
+    shape_zyx : samples along z, y, x
+    spacing : world units between samples along x, y, z
+    corners : float64 (8, 3), the corners of its box in the world
+    minimum, maximum, percentile_1, percentile_99 : data values; not finite where the volume has no finite sample
+    """
+
+    shape_zyx: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    corners: NDArray[np.float64]
+    minimum: float
+    maximum: float
+    percentile_1: float
+    percentile_99: float
+
+
+def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> Scene:
+    """The scene with nothing left open.
+
+    Parameters
+    ----------
+    scene : as written; what it says is kept
+    facts : of each volume, in the order of `scene.volumes`
+
+    Returns
+    -------
+    scene : every volume has cmap, clim, opacity and unit distance; the camera has position, focal_point and view_up.
+        Pure, so all ranks that know the same facts get the same scene.
+    """
+    each = (facts,) if isinstance(facts, VolumeFacts) else tuple(facts)
+    volumes = tuple(complete_volume(volume, fact) for volume, fact in zip(scene.volumes, each, strict=True))
+    corners = np.concatenate([fact.corners for fact in each]) if each else np.zeros((1, 3))
+    spacing = min((min(fact.spacing) for fact in each), default=1.0)
+    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size)
+    return scene.model_copy(update={"volumes": volumes, "camera": camera})
+
+
+def complete_volume(volume: Volume, facts: VolumeFacts) -> Volume:
+    """The volume with colour map, range, opacity and unit distance."""
+    clim = volume.clim or default_clim(facts)
+    cmap = DEFAULT_CMAP if volume.cmap is None else volume.cmap
+    found: dict[str, object] = {"clim": clim, "cmap": cmap}
+    if volume.opacity is None:
+        found["opacity"] = _default_opacity(cmap, clim)
+    if volume.opacity_unit_distance is None:
+        found["opacity_unit_distance"] = default_unit_distance(facts.shape_zyx, facts.spacing)
+    return volume.model_copy(update=found)
+
+
+def default_clim(facts: VolumeFacts) -> tuple[float, float]:
+    """The 1st and 99th percentile, or the whole range where these are equal, or a range around a constant."""
+    for low, high in ((facts.percentile_1, facts.percentile_99), (facts.minimum, facts.maximum)):
+        if math.isfinite(low) and math.isfinite(high) and low < high:
+            return float(low), float(high)
+    value = next((v for v in (facts.percentile_1, facts.minimum) if math.isfinite(v)), 0.0)
+    half = max(0.5, abs(value) * 2.0**-20)
+    return max(value - half, -LARGEST), min(value + half, LARGEST)
+
+
+def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float, float, float]) -> float:
+    """PyVista's: diagonal / (mean dimension − 1); the smallest spacing for a single sample.
+
+    References
+    ----------
+    PyVista, `Plotter.add_volume`, parameter `opacity_unit_distance`.
+    """
+    steps = sum(shape_zyx) / 3 - 1
+    diagonal = math.hypot(*((n - 1) * s for n, s in zip(shape_zyx[::-1], spacing, strict=True)))
+    distance = diagonal / steps if steps > 0 else 0.0
+    return distance if 0 < distance < math.inf else min(spacing)
+
+
+def transfer_function(volume: Volume) -> TransferFunction:
+    """The transfer function of a completed volume.
+
+    Raises
+    ------
+    SceneError
+        The colour map is not known or its preset cannot be read.
+    ValueError
+        The volume is not completed.
+    """
+    clim, unit, cmap, opacity = volume.clim, volume.opacity_unit_distance, volume.cmap, volume.opacity
+    if clim is None or unit is None or cmap is None or opacity is None:
+        raise ValueError("a transfer function needs a completed volume; call complete_scene first")
+    colour_values, colours = colour_points(cmap, clim, where=f"{volume.path}: cmap")
+    opacity_values, opacities = opacity_points(opacity, clim)
+    return TransferFunction(colour_values, colours, opacity_values, opacities, unit, clim)
+
+
+def _default_opacity(cmap: object, clim: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """The opacity of a ParaView preset that has one, else `DEFAULT_OPACITY`; in data values."""
+    points: tuple[tuple[float, float], ...] = DEFAULT_OPACITY
+    if isinstance(cmap, str) and cmap.lower().endswith(".json"):
+        from clusterviz.scene.paraview import read_preset
+
+        points = read_preset(cmap)[2] or DEFAULT_OPACITY
+    places, opacities = np.array(points).T
+    values = spread(places, clim)
+    return tuple((float(v), float(a)) for v, a in zip(values, opacities, strict=True))

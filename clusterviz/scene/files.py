@@ -1,0 +1,139 @@
+"""Scenes in and out of files: YAML or JSON to values, values to YAML, and the JSON Schema of it all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from clusterviz.errors import SceneError
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.complaints import scene_error, shown
+from clusterviz.scene.overrides import Override, apply_overrides, parse_overrides
+from clusterviz.scene.values import Scene
+from clusterviz.scene.yaml_text import parse_yaml, write_yaml, yaml_problem
+
+SUFFIXES = (".yaml", ".yml", ".json")
+"""What tells a scene file from a data file."""
+
+
+def open_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """A scene file, or a bare data file as a scene; the suffix tells which."""
+    if Path(path).suffix.lower() in SUFFIXES:
+        return load_scene(path, overrides)
+    return scene_of_data(path, overrides)
+
+
+def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """A scene from a YAML or JSON file.
+
+    Parameters
+    ----------
+    path : the file; JSON where the suffix is .json
+    overrides : options like "quality.step=0.25", see `parse_overrides`
+
+    Returns
+    -------
+    scene : its paths are absolute; paths in the file and in overrides are relative to the file's folder
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, or holds a key or a value that a scene cannot have.
+    """
+    where = os.fspath(path)
+    parsed = parse_overrides(overrides)
+    data = _sections(_parse(_read(where), where), where)
+    return _checked(_absolute(apply_overrides(data, parsed), Path(where).absolute().parent), where, parsed)
+
+
+def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """The scene that shows one data file, everything else by default or by override."""
+    where = os.fspath(path)
+    parsed = parse_overrides(overrides)
+    data = apply_overrides({"volumes": [{"path": where}]}, parsed)
+    return _checked(_absolute(data, Path.cwd()), where, parsed)
+
+
+def dump_scene(scene: Scene) -> str:
+    """YAML text from which `load_scene` makes an equal scene; every key is written, defaults included."""
+    return write_yaml(scene.model_dump(mode="json"))
+
+
+def scene_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of scene files."""
+    schema = Scene.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "clusterviz scene"}
+
+
+def _read(where: str) -> str:
+    try:
+        return Path(where).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not UTF-8 text, at byte {error.start}", where=where, allowed="a YAML or JSON file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise SceneError(f"cannot read the scene file: {reason}", where=where) from None
+
+
+def _parse(text: str, where: str) -> Any:
+    try:
+        if where.lower().endswith(".json"):
+            return json.loads(text, object_pairs_hook=_no_key_twice)
+        return parse_yaml(text)
+    except yaml.YAMLError as error:
+        raise SceneError(f"not YAML: {yaml_problem(error)}", where=where) from None
+    except json.JSONDecodeError as error:
+        problem = f"not JSON: {error.msg} (line {error.lineno}, column {error.colno})"
+        raise SceneError(problem, where=where) from None
+    except (ValueError, RecursionError) as error:
+        raise SceneError(str(error), where=where) from None
+
+
+def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    data = dict(pairs)
+    if len(data) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {twice!r} occurs twice")
+    return data
+
+
+def _sections(data: Any, where: str) -> dict[str, Any]:
+    """The sections of a scene; one that is named but left empty counts as left out."""
+    allowed = f"the sections {', '.join(Scene.model_fields)}; a scene with nothing in it is volumes: []"
+    if data is None:
+        raise SceneError("the scene file is empty", where=where, allowed=allowed)
+    if not isinstance(data, dict):
+        raise SceneError("not a scene", where=where, found=shown(data), allowed=allowed)
+    return {key: value for key, value in data.items() if value is not None or key not in Scene.model_fields}
+
+
+def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The raw scene with its paths joined to a folder; what is not a path yet is left for the check."""
+    volumes = data.get("volumes")
+    for volume in volumes if isinstance(volumes, list) else ():
+        for key in ("path", "cmap") if isinstance(volume, dict) else ():
+            text = volume.get(key)
+            is_path = isinstance(text, str) and text.strip() and (key == "path" or text.lower().endswith(".json"))
+            if is_path:
+                volume[key] = os.path.normpath(folder / Path(text).expanduser())
+    return data
+
+
+def _checked(data: dict[str, Any], where: str, overrides: Sequence[Override]) -> Scene:
+    options = {override.key: override.option for override in overrides}
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        raise scene_error(error, where, options) from None
+    for index, volume in enumerate(scene.volumes):
+        if isinstance(volume.cmap, str):
+            place = options.get(("volumes", index, "cmap"), where)
+            colour_points(volume.cmap, (0.0, 1.0), where=f"{place}: volumes[{index}].cmap")
+    return scene
