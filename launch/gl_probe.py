@@ -13,7 +13,7 @@ from ctypes.util import find_library
 
 PLATFORM_DEVICE, OPENGL_API, NONE = 0x313F, 0x30A2, 0x3038
 SURFACE_TYPE, PBUFFER, RENDERABLE_TYPE, OPENGL_BIT = 0x3033, 0x0001, 0x3040, 0x0008
-CORE_3_3 = (0x3098, 3, 0x30FB, 3, 0x30FD, 1, NONE)
+CORE_4_3 = (0x3098, 4, 0x30FB, 3, 0x30FD, 1, NONE)
 
 
 def reason_for_no_context() -> str:
@@ -35,18 +35,18 @@ def reason_for_no_context() -> str:
         gives_context(egl, c_void_p(get_display(PLATFORM_DEVICE, device, None))) for device in devices[: count.value]
     ):
         return ""
-    return f"EGL lists {count.value} devices, and none gives an OpenGL 3.3 context: no driver"
+    return f"EGL lists {count.value} devices, and none gives an OpenGL 4.3 context: no driver"
 
 
 def gives_context(egl: ctypes.CDLL, display: c_void_p) -> bool:
-    """Whether an EGL display can be started and holds an OpenGL 3.3 core context."""
+    """Whether an EGL display can be started and holds an OpenGL 4.3 core context."""
     if not display or not egl.eglInitialize(display, None, None):
         return False
     wanted = (c_int * 5)(SURFACE_TYPE, PBUFFER, RENDERABLE_TYPE, OPENGL_BIT, NONE)
     config, count = c_void_p(), c_int()
     egl.eglChooseConfig(display, wanted, ctypes.byref(config), 1, ctypes.byref(count))
     egl.eglBindAPI(OPENGL_API)
-    return bool(egl.eglCreateContext(display, config, None, (c_int * len(CORE_3_3))(*CORE_3_3)))
+    return bool(egl.eglCreateContext(display, config, None, (c_int * len(CORE_4_3))(*CORE_4_3)))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Which EGL devices a node has, and which of them a rank draws on.
 
 A node with four GPUs and four ranks should use all four, yet EGL gives everyone its first device unless told. The order
-here is that of `eglQueryDevicesEXT`, and so that of the device index which moderngl's EGL backend takes; it is not CUDA's
-order, which is why the CUDA number is listed beside it. Asking costs no context and no OpenGL.
+here is that of `eglQueryDevicesEXT`, and so that of the device index which moderngl's EGL backend takes. It is not
+CUDA's order, which is why the CUDA number is listed beside it. Asking costs no context and no OpenGL.
 
 References
 ----------
@@ -13,6 +13,7 @@ EGL_EXT_device_query_name, EGL_NV_device_cuda and EGL_MESA_device_software, in t
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable, Mapping, Sequence
 from ctypes.util import find_library
 from dataclasses import dataclass
@@ -21,6 +22,9 @@ from typing import Any
 from clusterviz.errors import DeviceError, InputError
 
 ENVIRONMENT = "CLUSTERVIZ_EGL_DEVICE"
+INSTALL_HINT = (
+    "install a GPU driver with EGL, or Mesa's (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri)"
+)
 
 _EXTENSIONS, _VENDOR, _RENDERER = 0x3055, 0x3053, 0x335F
 _DRM_DEVICE_FILE, _DRM_RENDER_NODE_FILE, _CUDA_DEVICE = 0x3233, 0x3377, 0x323A
@@ -63,23 +67,29 @@ def egl_devices() -> tuple[EglDevice, ...]:
     Raises
     ------
     DeviceError
-        libEGL cannot be loaded, or is too old to list devices.
+        libEGL is not there, or it has no driver that lists devices.
     """
     name = find_library("EGL")
     if name is None:
-        raise DeviceError("no EGL library; on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri")
+        raise DeviceError(f"there is no EGL library; {INSTALL_HINT}")
     egl = _Egl(ctypes.CDLL(name))
     return tuple(_describe(egl, index, handle) for index, handle in enumerate(egl.handles()))
 
 
-def choose_device(devices: Sequence[EglDevice], local_rank: int, override: int | None = None) -> int:
-    """The index of the device that a rank draws on: the override, else hardware in turn, else the software device.
+def choose_device(
+    devices: Sequence[EglDevice],
+    local_rank: int,
+    override: int | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> int:
+    """The index of the device that a rank draws on: the one asked for, else hardware in turn, else the software device.
 
     Parameters
     ----------
     devices : what `egl_devices` found
     local_rank : the rank's number on its node, from 0
-    override : an index that the user asked for
+    override : an index that the user asked for; where there is none, CLUSTERVIZ_EGL_DEVICE is asked
+    environment : variables to read, this process's own by default
 
     Raises
     ------
@@ -89,26 +99,21 @@ def choose_device(devices: Sequence[EglDevice], local_rank: int, override: int |
         The override names a device that does not exist.
     """
     if not devices:
-        raise DeviceError("EGL lists no device; on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri")
-    if override is not None:
-        if not 0 <= override < len(devices):
-            raise InputError(
-                "no such EGL device", where="EGL device", found=override, allowed=f"0 to {len(devices) - 1}"
-            )
-        return override
+        raise DeviceError(f"EGL lists no device; {INSTALL_HINT}")
+    asked, where = override, "EGL device"
+    if asked is None:
+        asked, where = _asked_in(os.environ if environment is None else environment), ENVIRONMENT
+    if asked is not None:
+        if not 0 <= asked < len(devices):
+            raise InputError("no such EGL device", where=where, found=asked, allowed=f"0 to {len(devices) - 1}")
+        return asked
     pool = [device for device in devices if not device.software] or list(devices)
     return pool[local_rank % len(pool)].index
 
 
-def override_from(environ: Mapping[str, str]) -> int | None:
-    """The device index in CLUSTERVIZ_EGL_DEVICE, None where that is unset or empty.
-
-    Raises
-    ------
-    InputError
-        The variable holds something else than a whole number.
-    """
-    text = environ.get(ENVIRONMENT, "").strip()
+def _asked_in(environment: Mapping[str, str]) -> int | None:
+    """The device index in CLUSTERVIZ_EGL_DEVICE, None where that is unset or empty."""
+    text = environment.get(ENVIRONMENT, "").strip()
     if not text:
         return None
     if not text.isdecimal():
@@ -135,7 +140,7 @@ class _Egl:
     def _entry(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
         address = self._library.eglGetProcAddress(name.encode())
         if not address:
-            raise DeviceError(f"this EGL library cannot list devices: it lacks {name}")
+            raise DeviceError(f"EGL cannot list devices, for want of a driver: it lacks {name}; {INSTALL_HINT}")
         return ctypes.CFUNCTYPE(result, *arguments)(address)
 
     def handles(self) -> list[int]:

@@ -1,0 +1,144 @@
+"""`clusterviz doctor`: what each rank has to work with, and what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from json import dumps
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
+from clusterviz.comm.library import launcher, mpi_library
+from clusterviz.errors import ClustervizError, DeviceError
+from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+GIBIBYTE = 1 << 30
+
+
+def command(json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False) -> None:
+    """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
+    channel = open_channel()
+    report = examine(channel)
+    if channel.rank == 0:
+        _print_json(report) if json else _print_tables(report)
+    found = complaints(report)
+    with agree(channel, 0, "doctor"):
+        if found:
+            raise DeviceError("; ".join(found))
+
+
+def examine(channel: Channel) -> MachineReport:
+    """Every rank's machine, on every rank; collective."""
+    ranks = channel.allgather(_examine_rank(channel))
+    return MachineReport(
+        clusterviz=version("clusterviz"),
+        python=platform.python_version(),
+        mpi_library=channel.broadcast(mpi_library() if channel.rank == 0 else ""),
+        launcher=launcher(),
+        size=channel.size,
+        nodes=channel.place().nodes,
+        warning=launch_warning(channel.size) or "",
+        ranks=tuple(ranks),
+    )
+
+
+def complaints(report: MachineReport) -> list[str]:
+    """What keeps clusterviz from working here, one line each; nothing where all is well."""
+    found = [report.warning] if report.warning else []
+    problems: dict[str, list[int]] = {}
+    for machine in report.ranks:
+        if machine.problem:
+            problems.setdefault(machine.problem, []).append(machine.rank)
+    for problem, ranks in problems.items():
+        who = "no rank" if len(ranks) == report.size else f"not all ranks (not {', '.join(map(str, ranks))})"
+        found.append(f"{who} can draw: {problem}")
+    return found
+
+
+def _examine_rank(channel: Channel) -> RankMachine:
+    place = channel.place()
+    threads = limit_threads(place, dict(os.environ))
+    labels, chosen, opengl, problem = _examine_device(place.local_rank)
+    return RankMachine(
+        rank=channel.rank,
+        host=place.host,
+        local_rank=place.local_rank,
+        local_size=place.local_size,
+        cores=place.cores,
+        threads=threads,
+        egl_devices=labels,
+        egl_device=chosen,
+        opengl=opengl,
+        problem=problem,
+        memory=memory(),
+    )
+
+
+def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenGL | None, str]:
+    """Names of the EGL devices, the chosen one, its OpenGL, and what went wrong on the way there."""
+    from clusterviz.gl.context import open_context
+    from clusterviz.gl.devices import choose_device, egl_devices
+
+    labels: tuple[str, ...] = ()
+    chosen: int | None = None
+    try:
+        devices = egl_devices()
+        labels = tuple(device.label for device in devices)
+        chosen = choose_device(devices, local_rank)
+        context = open_context(local_rank, chosen)
+    except ClustervizError as error:
+        return labels, chosen, None, str(error)
+    info = context.info
+    opengl = OpenGL(
+        renderer=info["GL_RENDERER"],
+        vendor=info["GL_VENDOR"],
+        version=info["GL_VERSION"],
+        max_3d_texture=info["GL_MAX_3D_TEXTURE_SIZE"],
+        max_2d_texture=info["GL_MAX_TEXTURE_SIZE"],
+        max_storage_bytes=info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"],
+    )
+    context.release()
+    return labels, chosen, opengl, ""
+
+
+def _print_json(report: MachineReport) -> None:
+    print(dumps(asdict(report), indent=2, ensure_ascii=False))
+
+
+def _print_tables(report: MachineReport) -> None:
+    from rich.console import Console
+
+    console = Console()
+    console.print(f"clusterviz {report.clusterviz}, Python {report.python}", highlight=False)
+    console.print(f"MPI        {report.mpi_library}", highlight=False)
+    console.print(f"launcher   {report.launcher}", highlight=False)
+    console.print(f"ranks      {report.size}, on {report.nodes} node{'s' * (report.nodes > 1)}", highlight=False)
+    console.print(_rank_table(report))
+    if report.warning:
+        console.print(f"[bold white on red] WARNING [/] {report.warning}", highlight=False)
+
+
+def _rank_table(report: MachineReport) -> Table:
+    from rich.table import Table
+
+    table = Table("rank", "host", "local rank", "threads", "EGL device", "OpenGL", "3-D texture", "memory")
+    for machine in report.ranks:
+        chosen, opengl, amount, threads = machine.egl_device, machine.opengl, machine.memory, machine.threads
+        table.add_row(
+            str(machine.rank),
+            machine.host,
+            f"{machine.local_rank} of {machine.local_size}",
+            f"cores {machine.cores}, llvmpipe {threads['LP_NUM_THREADS']}, numba {threads['NUMBA_NUM_THREADS']}",
+            "none" if chosen is None else f"{chosen} of {len(machine.egl_devices)}: {machine.egl_devices[chosen]}",
+            f"{opengl.renderer}\n{opengl.version}" if opengl else f"none: {machine.problem}",
+            str(opengl.max_3d_texture) if opengl else "",
+            f"{amount.available_bytes / GIBIBYTE:.1f} free of {amount.total_bytes / GIBIBYTE:.1f} GiB",
+        )
+    return table

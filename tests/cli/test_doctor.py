@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from clusterviz.cli.doctor import command, complaints, examine
+from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.comm.place import SIZE_VARIABLES
+from clusterviz.errors import DeviceError
+
+
+def hide_egl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clusterviz.gl.devices.find_library", lambda name: None)
+
+
+@pytest.mark.gl
+def test_every_rank_is_examined() -> None:
+    report = run_loopback(3, examine)[0]
+    assert [machine.rank for machine in report.ranks] == [0, 1, 2]
+    assert report.size == 3
+    assert all(machine.opengl and machine.opengl.max_3d_texture >= 256 for machine in report.ranks)
+    assert complaints(report) == []
+
+
+@pytest.mark.gl
+def test_json_holds_what_a_script_asks_for(capsys: pytest.CaptureFixture[str]) -> None:
+    command(json=True)
+    (machine,) = json.loads(capsys.readouterr().out)["ranks"]
+    assert machine["opengl"]["renderer"]
+    assert machine["egl_devices"][machine["egl_device"]]
+    assert int(machine["threads"]["LP_NUM_THREADS"]) >= 1
+    assert machine["memory"]["total_bytes"] > 0
+
+
+@pytest.mark.gl
+def test_table_names_the_renderer(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    report = examine(LoopbackChannel())
+    command()
+    opengl = report.ranks[0].opengl
+    assert opengl
+    assert opengl.renderer in capsys.readouterr().out
+
+
+def test_no_egl_prints_the_rest_then_names_the_packages(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hide_egl(monkeypatch)
+    with pytest.raises(DeviceError, match=r"no rank can draw: .*libegl1") as raised:
+        command(json=True)
+    assert raised.value.exit_status == 1
+    (machine,) = json.loads(capsys.readouterr().out)["ranks"]
+    assert machine["opengl"] is None
+    assert machine["egl_device"] is None
+    assert "libegl1" in machine["problem"]
+
+
+def test_no_egl_still_gives_a_table(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    hide_egl(monkeypatch)
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(DeviceError):
+        command()
+    assert "none" in capsys.readouterr().out
+
+
+def test_launcher_that_started_several_programs_of_one_rank_is_a_loud_failure(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clusterviz.cli.doctor.open_channel", LoopbackChannel)
+    monkeypatch.setenv(SIZE_VARIABLES[0], "4")
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(DeviceError, match="4 processes"):
+        command()
+    assert "WARNING" in capsys.readouterr().out
+
+
+@pytest.mark.gl
+@pytest.mark.mpi(ranks=[2])
+def test_ranks_under_mpirun_see_each_other(comm: object) -> None:
+    from clusterviz.comm import open_channel
+
+    report = examine(open_channel())
+    assert [machine.local_rank for machine in report.ranks] == [0, 1]
+    assert report.warning == ""
+    assert report.launcher != "none"
