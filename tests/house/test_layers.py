@@ -1,0 +1,77 @@
+"""The house has one direction: a room imports from rooms before it, and two libraries stay in their own rooms."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# Rooms on one line do not know each other. `report` holds values; its pages, when there are any, are report.pages.
+LEVELS = (
+    ("errors",),
+    ("image",),
+    ("scene", "codec", "report"),
+    ("data", "gl", "comm"),
+    ("plan",),
+    ("partition",),
+    ("render", "composite", "balance", "reference"),
+    ("frame",),
+    ("report.pages", "viewer"),
+    ("cli",),
+)
+LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
+LIBRARY_ROOMS = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
+WITNESS_ROOMS = {"scene", "data", "image", "errors", "reference"}
+
+
+@functools.cache
+def modules() -> dict[str, ast.Module]:
+    """Every module of the package by its dotted name, parsed."""
+    paths = sorted((ROOT / "clusterviz").rglob("*.py"))
+    names = [".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in paths]
+    return {name: ast.parse(path.read_text(), str(path)) for name, path in zip(names, paths, strict=True)}
+
+
+def imports(tree: ast.Module) -> set[str]:
+    """Dotted names of the modules that a module imports, at its top and inside its functions."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: relative import"
+            whole = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {name if name in modules() else str(node.module) for name in whole}
+    return found
+
+
+def room(module: str) -> str:
+    """The room that a module of the package lies in; "" for the package itself, its front door."""
+    parts = module.split(".")[1:]
+    return next((name for name in (".".join(parts[:2]), ".".join(parts[:1])) if name in LEVEL), "")
+
+
+@pytest.mark.parametrize("name", [name for name in modules() if name != "clusterviz"])
+def test_imports_follow_the_order_of_the_rooms(name: str) -> None:
+    mine = room(name)
+    assert mine, f"{name} lies in no room of LEVELS"
+    for imported in imports(modules()[name]):
+        library, other = imported.split(".")[0], room(imported)
+        assert mine in LIBRARY_ROOMS.get(library, {mine}), f"{name} imports {imported}"
+        if library == "clusterviz" and mine != other:
+            assert other or mine == "cli", f"{name} imports the front door"
+            assert not other or LEVEL[other] < LEVEL[mine], f"{name} imports {imported}, against the order"
+            assert mine != "reference" or other in WITNESS_ROOMS, f"the witness imports {imported}"
+
+
+def test_no_module_imports_itself_round_a_circle() -> None:
+    graph = {name: imports(tree) & modules().keys() for name, tree in modules().items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as circle:
+        pytest.fail(" imports ".join(reversed(circle.args[1])))

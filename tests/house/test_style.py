@@ -1,0 +1,52 @@
+"""What no file of the project may hold, and how long a module may grow."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MOST_LINES = 300
+DRAWERS = {"utils", "util", "common", "core", "helpers", "helper", "misc", "base", "manager"}
+# Spelt in two halves, so that this file does not hold them itself.
+UNFINISHED = re.compile(r"\b(TO" + r"DO|FIX" + r"ME|XX" + r"X)\b")
+MACHINE_PATH = re.compile(r"(?<![\w.])/(wo" + r"rk|ro" + r"ot|ho" + r"me|Us" + r"ers)/\w")
+SHADER = "#ver" + "sion"
+
+
+def tracked(*patterns: str) -> list[Path]:
+    """Files under version control that are on the disk."""
+    listed = subprocess.run(["git", "ls-files", "-z", *patterns], cwd=ROOT, capture_output=True, text=True, check=True)
+    return [ROOT / name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def text_of(path: Path) -> str:
+    """The file's text; "" where it is no text."""
+    try:
+        return path.read_text()
+    except UnicodeDecodeError:
+        return ""
+
+
+@pytest.mark.parametrize("pattern", [UNFINISHED, MACHINE_PATH], ids=["unfinished", "machine-path"])
+def test_no_file_holds(pattern: re.Pattern[str]) -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {hit.group()}" for path in tracked() for hit in pattern.finditer(text_of(path))
+    ]
+    assert found == []
+
+
+def test_modules_stay_short() -> None:
+    lengths = {path: len(path.read_text().splitlines()) for path in tracked("*.py", "shaders")}
+    assert {str(path.relative_to(ROOT)): lines for path, lines in lengths.items() if lines >= MOST_LINES} == {}
+
+
+def test_shaders_are_files() -> None:
+    assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if SHADER in path.read_text()] == []
+
+
+def test_no_room_is_a_drawer() -> None:
+    assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if DRAWERS & {path.stem, path.parent.name}] == []
