@@ -1,0 +1,120 @@
+"""What `launch/` says and does on machines that lack something; a PATH of few programs stands for such a machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TOOLS = ("bash", "cat", "dirname", "grep", "id", "mktemp", "rm", "sed", "sha256sum", "tail", "tr")
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with no .venv, whose PATH holds the tools that every system has, and no Python."""
+    copy = tmp_path / "checkout"
+    copy.mkdir()
+    for name in ("pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, copy)
+    shutil.copytree(ROOT / "launch", copy / "launch")
+    (tmp_path / "bin").mkdir()
+    for tool in TOOLS:
+        found = shutil.which(tool)
+        assert found, tool
+        (tmp_path / "bin" / tool).symlink_to(found)
+    return copy
+
+
+def program(checkout: Path, name: str, text: str) -> None:
+    """Put a program on the checkout's PATH, in place of one that may be there."""
+    path = checkout.parent / "bin" / name
+    path.unlink(missing_ok=True)
+    path.write_text(f"#!{shutil.which('bash')}\n{text}\n")
+    path.chmod(0o755)
+
+
+def launch(checkout: Path, *command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    script, *arguments = command
+    kept = {name: value for name, value in os.environ.items() if name != "CLUSTERVIZ_MPI"}
+    variables = {**kept, "PATH": str(checkout.parent / "bin"), **environment}
+    return subprocess.run(
+        [str(checkout / "launch" / script), *arguments], env=variables, capture_output=True, text=True, timeout=60
+    )
+
+
+def test_no_python_is_said_and_nothing_is_made(checkout: Path) -> None:
+    ended = launch(checkout, "setup")
+    assert ended.returncode == 1
+    assert "needs Python 3.11 or newer" in ended.stderr
+    assert not (checkout / ".venv").exists()
+
+
+def test_old_python_is_passed_over(checkout: Path) -> None:
+    program(checkout, "python3", "exit 1")
+    assert "needs Python 3.11 or newer" in launch(checkout, "setup").stderr
+
+
+def test_user_without_root_gets_the_one_command(checkout: Path) -> None:
+    program(checkout, "id", "echo 1000")
+    program(checkout, "apt-get", "touch apt-was-called")
+    program(
+        checkout,
+        "python3",
+        f"""case "$*" in *gl_probe*) exit 1 ;; *ensurepip*) exit 1 ;; *) exec {sys.executable} "$@" ;; esac""",
+    )
+    ended = launch(checkout, "setup")
+    assert ended.returncode == 1
+    version = f"python3.{sys.version_info[1]}-venv"
+    command = f"sudo apt-get update && sudo apt-get install -y --no-install-recommends {version} libegl1 libgl1"
+    assert command in ended.stderr
+    assert not (checkout / "apt-was-called").exists()
+    assert not (checkout / ".venv").exists()
+
+
+def test_root_installs_what_is_missing_and_says_so_when_that_fails(checkout: Path) -> None:
+    program(checkout, "id", "echo 0")
+    program(checkout, "apt-get", 'echo "$*" >>apt-log; echo "E: no network"; exit 100')
+    program(checkout, "python3", f"""case "$*" in *gl_probe*) exit 1 ;; *) exec {sys.executable} "$@" ;; esac""")
+    ended = launch(checkout, "setup")
+    assert ended.returncode == 1
+    assert (checkout / "apt-log").read_text() == "update\n"
+    assert "E: no network" in ended.stderr
+    assert "still missing: libegl1 libgl1 libgl1-mesa-dri" in ended.stderr
+
+
+@pytest.mark.parametrize("arguments", [("setup", "--frce"), ("local",), ("local", "four", "doctor"), ("local", "0")])
+def test_wrong_arguments_are_refused(checkout: Path, arguments: tuple[str, ...]) -> None:
+    ended = launch(checkout, *arguments)
+    assert ended.returncode == 2
+    assert "allowed" in ended.stderr or "usage" in ended.stderr
+
+
+def test_unknown_mpi_is_refused(checkout: Path) -> None:
+    ended = launch(checkout, "setup", CLUSTERVIZ_MPI="openmpi")
+    assert ended.returncode == 2
+    assert "allowed: site, wheel" in ended.stderr
+
+
+def test_help_shows_the_options(checkout: Path) -> None:
+    ended = launch(checkout, "setup", "--help")
+    assert ended.returncode == 0
+    assert "--site-mpi" in ended.stdout
+    assert "set -eu" not in ended.stdout
+
+
+@pytest.mark.gl
+def test_probe_finds_a_context_here() -> None:
+    ended = subprocess.run([sys.executable, ROOT / "launch/gl_probe.py"], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_probe_says_why_there_is_none() -> None:
+    hidden = {**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": os.devnull}
+    ended = subprocess.run([sys.executable, ROOT / "launch/gl_probe.py"], capture_output=True, text=True, env=hidden)
+    assert ended.returncode == 1
+    assert ended.stderr.strip()
