@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.scene.checks import PARALLEL, difference, sine
+from clusterviz.errors import SceneError
+from clusterviz.scene.checks import PARALLEL, UnusableError, check_camera, difference, sine
 from clusterviz.scene.values import Camera
 
 Vector = tuple[float, float, float]
@@ -32,6 +33,11 @@ def fitted_camera(camera: Camera, corners: NDArray[np.float64], spacing: float, 
     Returns
     -------
     camera : never degenerate
+
+    Raises
+    ------
+    SceneError
+        What is given leaves no good choice: an eye whose view_up points along its view of the centre.
     """
     centre, radius = bounding_sphere(corners, spacing)
     given_up = camera.view_up or UPS[0]
@@ -44,8 +50,12 @@ def fitted_camera(camera: Camera, corners: NDArray[np.float64], spacing: float, 
         position = moved(focal_point, toward_eye, distance + math.dist(focal_point, centre))
     view = difference(focal_point, position)
     view_up = camera.view_up or next(up for up in UPS if sine(up, view) > PARALLEL)
-    found = {"position": position, "focal_point": focal_point, "view_up": view_up}
-    return Camera.model_validate({**camera.model_dump(), **found})
+    try:
+        check_camera(position, focal_point, view_up)
+    except UnusableError as error:
+        where = f"camera.{error.key}"
+        raise SceneError(error.what, where=where, found=error.found, allowed=error.allowed) from None
+    return camera.model_copy(update={"position": position, "focal_point": focal_point, "view_up": view_up})
 
 
 def bounding_sphere(corners: NDArray[np.float64], spacing: float) -> tuple[Vector, float]:

@@ -84,7 +84,8 @@ def _set(data: dict[str, Any], override: Override) -> None:
                 allowed = f"0 to {count - 1}" if count else "nothing: the list is empty"
                 raise SceneError("no such item in the list", where=override.option, found=part, allowed=allowed)
         elif not isinstance(place, dict):
-            raise SceneError("its parent is not a section", where=override.option, found=type(place).__name__)
+            what = "a list item has no number" if isinstance(place, list) else "not a section"
+            raise SceneError(f"{what} before {part}", where=override.option, allowed="volumes.0.path, for example")
         if following is None:
             place[part] = override.value
             return

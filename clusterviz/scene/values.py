@@ -117,7 +117,7 @@ class Camera(Section):
 
 
 class ImageSettings(Section):
-    """The picture."""
+    """How large the picture is and what lies behind everything."""
 
     size: Annotated[tuple[Side, Side], BeforeValidator(plain)] = Field(
         default=(1024, 768), description="Width and height in pixels."

@@ -1,0 +1,85 @@
+"""-D key=value: any key, the later one wins, and an unknown key names the option."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clusterviz.errors import SceneError
+from clusterviz.scene import Scene, load_scene, parse_overrides, scene_of_data
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "scene.yaml"
+    file.write_text("volumes: [{path: a.npy, clim: [1, 2]}]\ncamera:\n")
+    return file
+
+
+def loaded(path: Path, *options: str) -> Scene:
+    return load_scene(path, options)
+
+
+def test_values_are_yaml(path: Path) -> None:
+    assert loaded(path, "quality.step=1e-1").quality.step == 0.1
+    assert loaded(path, "volumes.0.clim=[20, 200]").volumes[0].clim == (20, 200)
+    assert loaded(path, "volumes[0].clim=[20, 200]").volumes[0].clim == (20, 200)
+    assert loaded(path, "volumes.0.clim=null").volumes[0].clim is None
+    assert loaded(path, "volumes.0.clim=").volumes[0].clim is None
+    assert loaded(path, "volumes.0.clim.1=7").volumes[0].clim == (1, 7)
+    assert loaded(path, "quality={step: 3}").quality.step == 3
+    assert loaded(path, "volumes=[]").volumes == ()
+
+
+def test_a_hash_begins_a_colour_not_a_comment(path: Path) -> None:
+    assert loaded(path, "image.background=#ff0000").image.background == "#ff0000"
+
+
+def test_sections_that_the_file_lacks_are_made(path: Path) -> None:
+    assert loaded(path, "camera.view_angle=40").camera.view_angle == 40
+
+
+def test_later_options_win(path: Path) -> None:
+    assert loaded(path, "quality.step=1", "quality.step=2").quality.step == 2
+    assert loaded(path, "quality.step=3", "quality={step: 4}").quality.step == 4
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("quality.stpe=1", "-D quality.stpe=1: unknown key, did you mean step?; found stpe; allowed step"),
+        ("qualty.step=1", "did you mean quality?"),
+        ("quality.step.more=1", "unknown key; found more"),
+        ("quality", "not a key with a value"),
+        ("=3", "not a key with a value"),
+        ("", "not a key with a value"),
+        (".=1", "unknown key"),
+        ("quality.step=[1", "not YAML"),
+        ("quality.step={a: 1, a: 2}", "occurs twice"),
+        ("volumes.1.path=b", "no such item in the list; found 1; allowed 0 to 0"),
+        ("volumes.path=b", "a list item has no number before path; allowed volumes.0.path"),
+        ("volumes.0.clim.5=1", "no such item in the list; found 5; allowed 0 to 1"),
+    ],
+)
+def test_a_bad_option_is_an_error_that_names_it(path: Path, option: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        loaded(path, option)
+    assert str(caught.value).startswith(f"-D {option}")
+    assert message in str(caught.value)
+
+
+def test_an_item_of_an_empty_list_is_an_error(path: Path) -> None:
+    with pytest.raises(SceneError, match="the list is empty"):
+        loaded(path, "volumes=[]", "volumes.0.path=b")
+
+
+def test_overrides_reach_a_bare_data_file(tmp_path: Path) -> None:
+    assert scene_of_data(tmp_path / "a.npy", ["quality.step=2"]).quality.step == 2
+
+
+def test_parsed_overrides_hold_key_value_and_text() -> None:
+    (override,) = parse_overrides(["volumes[0].clim=[1, 2]"])
+    assert override.key == ("volumes", 0, "clim")
+    assert override.value == [1, 2]
+    assert override.option == "-D volumes[0].clim=[1, 2]"

@@ -1,0 +1,162 @@
+"""What a scene may hold: every impossible value is refused, and its complaint names key, found and allowed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from clusterviz.errors import SceneError
+from clusterviz.scene import Scene, Volume
+from clusterviz.scene.complaints import scene_error
+from clusterviz.scene.values import PLANNED, Section
+
+NAN, INF = float("nan"), float("inf")
+
+
+def complaint(data: dict[str, Any]) -> str:
+    with pytest.raises(ValidationError) as caught:
+        Scene.model_validate(data)
+    return str(scene_error(caught.value, "scene.yaml"))
+
+
+def volume(**keys: Any) -> dict[str, Any]:
+    return {"volumes": [{"path": "a.npy", **keys}]}
+
+
+def test_an_empty_scene_is_valid() -> None:
+    scene = Scene()
+    assert scene.volumes == ()
+    assert scene.image.size == (1024, 768)
+    assert scene == Scene.model_validate({})
+
+
+def test_scenes_are_frozen_and_hashable() -> None:
+    scene = Scene.model_validate(volume(opacity=[[0, 0], [1, 1]]))
+    with pytest.raises(ValidationError):
+        scene.quality.step = 2.0  # type: ignore[misc]
+    assert hash(scene) == hash(Scene.model_validate(volume(opacity=[[0, 0], [1, 1]])))
+
+
+def test_numpy_numbers_and_arrays_are_taken() -> None:
+    made = Volume(path="a", clim=np.array([1, 2], np.uint8), opacity=np.float32(0.5))  # type: ignore[arg-type]
+    assert made.clim == (1.0, 2.0)
+    assert made.opacity == 0.5
+    assert type(made.opacity) is float
+
+
+BAD = [
+    (volume(clim=[2, 1]), "volumes[0].clim", "[2, 1]", "low <= high"),
+    (volume(clim=[NAN, 1]), "volumes[0].clim[0]", "NaN", "a finite number"),
+    (volume(clim=[0, INF]), "volumes[0].clim[1]", "Infinity", "a finite number"),
+    (volume(clim=[1]), "volumes[0].clim", "", "a value for this key"),
+    (volume(clim=[1, 2, 3]), "volumes[0].clim", "[1, 2, 3]", "2 values"),
+    (volume(clim="wide"), "volumes[0].clim", '"wide"', "a list"),
+    (volume(clim=[True, 2]), "volumes[0].clim[0]", "true", "a number"),
+    (volume(path=""), "volumes[0].path", '""', "a data file"),
+    (volume(path="a\0b"), "volumes[0].path", "", "a data file"),
+    (volume(path=3), "volumes[0].path", "3", "a text"),
+    (volume(array=3), "volumes[0].array", "3", "a text"),
+    ({"volumes": [{}]}, "volumes[0].path: missing", "", "a value"),
+    ({"volumes": {"path": "a"}}, "volumes", "path", "a list"),
+    ({"volumes": ["a.npy"]}, "volumes[0]: not a section", '"a.npy"', "path, array"),
+    ({"volumes": [{"path": "a"}, {"path": "b"}]}, "not supported yet", "path", "one volume"),
+    (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
+    (volume(opacity=-0.5), "volumes[0].opacity", "-0.5", "at least 0"),
+    (volume(opacity=NAN), "volumes[0].opacity", "NaN", "a finite number"),
+    (volume(opacity=True), "volumes[0].opacity", "true", "a number in 0..1"),
+    (volume(opacity="steep"), "volumes[0].opacity", '"steep"', "sigmoid"),
+    (volume(opacity=[]), "volumes[0].opacity", "[]", "at least one"),
+    (volume(opacity=[[1, 0], [0, 1]]), "out of order: 0.0 after 1.0", "[[1, 0], [0, 1]]", "sorted"),
+    (volume(opacity=[[0, 2]]), "volumes[0].opacity[0][1]", "2", "at most 1"),
+    (volume(opacity=[[0, 0, 0]]), "volumes[0].opacity[0]", "[0, 0, 0]", "2 values"),
+    (volume(opacity={"a": 1}), "volumes[0].opacity", '{"a": 1}', "a number"),
+    (volume(cmap=[[0, 0, 0, 1.5]]), "volumes[0].cmap[0][3]", "1.5", "at most 1"),
+    (volume(cmap=3), "volumes[0].cmap", "3", "a colour-map name"),
+    (volume(cmap=""), "volumes[0].cmap", '""', "a colour-map name"),
+    (volume(opacity_unit_distance=0), "volumes[0].opacity_unit_distance", "0", "more than 0"),
+    (volume(interpolation="cubic"), "volumes[0].interpolation", '"cubic"', "linear, nearest"),
+    (volume(specular_power=-1), "volumes[0].specular_power", "-1", "at least 0"),
+    ({"camera": {"view_angle": 0}}, "camera.view_angle", "0", "more than 0"),
+    ({"camera": {"view_angle": 180}}, "camera.view_angle", "180", "less than 180"),
+    ({"camera": {"parallel_scale": -1}}, "camera.parallel_scale", "-1", "more than 0"),
+    ({"camera": {"position": [0, 0]}}, "camera.position[2]: missing", "", "a value"),
+    ({"camera": {"view_up": [0, 0, 0]}}, "camera.view_up", "[0.0, 0.0, 0.0]", "a direction"),
+    ({"image": {"size": [0, 5]}}, "image.size[0]", "0", "at least 1"),
+    ({"image": {"size": [5, 65537]}}, "image.size[1]", "65537", "at most 65536"),
+    ({"image": {"size": [5.5, 5]}}, "image.size[0]", "5.5", "a whole number"),
+    ({"image": {"background": "whiteish"}}, "image.background", '"whiteish"', "a CSS colour name"),
+    ({"image": {"background": "#ffffff80"}}, "image.background", '"#ffffff80"', "a CSS colour name"),
+    ({"image": {"background": [0, 0, 2]}}, "image.background[2]", "2", "at most 1"),
+    ({"image": {"background": None}}, "image.background", "null", "a CSS colour name"),
+    ({"quality": {"step": 0}}, "quality.step", "0", "more than 0"),
+    ({"quality": {"step": "1"}}, "quality.step", '"1"', "a number"),
+    ({"quality": {"early_termination": 1}}, "quality.early_termination", "1", "less than 1"),
+    ({"quality": {"filter": "fast"}}, "quality.filter", '"fast"', "exact, hardware"),
+    ({"quality": 3}, "quality: not a section", "3", "step, classification"),
+    ({"cluster": {"brick": 1}}, "cluster.brick", "1", "at least 2"),
+    ({"cluster": {"brick": 1025}}, "cluster.brick", "1025", "at most 1024"),
+]
+
+
+@pytest.mark.parametrize(("data", "where", "found", "allowed"), BAD)
+def test_an_impossible_value_is_refused(data: dict[str, Any], where: str, found: str, allowed: str) -> None:
+    text = complaint(data)
+    assert text.startswith("scene.yaml: ")
+    assert where in text
+    assert f"found {found}" in text or not found or found in text
+    assert "allowed " in text
+    assert allowed in text
+
+
+@pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in PLANNED.items() for value in values])
+def test_what_is_planned_is_called_not_supported_yet(key: str, value: object) -> None:
+    sections: dict[str, type[Section]] = {
+        name: type(getattr(Scene(), name)) for name in ("camera", "image", "quality", "cluster")
+    }
+    section = next((name for name, kind in sections.items() if key in kind.model_fields), None)
+    text = complaint({section: {key: value}} if section else volume(**{key: value}))
+    assert f"{key}: not supported yet; found" in text
+    assert "allowed" in text
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "near"),
+    [("quality", "stpe", "step"), ("camera", "viewup", "view_up"), (None, "volume", "volumes")],
+)
+def test_an_unknown_key_gets_the_nearest_one(section: str | None, name: str, near: str) -> None:
+    text = complaint({section: {name: 1}} if section else {name: 1})
+    assert f"unknown key, did you mean {near}?" in text
+    assert f"found {name}" in text
+
+
+def test_all_complaints_are_listed_a_line_each_and_many_are_counted() -> None:
+    assert complaint({"quality": {"step": 0, "filter": "x"}}).count("\n") == 1
+    lines = complaint(volume(opacity=[[0, 7 + i] for i in range(100)])).splitlines()
+    assert len(lines) == 9
+    assert lines[-1] == "and 92 more errors"
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e9, 1e300])
+def test_a_degenerate_camera_is_refused_at_any_scale(scale: float) -> None:
+    eye, focus = [0, 0, scale], [0, 0, -scale]
+    same = {"camera": {"position": eye, "focal_point": eye}}
+    assert "camera.focal_point: the same as position" in complaint(same)
+    parallel = {"camera": {"position": eye, "focal_point": focus, "view_up": [0, 0, -3 * scale]}}
+    assert "camera.view_up: parallel to the direction of view" in complaint(parallel)
+    good = Scene.model_validate({"camera": {"position": eye, "focal_point": focus, "view_up": [0, scale, scale]}})
+    assert good.camera.view_up == (0, scale, scale)
+
+
+def test_equal_clim_ends_and_repeated_points_are_steps_not_errors() -> None:
+    scene = Scene.model_validate(volume(clim=[3, 3], opacity=[[1, 0], [1, 1]]))
+    assert scene.volumes[0].clim == (3.0, 3.0)
+
+
+def test_complaints_are_scene_errors_with_status_2() -> None:
+    with pytest.raises(ValidationError) as caught:
+        Scene.model_validate({"quality": {"step": 0}})
+    assert isinstance(scene_error(caught.value, "a"), SceneError)
+    assert scene_error(caught.value, "a").exit_status == 2
