@@ -1,0 +1,14 @@
+"""The witness room: plain float64 twins of the fast paths, which stay for ever and are compared in tests.
+
+- rays.py     pixels to rays, rays to the box
+- sample.py   trilinear and nearest look-up
+- raycast.py  the picture of a scene
+- over.py     layers to one picture
+"""
+
+from __future__ import annotations
+
+from clusterviz.reference.over import over
+from clusterviz.reference.raycast import render_reference
+
+__all__ = ["over", "render_reference"]

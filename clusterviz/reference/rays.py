@@ -1,0 +1,122 @@
+"""The witness's rays: where each pixel looks, and which part of its ray lies in the volume. All float64."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.errors import InputError
+from clusterviz.scene.values import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """One ray a pixel, in pixel order (row 0 on top); a point of it is start + t · direction, t in world length.
+
+    Attributes
+    ----------
+    start : float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
+    direction : float64 (n, 3); of unit length in the world
+    """
+
+    start: Floats
+    direction: Floats
+
+
+def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
+    """The rays through the centres of all pixels, in the world, by VTK's camera model.
+
+    Parameters
+    ----------
+    camera : complete: position, focal_point and view_up are given
+    size : (width, height) in pixels; pixels are square
+
+    Raises
+    ------
+    InputError
+        The camera is not complete, position = focal_point, or view_up lies along the view direction.
+    """
+    right, up, forward = _frame(camera)
+    width, height = size
+    column, row = np.arange(width), np.arange(height)
+    # In units of half the picture's height, from its centre.
+    across = ((2 * column + 1 - width) / height)[None, :, None] * right
+    upward = ((height - 2 * row - 1) / height)[:, None, None] * up
+    offset = (across + upward).reshape(-1, 3)
+    eye = _given(camera.position, "position")
+    if camera.parallel_scale is not None:
+        return Rays(eye + offset * camera.parallel_scale, np.broadcast_to(forward, offset.shape))
+    direction = forward + offset * math.tan(math.radians(camera.view_angle) / 2)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return Rays(np.broadcast_to(eye, offset.shape), direction)
+
+
+def to_index_space(rays: Rays, grid: Grid) -> Rays:
+    """The same rays in sample indices (x, y, z); t keeps its meaning, world length."""
+    world_from_index = grid.world_from_index[:3, :3]
+    if np.linalg.matrix_rank(world_from_index / np.linalg.norm(world_from_index, axis=0)) < 3:
+        raise InputError("the grid's axes lie in one plane", where="grid: direction", found=grid.direction)
+    index_from_world = np.linalg.inv(world_from_index)
+    return Rays((rays.start - grid.origin) @ index_from_world.T, rays.direction @ index_from_world.T)
+
+
+def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
+    """The part [entry, exit] of each ray that lies in the closed box [0, last] and not behind its start.
+
+    Parameters
+    ----------
+    rays : in index space
+    last : (x, y, z) of the last sample
+
+    Returns
+    -------
+    entry, exit : float64 (n,), exit ≤ entry where the ray misses the box
+
+    References
+    ----------
+    T. Kay, J. Kajiya: Ray tracing complex scenes, SIGGRAPH 1986 (slabs).
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_first = (0 - rays.start) / rays.direction
+        to_last = (last - rays.start) / rays.direction
+    # A ray along a pair of faces never crosses them: it is between them (the faces included) for ever, or never.
+    along = rays.direction == 0
+    between = (rays.start >= 0) & (rays.start <= last)
+    near = np.where(along, np.where(between, -np.inf, np.inf), np.minimum(to_first, to_last))
+    far = np.where(along, np.where(between, np.inf, -np.inf), np.maximum(to_first, to_last))
+    # Nothing behind the eye is seen, nor, in parallel projection, behind the plane through `position`: VTK's
+    # renderer, too, never lets the near clipping plane go behind the camera.
+    return np.maximum(near.max(axis=1), 0), far.min(axis=1)
+
+
+def _frame(camera: Camera) -> tuple[Floats, Floats, Floats]:
+    """Unit vectors to the right, up and forward."""
+    forward = _unit(_given(camera.focal_point, "focal_point") - _given(camera.position, "position"), "position")
+    view_up = _unit(_given(camera.view_up, "view_up"), "view_up")
+    right = np.cross(forward, view_up)
+    if not np.linalg.norm(right) > 1e-12:
+        raise InputError("lies along the view direction", where="camera: view_up", found=camera.view_up)
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, forward), forward
+
+
+def _given(vector: tuple[float, float, float] | None, key: str) -> Floats:
+    if vector is None:
+        raise InputError("the camera is not complete", where=f"camera: {key}", found="nothing", allowed="[x, y, z]")
+    return np.array(vector, np.float64)
+
+
+def _unit(vector: Floats, key: str) -> Floats:
+    """The vector at length 1, also where its square would vanish or overflow."""
+    largest = np.abs(vector).max()
+    if not largest > 0:
+        raise InputError("gives no direction", where=f"camera: {key}", found=vector.tolist())
+    vector = vector / largest
+    unit: Floats = vector / np.linalg.norm(vector)
+    return unit

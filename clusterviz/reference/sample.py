@@ -1,0 +1,73 @@
+"""The witness's look-up: the scalar of a volume between its samples, in float64."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+def trilinear(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats, Flags]:
+    """Interpolate linearly along x, then y, then z.
+
+    A point belongs to the cell [floor, floor + 1) along each axis, the last cell to its end as well. If one of that
+    cell's eight samples is NaN or infinite, the point has no scalar.
+
+    Parameters
+    ----------
+    voxels : (z, y, x), at least two samples along each axis, C order
+    x, y, z : (n,) positions in samples, inside the box
+
+    Returns
+    -------
+    scalar : float64 (n,), 0 where there is none
+    valid : bool (n,)
+    """
+    (nz, ny, nx), flat = voxels.shape, voxels.reshape(-1)
+    i, fx = _cell(x, nx)
+    j, fy = _cell(y, ny)
+    k, fz = _cell(z, nz)
+    first = (k * ny + j) * nx + i
+    corners = np.empty((8, len(x)))
+    for corner in range(8):
+        dz, dy, dx = corner >> 2, corner >> 1 & 1, corner & 1
+        corners[corner] = flat[first + ((dz * ny + dy) * nx + dx)]
+    finite = np.isfinite(corners)
+    valid = np.logical_and.reduce(finite)
+    corners[~finite] = 0
+    edges = _between(corners[0::2], corners[1::2], fx)
+    faces = _between(edges[0::2], edges[1::2], fy)
+    return np.where(valid, _between(faces[0], faces[1], fz), 0), valid
+
+
+def nearest(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats, Flags]:
+    """Take the sample floor(position + 1/2); parameters and result as in `trilinear`."""
+    (nz, ny, nx), flat = voxels.shape, voxels.reshape(-1)
+    i, j, k = _round(x, nx), _round(y, ny), _round(z, nz)
+    scalar = flat[(k * ny + j) * nx + i].astype(np.float64)
+    valid: Flags = np.isfinite(scalar)
+    return np.where(valid, scalar, 0), valid
+
+
+def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
+    """The cell that a position is in, and how far."""
+    cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)
+    # Rounding may put the ends of a ray an ulp outside the box.
+    return cell, np.clip(position - cell, 0, 1)
+
+
+def _round(position: Floats, samples: int) -> NDArray[np.int64]:
+    return np.clip(np.floor(position + 0.5), 0, samples - 1).astype(np.int64)
+
+
+def _between(a: Floats, b: Floats, fraction: Floats) -> Floats:
+    """a + fraction · (b − a), which keeps a constant field exact; the other form where b − a overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        scalar = a + fraction * (b - a)
+    if np.isfinite(scalar).all():
+        return scalar
+    return np.where(np.isfinite(scalar), scalar, (1 - fraction) * a + fraction * b)
