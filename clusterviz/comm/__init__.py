@@ -1,0 +1,29 @@
+"""The tool room where ranks talk: channels, where a rank runs, and how ranks agree on failure.
+
+channel.py   the contract of a channel
+mpi.py       over MPI; the only module that imports mpi4py
+loopback.py  all ranks in one process, and the single rank without MPI
+open.py      which of them a program gets
+place.py     nodes, cores, threads, and launchers that do not match
+agree.py     one failure, one message, every rank
+"""
+
+from __future__ import annotations
+
+from clusterviz.comm.agree import abort_on_failure, agree
+from clusterviz.comm.channel import Channel
+from clusterviz.comm.loopback import LoopbackChannel, run_loopback
+from clusterviz.comm.open import open_channel
+from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
+
+__all__ = [
+    "Channel",
+    "LoopbackChannel",
+    "NodePlace",
+    "abort_on_failure",
+    "agree",
+    "launch_warning",
+    "limit_threads",
+    "open_channel",
+    "run_loopback",
+]

@@ -1,0 +1,158 @@
+"""A channel over MPI: the only module that imports mpi4py.
+
+mpi4py initialises MPI when it is first imported, so the import waits until a channel is asked for. One thread at a
+time talks (MPI_THREAD_SERIALIZED). The communicator is duplicated, so that no message meets those of the caller.
+
+A message longer than a chunk (1 GiB) travels in pieces, because an MPI before version 4 counts bytes in 31 bits. The
+last piece is the first one that is shorter than a chunk (empty, if need be): the receiver needs to know no sizes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm.channel import Buffer, Pending, as_bytes
+from clusterviz.comm.place import NodePlace, core_share, granted_cores
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+T = TypeVar("T")
+CHUNK_BYTES = 1 << 30
+
+
+@dataclass
+class _Receive:
+    """A receive under way: the request of its present chunk, and what has arrived before."""
+
+    buffer: NDArray[np.uint8]
+    source: int
+    tag: int
+    request: Any
+    received: int = 0
+
+
+def _load_mpi() -> Any:
+    """The MPI module, initialised no higher than needed where nobody has done so before."""
+    if "mpi4py.MPI" not in sys.modules:
+        import mpi4py
+
+        mpi4py.rc.thread_level = "serialized"
+    from mpi4py import MPI
+
+    return MPI
+
+
+class MpiChannel:
+    """One rank of an MPI communicator.
+
+    Parameters
+    ----------
+    comm : the communicator to duplicate; all processes of the job where None is given
+    chunk_bytes : the longest single MPI message
+    """
+
+    def __init__(self, comm: MPI.Comm | None = None, *, chunk_bytes: int = CHUNK_BYTES) -> None:
+        self._mpi = _load_mpi()
+        self._comm = (comm or self._mpi.COMM_WORLD).Dup()
+        self._chunk_bytes = chunk_bytes
+        self._sends: list[Any] = []
+        self._place: NodePlace | None = None
+
+    @property
+    def rank(self) -> int:
+        """This rank."""
+        return int(self._comm.rank)
+
+    @property
+    def size(self) -> int:
+        """The number of ranks."""
+        return int(self._comm.size)
+
+    def close(self) -> None:
+        """Free the duplicated communicator (collective)."""
+        self._comm.Free()
+
+    def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
+        """Start to receive the first chunk."""
+        receive = _Receive(as_bytes(buffer), source, tag, None)
+        self._receive_chunk(receive)
+        return receive
+
+    def _receive_chunk(self, receive: _Receive) -> None:
+        room = receive.buffer[receive.received : receive.received + self._chunk_bytes]
+        receive.request = self._comm.Irecv([room, self._mpi.BYTE], receive.source, receive.tag)
+
+    def isend(self, buffer: Buffer, target: int, tag: int) -> None:
+        """Start to send all chunks."""
+        data = as_bytes(buffer)
+        for begin in range(0, data.size + 1, self._chunk_bytes):
+            chunk = data[begin : begin + self._chunk_bytes]
+            self._sends.append(self._comm.Isend([chunk, self._mpi.BYTE], target, tag))
+
+    def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        """Wait for a whole message; a full chunk posts the receive of the next."""
+        receives = cast(Sequence[_Receive], pending)
+        finished: list[tuple[int, int]] = []
+        while not finished:
+            statuses = [self._mpi.Status() for _ in receives]
+            done = self._mpi.Request.Waitsome([receive.request for receive in receives], statuses) or []
+            for index, status in zip(done, statuses, strict=False):
+                receive, count = receives[index], status.Get_count(self._mpi.BYTE)
+                receive.received += count
+                if count == self._chunk_bytes:
+                    self._receive_chunk(receive)
+                else:
+                    finished.append((index, receive.received))
+        return finished
+
+    def wait_sends(self) -> None:
+        """Wait for all chunks sent so far."""
+        self._mpi.Request.Waitall(self._sends)
+        self._sends.clear()
+
+    def allgather(self, value: T) -> list[T]:
+        """One value from each rank."""
+        return cast(list[T], self._comm.allgather(value))
+
+    def gather(self, value: T, root: int = 0) -> list[T] | None:
+        """One value from each rank, on the root."""
+        return cast("list[T] | None", self._comm.gather(value, root))
+
+    def broadcast(self, value: T, root: int = 0) -> T:
+        """The root's value."""
+        return cast(T, self._comm.bcast(value, root))
+
+    def maximum(self, value: int) -> int:
+        """The largest value: one reduction of eight bytes."""
+        largest = np.array([value], np.int64)
+        self._comm.Allreduce(self._mpi.IN_PLACE, largest, self._mpi.MAX)
+        return int(largest[0])
+
+    def barrier(self) -> None:
+        """Wait for all ranks."""
+        self._comm.Barrier()
+
+    def place(self) -> NodePlace:
+        """Found by splitting the communicator into groups that can share memory; collective on the first call."""
+        if self._place is None:
+            node = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
+            cores = core_share(node.rank, node.allgather(granted_cores()))
+            first = node.bcast(self._comm.rank)
+            firsts = sorted(set(self._comm.allgather(first)))
+            host = self._mpi.Get_processor_name()
+            self._place = NodePlace(host, node.rank, node.size, firsts.index(first), len(firsts), cores)
+            node.Free()
+        return self._place
+
+    def abort(self, status: int) -> None:
+        """MPI_Abort: ends every process of the job."""
+        sys.stdout.flush()
+        sys.stderr.flush()
+        self._mpi.COMM_WORLD.Abort(status)

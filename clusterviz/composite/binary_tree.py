@@ -1,0 +1,28 @@
+"""Binary tree: in each round every second rank hands its whole image to its neighbour in front and drops out.
+
+What: a reduction tree over visibility order; position 0 ends with the picture.
+When: few ranks, small pictures, or links on which each message is dear: no algorithm sends fewer messages.
+When not: large pictures on many ranks: after round k only n/2^k ranks still work, on whole images.
+Cost: ⌈log₂ n⌉ rounds, n − 1 messages, (n − 1)·P pixels; a rank sends P and receives up to ⌈log₂ n⌉·P.
+Limits: any number of ranks and pixels.
+Reference: C. D. Shaw, M. Green, J. Schaeffer, "Anti-aliasing issues in image composition", Eurographics workshop on
+graphics hardware, 1991.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedule import Schedule, Stage, Transfer
+
+
+def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+    """The tree that ends on position 0."""
+    stages = []
+    step = 1
+    while step < ranks:
+        pairs = ((front, front + step) for front in range(0, ranks - step, 2 * step))
+        stages.append(Stage.of(Transfer(behind, front, 0, pixels) for front, behind in pairs))
+        step *= 2
+    return Schedule(ranks, pixels, tuple(stages))

@@ -1,0 +1,68 @@
+"""A part of the picture and where it is not blank: a range of the linear pixel order, and a rectangle inside it.
+
+The canvas is the union of all footprints, its pixels numbered row by row. A rank's pixels are the rectangle's pixels
+whose number lies in the range; the rest of the range is blank, and neither stored nor sent. Since numbers grow along
+the rows of the rectangle too, those pixels are one contiguous slice of the rectangle's own rows: cutting a range out
+of an image, for sending it or for keeping it, never copies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clusterviz.image.region import EMPTY, Rect
+
+
+@dataclass(frozen=True)
+class Patch:
+    """The pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide."""
+
+    width: int
+    begin: int
+    end: int
+    rect: Rect
+
+    @property
+    def first(self) -> int:
+        """How many pixels of the rectangle come before the range."""
+        return self._before(self.begin)
+
+    @property
+    def count(self) -> int:
+        """How many pixels there are."""
+        return self._before(self.end) - self._before(self.begin)
+
+    def _before(self, number: int) -> int:
+        rect = self.rect
+        if self.width == 0 or rect.pixels == 0:
+            return 0
+        row, column = divmod(number, self.width)
+        if row < rect.y_begin:
+            return 0
+        if row >= rect.y_end:
+            return rect.pixels
+        return (row - rect.y_begin) * rect.width + min(max(column - rect.x_begin, 0), rect.width)
+
+    def cut(self, begin: int, end: int) -> Patch:
+        """What this patch holds of the range [begin, end), which lies in its own; the rectangle keeps its columns."""
+        inside = Patch(self.width, begin, end, self.rect)
+        if inside.count == 0:
+            return Patch(self.width, begin, end, EMPTY)
+        (top, first), (bottom, last) = divmod(begin, self.width), divmod(end - 1, self.width)
+        # A row belongs to the cut only if the range reaches the rectangle's columns in it.
+        top, bottom = top + (first >= self.rect.x_end), bottom + (last >= self.rect.x_begin)
+        return Patch(self.width, begin, end, self.rect.intersect(Rect(self.rect.x_begin, top, self.rect.x_end, bottom)))
+
+    def contains(self, other: Patch) -> bool:
+        """Whether every pixel of the other patch is one of this one's."""
+        in_range = self.begin <= other.begin and other.end <= self.end
+        return other.count == 0 or (in_range and self.rect.unite(other.rect) == self.rect)
+
+
+def unite(begin: int, end: int, patches: Sequence[Patch]) -> Patch:
+    """The smallest patch of the range [begin, end) that holds these, of which there is at least one."""
+    rect = EMPTY
+    for patch in patches:
+        rect = rect.unite(patch.rect)
+    return Patch(patches[0].width, begin, end, rect).cut(begin, end)

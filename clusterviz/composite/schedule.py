@@ -1,0 +1,174 @@
+"""Who sends what to whom, and when: a compositing algorithm as data.
+
+Ranks are positions in visibility order, 0 in front; pixels are numbered along one line. A schedule knows nothing of
+screens, colours or channels, so it can be printed, drawn, checked, counted, or run by anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.composite.patch import Patch
+
+Indices = NDArray[np.int64]
+
+
+def piece(index: int, pieces: int, pixels: int) -> tuple[int, int]:
+    """Piece [begin, end) of `pixels` cut into `pieces` parts that differ by one at most; exact at any size."""
+    return index * pixels // pieces, (index + 1) * pixels // pieces
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Rank `source` hands all that it holds of the pixels [begin, end) to rank `target`, and forgets them."""
+
+    source: int
+    target: int
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Transfers that happen at once; what is received in a stage is sent on in a later one.
+
+    Attributes
+    ----------
+    table : int64 (transfers, 4), read-only: columns source, target, begin, end
+    """
+
+    table: Indices
+
+    @staticmethod
+    def of(transfers: Iterable[Transfer]) -> Stage:
+        """A stage of these transfers; those of no pixels are left out."""
+        rows = [(t.source, t.target, t.begin, t.end) for t in transfers if t.end > t.begin]
+        table = np.array(rows, np.int64).reshape(-1, 4)
+        table.setflags(write=False)
+        return Stage(table)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __iter__(self) -> Iterator[Transfer]:
+        return (Transfer(*row) for row in self.table.tolist())
+
+    def sent_by(self, rank: int) -> list[Transfer]:
+        """The transfers of which the rank is the source."""
+        return self._rows(0, self._by_source, rank)
+
+    def received_by(self, rank: int) -> list[Transfer]:
+        """The transfers of which the rank is the target."""
+        return self._rows(1, self._by_target, rank)
+
+    @cached_property
+    def _by_source(self) -> Indices:
+        return np.argsort(self.table[:, 0], kind="stable")
+
+    @cached_property
+    def _by_target(self) -> Indices:
+        return np.argsort(self.table[:, 1], kind="stable")
+
+    def _rows(self, column: int, order: Indices, rank: int) -> list[Transfer]:
+        keys = self.table[:, column]
+        begin = np.searchsorted(keys, rank, "left", sorter=order)
+        end = np.searchsorted(keys, rank, "right", sorter=order)
+        return [Transfer(*row) for row in self.table[order[begin:end]].tolist()]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a schedule moves when the images are dense; the final gather is not in it."""
+
+    rounds: int
+    messages: int
+    pixels: int
+    most_sent: int
+    most_received: int
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """All stages of one composition of `ranks` images of `pixels` pixels."""
+
+    ranks: int
+    pixels: int
+    stages: tuple[Stage, ...]
+
+    def counts(self) -> Counts:
+        """Count; transfers between two ranks within one stage travel in one message."""
+        sent = np.zeros(self.ranks, np.int64)
+        received = np.zeros(self.ranks, np.int64)
+        messages = 0
+        for stage in self.stages:
+            size = stage.table[:, 3] - stage.table[:, 2]
+            np.add.at(sent, stage.table[:, 0], size)
+            np.add.at(received, stage.table[:, 1], size)
+            messages += len(np.unique(stage.table[:, 0] * self.ranks + stage.table[:, 1]))
+        return Counts(
+            rounds=sum(len(stage) > 0 for stage in self.stages),
+            messages=messages,
+            pixels=int(sent.sum()),
+            most_sent=int(sent.max(initial=0)),
+            most_received=int(received.max(initial=0)),
+        )
+
+
+# Ranks, pixels, and what each rank's image covers (empty: everything), by position in visibility order.
+Algorithm = Callable[[int, int, Sequence[Patch]], Schedule]
+
+
+def check(schedule: Schedule) -> None:
+    """Run a schedule on the bare bookkeeping of who holds which images of which pixels.
+
+    Raises
+    ------
+    ValueError
+        A message to oneself or of no pixels; a pixel sent that is not held, or sent twice; images merged that are not
+        neighbours in visibility order; at the end, a pixel that is not held by exactly one rank with all images merged.
+    """
+    ranks = schedule.ranks
+    tables = [stage.table for stage in schedule.stages]
+    borders = np.unique(np.concatenate([[0, schedule.pixels], *(table[:, 2:].ravel() for table in tables)]))
+    # Each rank holds images [low, high) of each cell between two borders; none where they are equal.
+    low = np.repeat(np.arange(ranks, dtype=np.int64)[:, None], len(borders) - 1, axis=1)
+    high = low + 1
+    for number, table in enumerate(tables):
+        low, high = _check_stage(number, table, borders, low, high)
+    held = high - low
+    if schedule.pixels and not (np.all((held == 0) | (held == ranks)) and np.all((held == ranks).sum(axis=0) == 1)):
+        raise ValueError("a pixel does not end on exactly one rank with all images merged")
+
+
+def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, high: Indices) -> tuple[Indices, Indices]:
+    """One stage of `check`: what each rank holds of each cell after it."""
+    kept = high - low
+    far = np.iinfo(np.int64).max
+    merged_low = np.where(kept > 0, low, far)
+    merged_high = np.where(kept > 0, high, -1)
+    total = kept.copy()
+    cells = np.searchsorted(borders, table[:, 2:])
+    sent = np.zeros(low.shape, bool)
+    for (source, target, begin, end), (i, j) in zip(table.tolist(), cells.tolist(), strict=True):
+        name = f"stage {number}, {source} to {target}, pixels [{begin}, {end})"
+        if source == target or begin >= end:
+            raise ValueError(f"{name}: a message to oneself or of no pixels")
+        if sent[source, i:j].any() or not (kept[source, i:j] > 0).all():
+            raise ValueError(f"{name}: pixels that the source does not hold, or sends twice")
+        sent[source, i:j] = True
+    # A source forgets what it sends before it takes in what it receives.
+    merged_low[sent], merged_high[sent], total[sent] = far, -1, 0
+    for (source, target, _, _), (i, j) in zip(table.tolist(), cells.tolist(), strict=True):
+        np.minimum(merged_low[target, i:j], low[source, i:j], out=merged_low[target, i:j])
+        np.maximum(merged_high[target, i:j], high[source, i:j], out=merged_high[target, i:j])
+        total[target, i:j] += kept[source, i:j]
+    if np.any((total > 0) & (merged_high - merged_low != total)):
+        raise ValueError(f"stage {number}: images are merged that are not neighbours in visibility order")
+    empty = total == 0
+    merged_low[empty] = merged_high[empty] = 0
+    return merged_low, merged_high
