@@ -69,14 +69,23 @@ def test_a_view_with_strides_is_written_as_it_looks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("extension", FORMATS)
-@pytest.mark.parametrize("room", [0, 1, 1000])
+@pytest.mark.parametrize("room", [0, 1, 60, 1000])
 def test_disk_full_leaves_the_old_file_and_nothing_else(tmp_path: Path, extension: str, room: int) -> None:
     path = tmp_path / f"a{extension}"
     path.write_bytes(b"old")
     with disk_full_after(room), pytest.raises(OutputError, match=path.name):
-        write_image(path, picture(90, 70) if room else picture(1, 1), None)
+        write_image(path, picture(90, 70) if room > 100 else picture(5, 3), None)
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("missing", [1, 200, 500])
+def test_an_exr_that_lacks_its_last_bytes_is_noticed(tmp_path: Path, missing: int) -> None:
+    write_image(tmp_path / "whole.exr", picture(40, 3), None)
+    room = (tmp_path / "whole.exr").stat().st_size - missing
+    with disk_full_after(room), pytest.raises(OutputError, match=r"part\.exr"):
+        write_image(tmp_path / "part.exr", picture(40, 3), None)
+    assert os.listdir(tmp_path) == ["whole.exr"]
 
 
 @pytest.mark.parametrize("extension", FORMATS)

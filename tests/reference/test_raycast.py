@@ -142,7 +142,7 @@ def test_a_homogeneous_slab_is_exact_at_every_step(step: float) -> None:
 def test_opacities_at_both_ends_keep_all_digits(opacity: float) -> None:
     scene = one_volume(along_x(), opacity=opacity, unit=5.0, size=(1, 1))
     alpha = render_reference(scene, Grid(SHAPE), np.full(SHAPE, 0.25), 0.125)[0, 0, 3]
-    assert alpha == pytest.approx(min(opacity, ALPHA_MAX), rel=1e-13)
+    assert alpha == pytest.approx(min(opacity, ALPHA_MAX), rel=1e-13, abs=0)
 
 
 def test_opacity_0_draws_nothing_at_all() -> None:
@@ -153,7 +153,7 @@ def test_opacity_0_draws_nothing_at_all() -> None:
 def test_ten_thousand_thin_slabs_do_not_drift() -> None:
     scene = one_volume(along_x(), opacity=1e-8, unit=5.0, size=(1, 1))
     alpha = render_reference(scene, Grid(SHAPE), np.full(SHAPE, 0.25), 5e-4)[0, 0, 3]
-    assert alpha == pytest.approx(1e-8, rel=1e-11)
+    assert alpha == pytest.approx(1e-8, rel=1e-11, abs=0)
 
 
 def opacity_of_the_ramp() -> float:
@@ -321,6 +321,7 @@ def test_row_0_is_the_top_and_column_0_the_left() -> None:
     assert np.count_nonzero(alpha) == 1
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_cells_that_touch_a_bad_voxel_are_transparent_and_no_others(bad: float) -> None:
     voxels = np.full((4, 4, 8), 0.5)
