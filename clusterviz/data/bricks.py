@@ -1,0 +1,106 @@
+"""Bricks: the volume cut into cubes of cells, and how a rank reads its own.
+
+Cells, the boxes between neighbouring samples, are what is dealt out; each belongs to one brick. A brick's samples are
+the corners of its cells, so neighbours share one layer, and interpolation inside a brick needs no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.source import Index, Source
+
+SLAB_BYTES = 64 << 20  # read at a time, beside the bricks that are being filled
+Box = tuple[Index, Index]
+
+
+@dataclass(frozen=True)
+class BrickLayout:
+    """How a volume is cut.
+
+    Attributes
+    ----------
+    shape_zyx : samples of the volume
+    brick : cells a side, at least 1; the last brick along an axis may have fewer
+    """
+
+    shape_zyx: Index
+    brick: int
+
+    @property
+    def cells_zyx(self) -> Index:
+        """Cells along each axis; a single sample counts as one cell without extent."""
+        z, y, x = (max(1, n - 1) for n in self.shape_zyx)
+        return z, y, x
+
+    @property
+    def counts_zyx(self) -> Index:
+        """Bricks along each axis."""
+        z, y, x = (-(-n // self.brick) for n in self.cells_zyx)
+        return z, y, x
+
+    def cell_box(self, index_zyx: Index) -> Box:
+        """The brick's cells, half-open."""
+        begin, end = zip(
+            *((i * self.brick, min(n, (i + 1) * self.brick)) for i, n in zip(index_zyx, self.cells_zyx, strict=True)),
+            strict=True,
+        )
+        return begin, end
+
+    def sample_box(self, index_zyx: Index) -> Box:
+        """The brick's samples, half-open: its cells and one layer more at the high side, inside the volume."""
+        begin, end = self.cell_box(index_zyx)
+        z, y, x = (min(n, e + 1) for e, n in zip(end, self.shape_zyx, strict=True))
+        return begin, (z, y, x)
+
+    def owned_box(self, index_zyx: Index) -> Box:
+        """The samples that are this brick's alone: a shared layer is the next brick's."""
+        begin, end = self.cell_box(index_zyx)
+        z, y, x = (
+            n if i == count - 1 else e
+            for i, count, e, n in zip(index_zyx, self.counts_zyx, end, self.shape_zyx, strict=True)
+        )
+        return begin, (z, y, x)
+
+
+def read_bricks(source: Source, layout: BrickLayout, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:
+    """Read bricks with their overlap, in order of (z, y, x), so that a stream is passed once.
+
+    A layer of bricks is filled from slabs that span them all, so there are few large reads; beside the layer's bricks,
+    at most `SLAB_BYTES` or one plane of samples is held.
+
+    Yields
+    ------
+    index_zyx, samples : `source.dtype`, of the shape of `layout.sample_box(index_zyx)`, C order, not used again here
+
+    Raises
+    ------
+    DataError
+        The file ends early or cannot be decoded.
+    """
+    for _, layer in groupby(sorted(set(wanted)), key=lambda index: index[0]):
+        filled = _read_layer(source, {index: layout.sample_box(index) for index in layer})
+        for index in list(filled):
+            yield index, filled.pop(index)
+
+
+def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
+    """The bricks of one z index."""
+    begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))
+    (z_begin, y_begin, x_begin), (z_end, y_end, x_end) = begins.min(axis=0).tolist(), ends.max(axis=0).tolist()
+    bricks = {index: np.empty(np.subtract(end, begin), source.dtype) for index, (begin, end) in boxes.items()}
+    plane_bytes = (y_end - y_begin) * (x_end - x_begin) * source.dtype.itemsize
+    planes = max(1, SLAB_BYTES // plane_bytes)
+    for z in range(z_begin, z_end, planes):
+        slab_end = min(z_end, z + planes)
+        slab = source.read((z, y_begin, x_begin), (slab_end, y_end, x_end))
+        for index, ((_, y, x), (_, y_stop, x_stop)) in boxes.items():
+            part = slab[:, y - y_begin : y_stop - y_begin, x - x_begin : x_stop - x_begin]
+            bricks[index][z - z_begin : slab_end - z_begin] = part
+    return bricks

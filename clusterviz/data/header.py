@@ -1,0 +1,116 @@
+"""What every header must state, checked the same way for every format: samples' type, their number, their place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid, Triple
+from clusterviz.data.source import Index
+from clusterviz.errors import DataError
+
+MOST_PARALLEL = 1e-6  # |det| of the unit axes below which a placement counts as singular
+
+
+def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
+    """The native dtype in which samples stored as `dtype` are handed out: booleans as uint8.
+
+    Raises
+    ------
+    DataError
+        Neither an integer nor a float of at most 64 bits: complex, RGB, structured, text, …
+    """
+    if dtype.kind == "b":
+        return np.dtype(np.uint8)
+    if dtype.kind not in "iuf" or dtype.itemsize > 8:
+        allowed = "int8 to int64, uint8 to uint64, float16 to float64, one number a voxel"
+        raise DataError("not a scalar volume", where=where, found=dtype, allowed=allowed)
+    return dtype.newbyteorder("=")
+
+
+def check_shape(shape: Sequence[int], where: str) -> Index:
+    """The shape as (z, y, x); a picture (y, x) becomes one layer.
+
+    Raises
+    ------
+    DataError
+        Not two or three axes, or one with no samples.
+    """
+    sizes = [int(n) for n in shape]
+    if any(n < 1 for n in sizes):
+        raise DataError("an axis has no samples", where=where, found=tuple(sizes), allowed="at least 1 on each axis")
+    if len(sizes) == 2:
+        sizes = [1, *sizes]
+    if len(sizes) != 3:
+        raise DataError("not a volume", where=where, found=f"{len(sizes)} axes {tuple(sizes)}", allowed="2 or 3 axes")
+    return sizes[0], sizes[1], sizes[2]
+
+
+def check_size(found: int, needed: int, where: str, exact: bool = False) -> None:
+    """Compare the bytes that are there with the bytes that the header asks for.
+
+    Raises
+    ------
+    DataError
+        Too few: truncated, or a header that lies. With `exact`, too many as well.
+    """
+    if found < needed:
+        raise DataError(
+            "truncated, or the header lies about its size", where=where, found=f"{found} bytes", allowed=f"{needed}"
+        )
+    if exact and found > needed:
+        raise DataError("longer than the header says", where=where, found=f"{found} bytes", allowed=f"{needed}")
+
+
+def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
+    """Three finite numbers (x, y, z)."""
+    try:
+        values = np.asarray(numbers, float)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise DataError("not a position or spacing", where=where, found=numbers, allowed="three finite numbers, x y z")
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def place(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:
+    """The grid whose column a of `steps` is the world vector from a sample to the next along index axis a (x, y, z).
+
+    Left-handed and sheared placements are fine: the direction's columns are unit vectors, in no way orthogonal.
+
+    Parameters
+    ----------
+    steps : float64 (3, 3)
+
+    Raises
+    ------
+    DataError
+        Steps or origin are not finite, or the steps do not span space.
+    """
+    spacing = np.array([np.hypot.reduce(column) for column in np.asarray(steps, float).T])
+    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise DataError("singular placement", where=where, found=f"spacing {spacing}", allowed="finite and above 0")
+    direction = np.asarray(steps, float) / spacing
+    if abs(np.linalg.det(direction)) < MOST_PARALLEL:
+        raise DataError(
+            "singular placement", where=where, found=f"axes {direction.tolist()}", allowed="an invertible matrix"
+        )
+    x, y, z = (triple(row, where) for row in direction)
+    return Grid(shape_zyx, triple(spacing, where), triple(origin, where), (x, y, z))
+
+
+def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
+    """The shape of the half-open box [begin, end) that lies inside the volume.
+
+    Raises
+    ------
+    IndexError
+        It does not: a mistake of the caller, not of the file.
+    """
+    if not all(0 <= b <= e <= n for b, e, n in zip(begin_zyx, end_zyx, shape_zyx, strict=True)):
+        raise IndexError(f"box {begin_zyx} to {end_zyx} does not lie in a volume of shape {shape_zyx}")
+    z, y, x = (e - b for b, e in zip(begin_zyx, end_zyx, strict=True))
+    return z, y, x

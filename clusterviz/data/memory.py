@@ -1,0 +1,55 @@
+"""A NumPy array as a source: for `clusterviz.render(array)` and for tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_box, check_dtype, check_shape
+from clusterviz.data.source import Index
+from clusterviz.errors import DataError
+
+
+class ArraySource:
+    """Wraps an array; nothing is copied until a box is read.
+
+    Parameters
+    ----------
+    array : any integer, boolean or float dtype, (z, y, x) or (y, x)
+    grid : where the samples lie; default: 1 apart from the world's origin on
+    name : what messages call it
+
+    Raises
+    ------
+    DataError
+        Not a scalar volume, or a grid of another shape.
+    """
+
+    def __init__(self, array: NDArray[Any], grid: Grid | None = None, name: str = "array") -> None:
+        shape_zyx = check_shape(array.shape, name)
+        if grid is not None and grid.shape_zyx != shape_zyx:
+            raise DataError("the grid does not fit the array", where=name, found=grid.shape_zyx, allowed=shape_zyx)
+        self._array = array.reshape(shape_zyx)
+        self._grid, self._name = grid or Grid(shape_zyx), name
+        self._dtype = check_dtype(array.dtype, name)
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def grid(self) -> Grid:
+        return self._grid
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self._dtype
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """The samples of the box; see `Source.read`."""
+        check_box(begin_zyx, end_zyx, self._grid.shape_zyx)
+        (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
+        return np.array(self._array[z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)

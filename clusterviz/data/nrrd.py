@@ -1,0 +1,208 @@
+"""NRRD (.nrrd, and .nhdr with the data in other files), the format of 3D Slicer: pynrrd reads the header.
+
+Encodings raw (any box, any size), gzip and bzip2 (in order of z) and ascii. The grid comes from `space directions` and
+`space origin`, else from `spacings` and `axis mins`; the world is the one that the file's `space` names. An axis with
+one entry, such as a single component, is dropped; vectors and colours are no scalar volume.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.files import readable, refuse_array, require_file
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_dtype, check_shape, check_size, place
+from clusterviz.data.linear import LinearSource
+from clusterviz.data.source import Index
+from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage, StreamBytes
+from clusterviz.data.text import numbers_from_text
+from clusterviz.errors import DataError
+
+DECODERS = {"gzip": gzip.GzipFile, "gz": gzip.GzipFile, "bzip2": bz2.BZ2File, "bz2": bz2.BZ2File}
+TYPES = {
+    **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
+    **dict.fromkeys(("uchar", "unsigned char", "uint8", "uint8_t"), "u1"),
+    **dict.fromkeys(("short", "short int", "signed short", "signed short int", "int16", "int16_t"), "i2"),
+    **dict.fromkeys(("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"), "u2"),
+    **dict.fromkeys(("int", "signed int", "int32", "int32_t"), "i4"),
+    **dict.fromkeys(("uint", "unsigned int", "uint32", "uint32_t"), "u4"),
+    **dict.fromkeys(("longlong", "long long", "long long int", "signed long long", "signed long long int"), "i8"),
+    **dict.fromkeys(("int64", "int64_t"), "i8"),
+    **dict.fromkeys(("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"), "u8"),
+    "float": "f4",
+    "double": "f8",
+}
+TEXTS = ("ascii", "text", "txt")
+
+
+def open_nrrd(path: Path, array: str | None = None) -> LinearSource:
+    """The volume in an attached or detached NRRD file.
+
+    Raises
+    ------
+    DataError
+        Wrong magic, a damaged header, an unknown encoding, missing or truncated data, or not a scalar volume.
+    """
+    require_file(path, (b"NRRD",))
+    refuse_array(array, path)
+    where = str(path)
+    header, listed, header_bytes = _read_header(path)
+    stored = _stored_dtype(header, where)
+    sizes = [int(n) for n in header["sizes"]]
+    check_shape([min(sizes, default=0), 1, 1], where)
+    kept = [axis for axis, n in enumerate(sizes) if n > 1 or len(sizes) <= 3]
+    if len(kept) < 3 < len(sizes):  # thin volumes with a unit axis too many: the last three are space
+        kept = list(range(len(sizes)))[-3:]
+    shape_zyx = check_shape([sizes[axis] for axis in reversed(kept)], where)
+    files = _data_files(header, listed, path)
+    storage, offset = _storage(header, files or [path], 0 if files else header_bytes, shape_zyx, stored, where)
+    return LinearSource(
+        where, _grid_of(header, kept, shape_zyx, where), check_dtype(stored, where), storage, stored, offset
+    )
+
+
+def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
+    """The fields, the data files of a LIST, and the length of the header in bytes."""
+    import nrrd
+
+    lines: list[bytes] = []
+    listed: list[str] = []
+    with readable(path), path.open("rb") as file:
+        for line in iter(lambda: file.readline(1 << 16), b""):
+            if not line.strip():
+                break
+            lines.append(line)
+            if re.match(rb"data ?file: *LIST", line):
+                listed = [name.strip() for name in file.read().decode("utf-8", "replace").splitlines() if name.strip()]
+                break
+        header_bytes = file.tell()
+    try:
+        header = dict(nrrd.read_header(lines))
+        missing = {"type", "dimension", "sizes", "encoding"} - set(header)
+        if missing or int(header["dimension"]) != len(header["sizes"]):
+            raise ValueError(f"missing {sorted(missing)}" if missing else "sizes do not match dimension")
+    except Exception as error:  # pynrrd raises many kinds
+        raise DataError(f"the header cannot be read: {error}", where=str(path)) from error
+    return header, listed, header_bytes
+
+
+def _stored_dtype(header: Mapping[str, Any], where: str) -> np.dtype[Any]:
+    if header["type"] not in TYPES:
+        raise DataError(
+            "not a scalar volume", where=where, found=f"type {header['type']}", allowed="an integer or float type"
+        )
+    stored: np.dtype[Any] = np.dtype(TYPES[header["type"]])
+    if stored.itemsize > 1 and header["encoding"].lower() not in TEXTS:
+        if header.get("endian") not in ("little", "big"):
+            raise DataError("no byte order", where=where, found=header.get("endian"), allowed="endian: little or big")
+        stored = stored.newbyteorder("<" if header["endian"] == "little" else ">")
+    return stored
+
+
+def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) -> list[Path]:
+    """The files with the data of a detached header, slowest last; none for an attached one."""
+    entry = str(header.get("data file", header.get("datafile", "")))
+    pattern = re.fullmatch(r"(\S*%\S*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?", entry)
+    names = list(listed) if listed else [entry] if entry else []
+    if pattern:
+        first, last, step = (int(pattern[i]) for i in (2, 3, 4))
+        if step == 0:
+            raise DataError("impossible data file", where=str(path), found=entry, allowed="a step other than 0")
+        try:
+            names = [pattern[1] % number for number in range(first, last + (1 if step > 0 else -1), step)]
+        except (TypeError, ValueError) as error:
+            raise DataError(
+                "impossible data file", where=str(path), found=entry, allowed="name%03d.raw first last step"
+            ) from error
+    if path.suffix.lower() == ".nhdr" and not names:
+        raise DataError("a detached header needs a data file", where=str(path), allowed="data file: NAME")
+    return [path.parent / name for name in names]
+
+
+def _storage(
+    header: Mapping[str, Any], files: list[Path], begin: int, shape_zyx: Index, stored: np.dtype[Any], where: str
+) -> tuple[Storage, int]:
+    """Where the samples are, and the bytes before the first of them."""
+    encoding = str(header["encoding"]).lower()
+    needed = int(np.prod(shape_zyx, dtype=object)) * stored.itemsize
+    skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    sizes = [require_file(file) for file in files]
+    begins = [_skip_lines(file, begin, int(header.get("line skip", header.get("lineskip", 0)))) for file in files]
+    if encoding == "raw":
+        return FileBytes(_raw_pieces(files, sizes, begins, skip, needed)), 0
+    if len(files) > 1:
+        raise DataError("several data files", where=where, found=f"encoding {encoding}", allowed="encoding raw")
+    if encoding in DECODERS:
+        if skip < 0:
+            raise DataError("impossible byte skip", where=where, found=skip, allowed="0 or more, with this encoding")
+        return StreamBytes(files[0], DECODERS[encoding], begins[0], needed // shape_zyx[0]), skip
+    if encoding in TEXTS:
+        return LoadedBytes(lambda: _read_text(files[0], begins[0] + skip, stored, needed), where), 0
+    raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *DECODERS, *TEXTS))
+
+
+def _raw_pieces(files: list[Path], sizes: list[int], begins: list[int], skip: int, needed: int) -> list[Piece]:
+    """One piece a file; each must hold exactly its share, the samples being dealt evenly."""
+    share = needed // len(files)
+    pieces = []
+    for file, size, begin in zip(files, sizes, begins, strict=True):
+        start = size - share if skip == -1 else begin + skip
+        check_size(size, start + share if start >= 0 else share, str(file), exact=True)
+        pieces.append(Piece(file, start, share))
+    check_size(share * len(files), needed, str(files[0]))
+    return pieces
+
+
+def _skip_lines(file: Path, begin: int, lines: int) -> int:
+    if lines == 0:
+        return begin
+    with readable(file), file.open("rb") as opened:
+        opened.seek(begin)
+        for _ in range(lines):
+            opened.readline()
+        return opened.tell()
+
+
+def _read_text(file: Path, begin: int, stored: np.dtype[Any], needed: int) -> bytes:
+    with readable(file), file.open("rb") as opened:
+        opened.seek(begin)
+        text = opened.read()
+    return numbers_from_text(text, stored, needed // stored.itemsize, str(file))
+
+
+def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:
+    """Directions and origin of the kept axes in the file's own world; a picture's third axis is its normal."""
+    directions = header.get("space directions")
+    if directions is None:
+        return _grid_of_spacings(header, kept, shape_zyx, where)
+    rows = np.asarray(directions, float)[list(kept)]
+    origin = np.asarray(header.get("space origin", np.zeros(rows.shape[1])), float)
+    steps = np.zeros((3, 3))
+    if rows.shape[1] > 3 or len(rows) > 3:
+        raise DataError("not a volume in 3-D space", where=where, found=f"space directions {rows.tolist()}")
+    steps[: rows.shape[1], : len(rows)] = rows.T
+    if len(rows) == 2:
+        normal = np.cross(steps[:, 0], steps[:, 1])
+        steps[:, 2] = normal / (np.linalg.norm(normal) or 1.0)
+    position = np.zeros(3)
+    position[: len(origin)] = origin
+    return place(shape_zyx, steps, position, where)
+
+
+def _grid_of_spacings(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:
+    def per_axis(field: str, alias: str, default: float) -> list[float]:
+        values = header.get(field, header.get(alias))
+        if values is None:
+            return [default] * 3
+        numbers = [float(values[axis]) for axis in kept]
+        return [default if np.isnan(n) else n for n in numbers] + [default] * (3 - len(numbers))
+
+    spacing, mins = per_axis("spacings", "spacings", 1.0), per_axis("axis mins", "axismins", 0.0)
+    return place(shape_zyx, np.diag(spacing), mins, where)

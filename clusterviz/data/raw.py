@@ -1,0 +1,107 @@
+"""Raw files: samples without a header, described by a small YAML file beside them.
+
+For `head.raw` the sidecar is `head.raw.yaml`:
+
+    shape: [84, 128, 128]        # samples along z, y, x; x varies fastest in the file
+    dtype: uint8                 # int8 … int64, uint8 … uint64, float16 … float64
+    byte_order: little           # little | big; default little
+    header_bytes: 0              # bytes before the first sample; default 0
+    spacing: [1.0, 1.0, 2.0]     # world units between samples along x, y, z; default 1
+    origin: [0.0, 0.0, 0.0]      # world position x, y, z of the first sample; default 0
+    direction: [1, 0, 0, 0, 1, 0, 0, 0, 1]   # 3 × 3 row by row; column a is the unit vector of axis a; default identity
+
+The file must be exactly as long as the sidecar says: a wrong shape would still make a picture, of noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.files import readable, refuse_array, require_file
+from clusterviz.data.header import check_dtype, check_shape, check_size, place, triple
+from clusterviz.data.linear import LinearSource
+from clusterviz.data.storage import FileBytes, Piece
+from clusterviz.errors import DataError
+
+KEYS = ("shape", "dtype", "byte_order", "header_bytes", "spacing", "origin", "direction")
+
+
+def sidecar_of(path: Path) -> Path:
+    """The description of the raw file at `path`."""
+    return path.with_name(path.name + ".yaml")
+
+
+def open_raw(path: Path, array: str | None = None) -> LinearSource:
+    """A raw file with its sidecar.
+
+    Raises
+    ------
+    DataError
+        No sidecar, an unknown, missing or impossible key in it, or a file of another length.
+    """
+    size = require_file(path)
+    refuse_array(array, path)
+    sidecar = sidecar_of(path)
+    if not sidecar.exists():
+        raise DataError(
+            "a raw file needs a sidecar that describes it", where=str(path), allowed=f"{sidecar} with {KEYS}"
+        )
+    where, keys = str(sidecar), _read_sidecar(sidecar)
+    stored = _stored_dtype(keys, where)
+    shape_zyx = check_shape(_integers(keys["shape"], "shape", where), where)
+    (header_bytes,) = _integers([keys.get("header_bytes", 0)], "header_bytes", where)
+    direction = np.asarray(keys.get("direction", np.eye(3).ravel().tolist()), object)
+    if direction.size != 9:
+        raise DataError(
+            "impossible direction", where=where, found=keys["direction"], allowed="nine numbers, row by row"
+        )
+    columns = np.array([triple(row, where) for row in direction.reshape(3, 3)])
+    spacing = triple(keys.get("spacing", (1, 1, 1)), where)
+    grid = place(shape_zyx, columns * np.array(spacing), keys.get("origin", (0, 0, 0)), where)
+    needed = int(np.prod(shape_zyx, dtype=object)) * stored.itemsize
+    check_size(size, header_bytes + needed, str(path), exact=True)
+    storage = FileBytes([Piece(path, header_bytes, needed)])
+    return LinearSource(str(path), grid, check_dtype(stored, where), storage, stored)
+
+
+def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:
+    import yaml
+
+    require_file(sidecar)
+    try:
+        with readable(sidecar):
+            keys = yaml.safe_load(sidecar.read_text("utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise DataError(f"not YAML: {error}", where=str(sidecar)) from error
+    if not isinstance(keys, dict):
+        raise DataError("not a list of keys and values", where=str(sidecar), found=keys, allowed=KEYS)
+    unknown, missing = set(keys) - set(KEYS), {"shape", "dtype"} - set(keys)
+    if unknown:
+        raise DataError("unknown key", where=str(sidecar), found=sorted(map(str, unknown)), allowed=KEYS)
+    if missing:
+        raise DataError("missing key", where=str(sidecar), found=sorted(keys), allowed=f"also {sorted(missing)}")
+    return keys
+
+
+def _stored_dtype(keys: Mapping[str, Any], where: str) -> np.dtype[Any]:
+    order = keys.get("byte_order", "little")
+    if order not in ("little", "big"):
+        raise DataError("impossible byte_order", where=where, found=order, allowed="little, big")
+    try:
+        stored = np.dtype(str(keys["dtype"]))
+    except TypeError as error:
+        raise DataError(
+            "impossible dtype", where=where, found=keys["dtype"], allowed="uint8, int16, float32, …"
+        ) from error
+    check_dtype(stored, where)
+    return stored.newbyteorder("<" if order == "little" else ">")
+
+
+def _integers(values: Any, key: str, where: str) -> list[int]:
+    if not isinstance(values, list) or not all(type(n) is int and n >= 0 for n in values):
+        raise DataError(f"impossible {key}", where=where, found=values, allowed="whole numbers, 0 or more")
+    return values

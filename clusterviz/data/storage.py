@@ -1,0 +1,150 @@
+"""Bytes by offset: what lies under a linear array, whether in a file, in several, compressed or in memory.
+
+A format's opener finds where its samples lie and wraps that place in one of these; `LinearSource` then reads boxes
+from any of them. They share one contract, `Storage`, and nest: zlib blocks in base64 text in a file.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+import zlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from clusterviz.data.files import readable
+from clusterviz.errors import DataError
+
+CHUNK = 1 << 20  # bytes that a stream decodes at a time
+
+
+class Storage(Protocol):
+    """A row of bytes.
+
+    `read_at(offset, count)` returns exactly `count` bytes; `DataError` where they end early or cannot be decoded.
+    """
+
+    def read_at(self, offset: int, count: int) -> bytes | memoryview: ...
+
+
+@dataclass(frozen=True)
+class Piece:
+    """`count` bytes of a file, from `begin` on."""
+
+    path: Path
+    begin: int
+    count: int
+
+
+class FileBytes:
+    """Pieces of files, one after another; only the bytes asked for are read, and one file is open at a time."""
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self._pieces = tuple(pieces)
+        self._open_path: Path | None = None
+        self._descriptor = -1
+        self._close: Callable[[], object] = lambda: None
+
+    def read_at(self, offset: int, count: int) -> bytes:
+        parts = []
+        for piece in self._pieces:
+            if count and offset < piece.count:
+                part = min(count, piece.count - offset)
+                parts.append(self._read(piece.path, piece.begin + offset, part))
+                offset, count = offset + part, count - part
+            offset -= piece.count
+        if count:
+            raise DataError(f"the data ends {count} bytes early", where=str(self._pieces[-1].path))
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def _read(self, path: Path, offset: int, count: int) -> bytes:
+        parts = []
+        with readable(path):
+            if path != self._open_path:
+                self._close()
+                self._descriptor = os.open(path, os.O_RDONLY)
+                self._open_path = path
+                self._close = weakref.finalize(self, os.close, self._descriptor)
+            while count:  # one pread hands out 2 GiB at most
+                part = os.pread(self._descriptor, count, offset)
+                if not part:
+                    raise DataError(f"the file ends {count} bytes early", where=str(path))
+                parts.append(part)
+                offset, count = offset + len(part), count - len(part)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+class StreamBytes:
+    """Compressed bytes that can only be decoded in order.
+
+    The most recent `keep` bytes stay, so that boxes which overlap by a layer need no second pass; a request before
+    them starts again at the beginning of the file.
+
+    Parameters
+    ----------
+    path : Path
+    decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.GzipFile`, `bz2.BZ2File`
+    start : where in the file the compressed bytes begin
+    keep : decoded bytes to hold on to
+    """
+
+    def __init__(self, path: Path, decoder: Callable[[BinaryIO], BinaryIO], start: int = 0, keep: int = 0) -> None:
+        self._path, self._decoder, self._start, self.keep = path, decoder, start, keep
+        self._chunks: deque[bytes] = deque()
+        self._first = self._last = 0  # the decoded bytes [first, last) are in the chunks
+        self._stream: BinaryIO | None = None
+        self._close: Callable[[], object] = lambda: None
+
+    def read_at(self, offset: int, count: int) -> bytes:
+        if self._stream is None or offset < self._first:
+            self._restart()
+        unneeded = min(offset, offset + count - self.keep)
+        while self._last < offset + count:
+            self._advance(unneeded)
+        parts, begin = [], self._first
+        for chunk in self._chunks:
+            parts.append(chunk[max(0, offset - begin) : max(0, offset + count - begin)])
+            begin += len(chunk)
+        return b"".join(parts)
+
+    def _restart(self) -> None:
+        self._close()
+        with readable(self._path):
+            file = self._path.open("rb")
+            file.seek(self._start)
+        self._close = weakref.finalize(self, file.close)
+        self._stream = self._decoder(file)
+        self._chunks.clear()
+        self._first = self._last = 0
+
+    def _advance(self, unneeded: int) -> None:
+        assert self._stream is not None
+        try:
+            chunk = self._stream.read(CHUNK)
+        except (OSError, EOFError, zlib.error) as error:
+            self._stream = None
+            raise DataError(f"the compressed data is damaged or truncated: {error}", where=str(self._path)) from error
+        if not chunk:
+            raise DataError(f"truncated: only {self._last} bytes when decompressed", where=str(self._path))
+        self._chunks.append(chunk)
+        self._last += len(chunk)
+        while self._chunks and self._first + len(self._chunks[0]) <= unneeded:
+            self._first += len(self._chunks.popleft())
+
+
+class LoadedBytes:
+    """Bytes made whole on first use, for encodings without offsets (numbers written as text)."""
+
+    def __init__(self, load: Callable[[], bytes], where: str) -> None:
+        self._load, self._where = load, where
+        self._bytes: bytes | None = None
+
+    def read_at(self, offset: int, count: int) -> memoryview:
+        if self._bytes is None:
+            self._bytes = self._load()
+        if offset + count > len(self._bytes):
+            raise DataError("the data ends early", where=self._where, found=f"{len(self._bytes)} bytes")
+        return memoryview(self._bytes)[offset : offset + count]

@@ -1,0 +1,133 @@
+"""TIFF stacks (.tif, .tiff): microscopy; tifffile reads the pages, one a layer.
+
+Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit);
+without either, samples lie 1 apart. Uncompressed stacks in one piece are read box by box, others page by page. Of a
+file with several series, `array` is the number of one.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import require_file
+from clusterviz.data.grid import Grid, Triple
+from clusterviz.data.header import check_box, check_dtype, check_shape, check_size, place
+from clusterviz.data.linear import LinearSource
+from clusterviz.data.source import Index, Source
+from clusterviz.data.storage import FileBytes, Piece
+from clusterviz.errors import DataError
+
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
+@dataclass(frozen=True)
+class TiffPages:
+    """A stack with a page a layer, decoded when asked for; `file` stays open as long as the source lives."""
+
+    name: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    file: Any
+    pages: Any
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """The samples of the box; see `Source.read`."""
+        voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
+        for layer, z in zip(voxels, range(begin_zyx[0], end_zyx[0]), strict=True):
+            picture = self._page(z).reshape(self.grid.shape_zyx[1:])
+            layer[:] = picture[begin_zyx[1] : end_zyx[1], begin_zyx[2] : end_zyx[2]]
+        return voxels
+
+    def _page(self, z: int) -> NDArray[Any]:
+        page = self.pages[z]
+        where = f"{self.name}: page {z}"
+        if page is None:
+            raise DataError("the page is missing", where=where)
+        ends = [b + n for b, n in zip(page.dataoffsets, page.databytecounts, strict=False)]
+        check_size(self.file.filehandle.size, max(ends, default=0), where)
+        try:
+            return np.asarray(page.asarray())
+        except Exception as error:  # each codec has its own kind
+            raise DataError(f"the page cannot be decoded: {error}", where=where) from error
+
+
+def open_tiff(path: Path, array: str | None = None) -> Source:
+    """A stack of pages, or one picture as a single layer.
+
+    Raises
+    ------
+    DataError
+        Not TIFF, damaged, colours or channels, or no such series.
+    """
+    import tifffile
+
+    size = require_file(path, MAGIC)
+    where = str(path)
+    try:
+        file: Any = tifffile.TiffFile(path)
+        series, number = _choose(file.series, array, path)
+        shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
+        spacing = _spacing_of(file)
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file makes tifffile raise many kinds
+        raise DataError(f"truncated or damaged: {error}", where=where) from error
+    check_shape([min(shape, default=0), 1, 1], where)
+    long_axes = [(axis, n) for axis, n in zip(axes, shape, strict=True) if n > 1 or axis in "YX"]
+    if len(long_axes) > 3 or any(axis in "SC" for axis, _ in long_axes):
+        raise DataError(
+            "not a scalar volume", where=where, found=f"axes {axes} {shape}", allowed="pages of one channel"
+        )
+    shape_zyx = check_shape([n for _, n in long_axes], where)
+    stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
+    grid = place(shape_zyx, np.diag(spacing), (0, 0, 0), where)
+    name = f"{path}:{number}" if len(file.series) > 1 else where
+    dtype = check_dtype(stored, where)
+    if series.dataoffset is None:
+        return TiffPages(name, grid, dtype, file, series.pages)
+    file.close()
+    check_size(size, series.dataoffset + int(np.prod(shape_zyx, dtype=object)) * stored.itemsize, where)
+    return LinearSource(name, grid, dtype, FileBytes([Piece(path, 0, size)]), stored, int(series.dataoffset))
+
+
+def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
+    """The series called for, the first if none is, and its number."""
+    if array is not None and array not in map(str, range(len(series))):
+        listed = ", ".join(f"{i}: {s.axes} {s.shape}" for i, s in enumerate(series))
+        raise DataError("no such array", where=str(path), found=array, allowed=listed)
+    return series[int(array or 0)], int(array or 0)
+
+
+def _spacing_of(file: Any) -> Triple:
+    """World units between samples along x, y, z; what the file leaves out is 1."""
+    if file.is_ome and file.ome_metadata:
+        pixels = next(ElementTree.fromstring(file.ome_metadata).iter("{*}Pixels"), None)
+        attributes = {} if pixels is None else pixels.attrib
+        x, y, z = (_positive(attributes.get(f"PhysicalSize{axis}", 1)) for axis in "XYZ")
+        return x, y, z
+    imagej = file.imagej_metadata
+    if not imagej:
+        return 1.0, 1.0, 1.0
+    x, y = (_pixel_size(file.pages[0].tags.get(tag)) for tag in ("XResolution", "YResolution"))
+    return x, y, _positive(imagej.get("spacing", 1))
+
+
+def _pixel_size(resolution: Any) -> float:
+    if resolution is None or 0 in resolution.value:
+        return 1.0
+    pixels, units = resolution.value
+    return _positive(units / pixels)
+
+
+def _positive(value: Any) -> float:
+    try:
+        number = abs(float(value))
+    except (TypeError, ValueError):
+        return 1.0
+    return number if np.isfinite(number) and number > 0 else 1.0

@@ -1,0 +1,161 @@
+"""VTK image files (.vti), as ParaView, PyVista and many simulations write them: a small reader of our own.
+
+Data inline (ascii, base64) or appended (base64, raw), uncompressed or in blocks packed by zlib, LZ4 or LZMA; any box
+is read by itself, ascii apart. Point data lies on the samples; cell data is point data at the cells' centres. Without a
+name the active scalars are taken, or the only scalar array there is. (The vtk package would do as well, at 566 MB.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_dtype, check_shape, check_size, place
+from clusterviz.data.linear import LinearSource
+from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage
+from clusterviz.data.text import numbers_from_text
+from clusterviz.data.vti_blocks import unpack
+from clusterviz.data.vti_layout import VtiArray, VtiLayout, scan_vti
+from clusterviz.errors import DataError
+
+TYPES = {
+    f"{kind}{8 * size}": f"{letter}{size}" for kind, letter in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)
+}
+TYPES |= {"Float32": "f4", "Float64": "f8"}
+ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
+BLANKS = b" \t\r\n"
+
+
+def open_vti(path: Path, array: str | None = None) -> LinearSource:
+    """One scalar array of a VTK image file.
+
+    Raises
+    ------
+    DataError
+        Not such a file, damaged or truncated, several pieces, no such array, several and none named, or vectors.
+    """
+    size = require_file(path)
+    layout = scan_vti(path)
+    chosen = _choose(layout, array, path)
+    where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
+    stored = _stored_dtype(layout, chosen, where)
+    grid = _grid_of(layout, chosen.on_cells, path)
+    count = int(np.prod(grid.shape_zyx, dtype=object))
+    storage, offset = _storage(path, size, layout, chosen, stored, count, where)
+    return LinearSource(where, grid, check_dtype(stored, where), storage, stored, offset)
+
+
+def _choose(layout: VtiLayout, array: str | None, path: Path) -> VtiArray:
+    scalars = [a for a in layout.arrays if int(a.attributes.get("NumberOfComponents") or 1) == 1]
+    listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in scalars) or "none: no scalar array"
+    if array is not None:
+        named = [a for a in scalars if a.name == array]
+        if not named:
+            raise DataError("no such scalar array", where=str(path), found=array, allowed=listed)
+        return named[0]
+    active = [a for a in scalars if a.name and layout.active.get(a.on_cells) == a.name]
+    if active:
+        return min(active, key=lambda a: a.on_cells)
+    if len(scalars) != 1:
+        what = "several arrays: name one" if scalars else "no scalar volume"
+        raise DataError(what, where=str(path), allowed=listed)
+    return scalars[0]
+
+
+def _stored_dtype(layout: VtiLayout, chosen: VtiArray, where: str) -> np.dtype[Any]:
+    kind = chosen.attributes.get("type", "")
+    if kind not in TYPES:
+        raise DataError("not a scalar volume", where=where, found=f"type {kind}", allowed=", ".join(TYPES))
+    return np.dtype(_byte_order(layout, where) + TYPES[kind])
+
+
+def _byte_order(layout: VtiLayout, where: str) -> str:
+    order = layout.file.get("byte_order", "LittleEndian")
+    if order not in ORDERS:
+        raise DataError("impossible byte_order", where=where, found=order, allowed=", ".join(ORDERS))
+    return ORDERS[order]
+
+
+def _grid_of(layout: VtiLayout, on_cells: bool, path: Path) -> Grid:
+    """The samples' grid; the origin belongs to index 0, where the extent need not begin."""
+    where, image = str(path), layout.image
+    if len(layout.pieces) != 1:
+        raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
+    extent = _numbers(layout.pieces[0], "Extent", image.get("WholeExtent", ""), 6, where).reshape(3, 2)
+    if "WholeExtent" in image and (extent != _numbers(image, "WholeExtent", "", 6, where).reshape(3, 2)).any():
+        raise DataError(
+            "unsupported: the piece is not the whole", where=where, found=extent.tolist(), allowed=image["WholeExtent"]
+        )
+    points = extent[:, 1] - extent[:, 0] + 1
+    spacing = _numbers(image, "Spacing", "1 1 1", 3, where)
+    steps = _numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9, where).reshape(3, 3) * spacing
+    first = extent[:, 0].copy()
+    samples = points
+    if on_cells:
+        samples = np.where(points > 1, points - 1, points)
+        first += np.where(points > 1, 0.5, 0.0)
+    origin = _numbers(image, "Origin", "0 0 0", 3, where) + steps @ first
+    return place(check_shape(samples[::-1].tolist(), where), steps, origin, where)
+
+
+def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, where: str) -> NDArray[np.float64]:
+    text = attributes.get(key, default)
+    try:
+        numbers = np.array(text.split(), float)
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise DataError(f"impossible {key}", where=where, found=repr(text), allowed=f"{count} numbers")
+    return numbers
+
+
+def _storage(
+    path: Path, size: int, layout: VtiLayout, chosen: VtiArray, stored: np.dtype[Any], count: int, where: str
+) -> tuple[Storage, int]:
+    """The array's bytes, and the offset of the first sample in them."""
+    form = chosen.attributes.get("format", "ascii")
+    file = FileBytes([Piece(path, 0, size)])
+    total = count * stored.itemsize
+    if form == "ascii":
+        begin, end = chosen.text_begin, chosen.text_end
+        return LoadedBytes(lambda: numbers_from_text(file.read_at(begin, end - begin), stored, count, where), where), 0
+    kind = layout.file.get("header_type", "UInt32")
+    if kind not in ("UInt32", "UInt64"):
+        raise DataError("impossible header_type", where=where, found=kind, allowed="UInt32, UInt64")
+    integer = np.dtype(_byte_order(layout, where) + TYPES[kind])
+    begin, text = _begin_of(path, layout, chosen, form, where)
+    compressor = layout.file.get("compressor", "")
+    storage, offset = unpack(file, begin, text, integer, compressor, total, where)
+    if storage is file:
+        check_size(size, offset + total, where)
+    storage.read_at(offset + total - 1, 1)  # a truncated file shows here, before a frame is begun
+    return storage, offset
+
+
+def _begin_of(path: Path, layout: VtiLayout, chosen: VtiArray, form: str, where: str) -> tuple[int, bool]:
+    """Where the array begins in the file, and whether it is base64 text."""
+    if form == "binary":
+        return _first_character(path, chosen.text_begin), True
+    if form != "appended":
+        raise DataError("unknown format", where=where, found=form, allowed="ascii, binary, appended")
+    if layout.appended_encoding not in ("raw", "base64"):
+        found = layout.appended_encoding or "no AppendedData"
+        raise DataError("no such appended data", where=where, found=found, allowed="encoding raw or base64")
+    offset = chosen.attributes.get("offset", "")
+    if not offset.strip().isdigit():
+        raise DataError("impossible offset", where=where, found=repr(offset), allowed="a whole number")
+    return layout.appended_begin + int(offset), layout.appended_encoding == "base64"
+
+
+def _first_character(path: Path, begin: int) -> int:
+    """Skip the blanks that writers put before inline text."""
+    with readable(path), path.open("rb") as file:
+        file.seek(begin)
+        head = file.read(4096)
+    return begin + len(head) - len(head.lstrip(BLANKS))

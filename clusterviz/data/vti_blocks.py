@@ -1,0 +1,172 @@
+"""How .vti files pack an array: base64 text, and blocks that are compressed one by one."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.storage import Storage
+from clusterviz.errors import DataError
+
+
+@dataclass(frozen=True)
+class Base64Bytes:
+    """The bytes that base64 text without blanks stands for; four characters hold three of them.
+
+    Attributes
+    ----------
+    text : the file
+    begin : where in it the text begins
+    """
+
+    text: Storage
+    begin: int
+    where: str
+
+    def read_at(self, offset: int, count: int) -> bytes:
+        first, last = offset // 3, -(-(offset + count) // 3)
+        characters = self.text.read_at(self.begin + 4 * first, 4 * (last - first))
+        try:
+            decoded = base64.b64decode(characters, validate=True)
+        except binascii.Error as error:
+            raise DataError(f"damaged base64 text: {error}", where=self.where) from error
+        part = decoded[offset - 3 * first : offset - 3 * first + count]
+        if len(part) != count:
+            raise DataError(f"the base64 text ends {count - len(part)} bytes early", where=self.where)
+        return part
+
+
+class BlockBytes:
+    """Blocks of `block_bytes` each (the last may be shorter), compressed one by one; the last one read is kept.
+
+    Parameters
+    ----------
+    packed : where the compressed blocks lie
+    begins : the blocks' positions in `packed`, and the end of the last
+    block_bytes, total_bytes : uncompressed
+    decompress : (packed bytes, bytes expected) -> bytes
+    """
+
+    def __init__(
+        self,
+        packed: Storage,
+        begins: list[int],
+        block_bytes: int,
+        total_bytes: int,
+        decompress: Callable[[bytes, int], bytes],
+        where: str,
+    ) -> None:
+        self._packed, self._begins, self._decompress, self._where = packed, begins, decompress, where
+        self._block_bytes, self._total_bytes = block_bytes, total_bytes
+        self._held: tuple[int, bytes] = (-1, b"")
+
+    def read_at(self, offset: int, count: int) -> bytes:
+        if offset + count > self._total_bytes:
+            raise DataError("the data ends early", where=self._where, found=f"{self._total_bytes} bytes")
+        size, parts = self._block_bytes, []
+        for number in range(offset // size, -(-(offset + count) // size)):
+            block = self._block(number)
+            parts.append(block[max(0, offset - number * size) : offset + count - number * size])
+        return b"".join(parts)
+
+    def _block(self, number: int) -> bytes:
+        if self._held[0] == number:
+            return self._held[1]
+        begin, end = self._begins[number : number + 2]
+        expected = min(self._block_bytes, self._total_bytes - number * self._block_bytes)
+        packed = bytes(self._packed.read_at(begin, end - begin))
+        try:
+            block = self._decompress(packed, expected)
+        except Exception as error:  # each library has its own kind
+            raise DataError(f"block {number} is damaged: {error}", where=self._where) from error
+        if len(block) != expected:
+            raise DataError(
+                f"block {number} is damaged", where=self._where, found=f"{len(block)} bytes", allowed=expected
+            )
+        self._held = number, block
+        return block
+
+
+def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
+    """What undoes VTK's compressor `name`.
+
+    Raises
+    ------
+    DataError
+        Unknown, or its library is not installed.
+    """
+    if name == "vtkZLibDataCompressor":
+        return lambda packed, _: zlib.decompress(packed)
+    if name == "vtkLZMADataCompressor":
+        import lzma
+
+        return lambda packed, _: lzma.decompress(packed)
+    if name == "vtkLZ4DataCompressor":
+        try:
+            lz4_block = import_module("lz4.block")
+        except ImportError as error:
+            raise DataError("LZ4 compression needs the lz4 package", where=where) from error
+        return lambda packed, expected: bytes(lz4_block.decompress(packed, uncompressed_size=expected))
+    allowed = "vtkZLibDataCompressor, vtkLZ4DataCompressor, vtkLZMADataCompressor"
+    raise DataError("unsupported compressor", where=where, found=name, allowed=allowed)
+
+
+def unpack(
+    file: Storage, begin: int, text: bool, integer: np.dtype[Any], compressor: str, total: int, where: str
+) -> tuple[Storage, int]:
+    """The `total` uncompressed bytes of one array, and the offset of the first of them.
+
+    Parameters
+    ----------
+    file, begin : where the array begins, with its own little header
+    text : base64, not raw bytes
+    integer : dtype of the header's numbers
+    compressor : VTK's name for it; empty for none
+
+    Raises
+    ------
+    DataError
+        The array's header disagrees with the image's size, or is damaged.
+    """
+
+    def header(count: int) -> list[int]:
+        numbers = encoded.read_at(start, count * integer.itemsize)
+        return [int(n) for n in np.frombuffer(numbers, integer)]
+
+    start = 0 if text else begin
+    encoded: Storage = Base64Bytes(file, begin, where) if text else file
+    if not compressor:
+        _check_total(header(1)[0], total, where)
+        return _after_header(file, encoded, begin, text, integer.itemsize)
+    blocks, block_bytes, last_bytes = header(3)
+    full_blocks = blocks - 1 if last_bytes else blocks
+    _check_total(full_blocks * block_bytes + last_bytes, total, where)
+    packed_sizes = header(3 + blocks)[3:]
+    header_bytes = (3 + blocks) * integer.itemsize
+    packed: Storage = file
+    first = begin + header_bytes
+    if text:  # the blocks follow as a text of their own
+        packed, first = Base64Bytes(file, begin + 4 * -(-header_bytes // 3), where), 0
+    begins = list(accumulate(packed_sizes, initial=first))
+    return BlockBytes(packed, begins, block_bytes, total, decompressor(compressor, where), where), 0
+
+
+def _after_header(file: Storage, encoded: Storage, begin: int, text: bool, header_bytes: int) -> tuple[Storage, int]:
+    """Uncompressed data goes on in the header's own text; some writers end that text and begin another."""
+    characters = 4 * -(-header_bytes // 3)
+    if isinstance(encoded, Base64Bytes) and bytes(file.read_at(begin, characters)).endswith(b"="):
+        return Base64Bytes(file, begin + characters, encoded.where), 0
+    return encoded, header_bytes if text else begin + header_bytes
+
+
+def _check_total(found: int, total: int, where: str) -> None:
+    if found != total:
+        raise DataError("the array's size is not the image's", where=where, found=f"{found} bytes", allowed=f"{total}")
