@@ -120,10 +120,16 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     for volume in volumes if isinstance(volumes, list) else ():
         for key in ("path", "cmap") if isinstance(volume, dict) else ():
             text = volume.get(key)
-            is_path = isinstance(text, str) and text.strip() and (key == "path" or text.lower().endswith(".json"))
-            if is_path:
+            if isinstance(text, str) and _is_path(key, text):
                 volume[key] = os.path.normpath(folder / Path(text).expanduser())
     return data
+
+
+def _is_path(key: str, text: str) -> bool:
+    """Whether a text names a file: not a field by formula (field:NAME), nor a colour map's name."""
+    if key == "cmap":
+        return text.lower().endswith(".json")
+    return bool(text.strip()) and not text.startswith("field:")
 
 
 def _checked(data: dict[str, Any], where: str, overrides: Sequence[Override]) -> Scene:

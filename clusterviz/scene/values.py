@@ -64,7 +64,7 @@ class Volume(Section):
     """One volume: where its voxels are and how scalars become colour and opacity."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
-        description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path."
+        description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula field:NAME."
     )
     array: str | None = Field(default=None, description="Which array of the file, for files with several.")
     cmap: Cmap | None = Field(

@@ -95,6 +95,7 @@ def test_paths_are_relative_to_the_scene_file(tmp_path: Path, monkeypatch: pytes
     assert scene_of_data("data/f.h5:/t/rho").volumes[0].path == f"{tmp_path}/data/f.h5:/t/rho"
     absolute = load_scene("scenes/scene.yaml", ["volumes.0.path=/x/y.npy"])
     assert absolute.volumes[0].path == "/x/y.npy"
+    assert scene_of_data("field:shells:32").volumes[0].path == "field:shells:32"
 
 
 def test_json_scenes_are_read(tmp_path: Path) -> None:

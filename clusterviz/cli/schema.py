@@ -1,0 +1,12 @@
+"""`clusterviz schema`: the JSON Schema of scene files, for editors and other programs."""
+
+from __future__ import annotations
+
+import json
+
+
+def command() -> None:
+    """Print the JSON Schema of scene files: every key, its type, default and meaning."""
+    from clusterviz.scene import scene_schema
+
+    print(json.dumps(scene_schema(), indent=2, ensure_ascii=False))

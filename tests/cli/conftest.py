@@ -1,0 +1,35 @@
+"""Running commands inside the test's process, as `clusterviz` runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from clusterviz.cli import run
+from clusterviz.cli.failure import RANK_VARIABLES
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+    """Run a command: `cli("info", path)`; no launcher's variables are in its environment."""
+    for name in RANK_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+
+    def call(*arguments: str) -> Outcome:
+        capsys.readouterr()
+        status = run(arguments)
+        captured = capsys.readouterr()
+        return Outcome(status, captured.out, captured.err)
+
+    return call

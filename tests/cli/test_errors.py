@@ -1,0 +1,145 @@
+"""How commands end: one message, the right status, a traceback only on request, and one voice among ranks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Annotated, Any
+
+import pytest
+import typer
+
+from clusterviz import cli as cli_room
+from clusterviz.cli.failure import launched_rank
+from clusterviz.errors import ClustervizError, DataError, RankError
+
+RAISED: list[BaseException] = []
+
+
+@pytest.fixture
+def raising(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[BaseException], None]]:
+    """Makes `schema` raise a given error."""
+    module = ModuleType("clusterviz_raising")
+
+    def command(number: Annotated[int, typer.Option()] = 0) -> None:
+        """Raise."""
+        raise RAISED[-1]
+
+    module.command = command  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "clusterviz_raising", module)
+    monkeypatch.setitem(cli_room.COMMANDS, "schema", ("clusterviz_raising", "Raise."))
+    yield RAISED.append
+    RAISED.clear()
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "text"),
+    [
+        (DataError("the file is empty", where="a.npy"), 2, "clusterviz: error: a.npy: the file is empty"),
+        (ClustervizError("no luck"), 1, "clusterviz: error: no luck"),
+        (RankError(2, 0, "load", "a.npy: gone", 2), 2, "clusterviz: error: rank 2, frame 0, load: a.npy: gone"),
+        (
+            ZeroDivisionError("by\nzero"),
+            1,
+            "clusterviz: error: ZeroDivisionError: by zero; run with --debug for the traceback",
+        ),
+        (KeyboardInterrupt(), 130, "clusterviz: interrupted"),
+    ],
+)
+def test_an_error_is_one_line_and_a_status(
+    cli: Callable[..., Any],
+    raising: Callable[[BaseException], None],
+    error: BaseException,
+    status: int,
+    text: str,
+) -> None:
+    raising(error)
+    outcome = cli("schema")
+    assert (outcome.status, outcome.err, outcome.out) == (status, f"{text}\n", "")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--debug", "schema"), ("schema", "--debug"), ("schema", "--number", "1", "--debug")]
+)
+def test_debug_shows_the_traceback_wherever_it_stands(
+    cli: Callable[..., Any], raising: Callable[[BaseException], None], arguments: tuple[str, ...]
+) -> None:
+    raising(DataError("the file is empty", where="a.npy"))
+    outcome = cli(*arguments)
+    assert outcome.status == 2
+    assert "Traceback" in outcome.err
+    assert outcome.err.endswith("clusterviz: error: a.npy: the file is empty\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("nonsense",), "No such command 'nonsense'"),
+        (("info",), "Missing argument"),
+        (("info", "a.npy", "--nope"), "No such option"),
+        (("info", "a.npy", "--brick", "many"), "Invalid value for '--brick'"),
+        (("info", "a.npy", "--brick", "1"), "Invalid value for '--brick'"),
+        (("info", "none.npy"), "none.npy: no such file"),
+    ],
+)
+def test_wrong_usage_is_status_2(cli: Callable[..., Any], arguments: tuple[str, ...], text: str) -> None:
+    outcome = cli(*arguments)
+    assert outcome.status == 2
+    assert text in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_help_lists_every_command(cli: Callable[..., Any]) -> None:
+    outcome = cli("--help")
+    assert outcome.status == 0
+    assert all(name in outcome.out for name in cli_room.COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(DataError("gone", where="a"), False), (KeyboardInterrupt(), False), (ZeroDivisionError(), True)],
+)
+def test_what_all_ranks_know_is_told_by_one_of_them(
+    cli: Callable[..., Any],
+    raising: Callable[[BaseException], None],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    told: bool,
+) -> None:
+    raising(error)
+    monkeypatch.setenv("PMI_RANK", "3")
+    assert bool(cli("schema").err) is told
+    assert cli("nonsense").err == ""
+    monkeypatch.setenv("PMI_RANK", "0")
+    assert cli("schema").err
+
+
+def test_the_launchers_rank_is_known_before_mpi_starts() -> None:
+    assert launched_rank({}) is None
+    assert launched_rank({"OMPI_COMM_WORLD_RANK": "5"}) == 5
+    assert launched_rank({"SLURM_PROCID": "2", "PMI_RANK": "1"}) == 1
+    assert launched_rank({"PMI_RANK": "x"}) is None
+
+
+def test_help_imports_nothing_heavy() -> None:
+    script = """
+import sys
+from clusterviz.cli import run
+status = run(["--help"])
+heavy = [name for name in ("numpy", "numba", "mpi4py", "moderngl", "pydantic", "h5py", "PIL") if name in sys.modules]
+sys.exit(f"imported {heavy}" if heavy else status)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.fresh
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    script = "from clusterviz.cli import run; import sys; sys.exit(run(['schema']))"
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""

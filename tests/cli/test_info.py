@@ -1,0 +1,83 @@
+"""`info` tells the truth about a file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.cli.info import format_name, sparkline
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    values = np.arange(2 * 3 * 70, dtype=np.int16).reshape(2, 3, 70)
+    np.save(tmp_path / "a.npy", values)
+    return tmp_path / "a.npy"
+
+
+def test_json_holds_what_the_file_holds(cli: Callable[..., Any], file: Path) -> None:
+    outcome = cli("info", str(file), "--json", "--brick", "32")
+    assert outcome.status == 0
+    found = json.loads(outcome.out)
+    assert found["format"] == "npy"
+    assert found["dtype"] == "int16"
+    assert found["shape_zyx"] == [2, 3, 70]
+    assert (found["samples"], found["bytes"]) == (420, 840)
+    assert (found["minimum"], found["maximum"]) == (0, 419)
+    assert found["percentiles"]["50"] == np.percentile(np.arange(420), 50)
+    assert found["not_finite"] == 0
+    assert sum(found["histogram"]) == 420
+    assert found["bricks"] == {"side": 32, "counts_zyx": [1, 1, 3], "count": 3}
+    assert found["bounds"] == [[0, 0, 0], [69, 2, 1]]
+
+
+def test_text_shows_grid_type_range_and_bricks(cli: Callable[..., Any], file: Path) -> None:
+    out = cli("info", str(file)).out
+    assert "70 × 3 × 2 (x, y, z), int16, 840 bytes" in out
+    assert "0  to  419" in out
+    assert "2 of 64³ (2 × 1 × 1)" in out
+    assert "not finite" not in out
+
+
+def test_nan_and_inf_are_counted_not_shown_as_range(cli: Callable[..., Any], tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.array([[[1, math.nan, math.inf, 4]]], np.float32))
+    out = cli("info", str(tmp_path / "a.npy")).out
+    assert "2 of 4 samples" in out
+    assert "1  to  4" in out
+
+
+def test_a_volume_of_nan_has_no_range(cli: Callable[..., Any], tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((2, 2, 2), math.nan))
+    outcome = cli("info", str(tmp_path / "a.npy"), "--json")
+    assert json.loads(outcome.out)["minimum"] is None
+    assert "range" not in cli("info", str(tmp_path / "a.npy")).out
+
+
+def test_a_field_has_no_file(cli: Callable[..., Any]) -> None:
+    assert json.loads(cli("info", "field:ramp:8", "--json").out)["shape_zyx"] == [8, 8, 8]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("a/b.NII.gz", "nifti"),
+        ("x.h5:/t/rho", "hdf5"),
+        ("field:ramp:8", "field"),
+        ("e.map.gz", "mrc"),
+        ("b.tiff", "tiff"),
+    ],
+)
+def test_the_format_is_known_by_name(name: str, expected: str) -> None:
+    assert format_name(name) == expected
+
+
+def test_sparkline_is_high_where_counts_are_and_blank_where_none_are() -> None:
+    assert sparkline([0, 1, 10**6]) == " ▁█"
+    assert sparkline([0, 0]) == "  "
+    assert len(sparkline([1] * 256)) == 64
