@@ -3,9 +3,11 @@
 channel.py   the contract of a channel
 mpi.py       over MPI; the only module that imports mpi4py
 loopback.py  all ranks in one process, and the single rank without MPI
+patience.py  waiting without taking the cores of others away
 open.py      which of them a program gets
 place.py     nodes, cores, threads, and launchers that do not match
 agree.py     one failure, one message, every rank
+library.py   which MPI, and which launcher
 """
 
 from __future__ import annotations

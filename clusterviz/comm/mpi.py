@@ -9,7 +9,10 @@ last piece is the first one that is shorter than a chunk (empty, if need be): th
 
 from __future__ import annotations
 
+import os
+import pickle
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -18,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.channel import Buffer, Pending, as_bytes
+from clusterviz.comm.patience import ask_until
 from clusterviz.comm.place import NodePlace, core_share, granted_cores
 
 if TYPE_CHECKING:
@@ -25,6 +29,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 CHUNK_BYTES = 1 << 30
+_LAST_WORDS_SECONDS = 0.2
 
 
 @dataclass
@@ -102,7 +107,8 @@ class MpiChannel:
         finished: list[tuple[int, int]] = []
         while not finished:
             statuses = [self._mpi.Status() for _ in receives]
-            done = self._mpi.Request.Waitsome([receive.request for receive in receives], statuses) or []
+            requests = [receive.request for receive in receives]
+            done = ask_until(lambda r=requests, s=statuses: self._mpi.Request.Testsome(r, s))  # type: ignore[misc]
             for index, status in zip(done, statuses, strict=False):
                 receive, count = receives[index], status.Get_count(self._mpi.BYTE)
                 receive.received += count
@@ -114,45 +120,64 @@ class MpiChannel:
 
     def wait_sends(self) -> None:
         """Wait for all chunks sent so far."""
-        self._mpi.Request.Waitall(self._sends)
+        self._finish(self._sends)
         self._sends.clear()
+
+    def _finish(self, requests: list[Any]) -> None:
+        ask_until(lambda: self._mpi.Request.Testall(requests))
 
     def allgather(self, value: T) -> list[T]:
         """One value from each rank."""
-        return cast(list[T], self._comm.allgather(value))
+        mine = np.frombuffer(pickle.dumps(value), np.uint8)
+        sizes = np.zeros(self.size, np.int64)
+        self._finish([self._comm.Iallgather(np.array([mine.size], np.int64), sizes)])
+        everything = np.empty(sizes.sum(), np.uint8)
+        self._finish([self._comm.Iallgatherv(mine, [everything, sizes.tolist()])])
+        parts = np.split(everything, np.cumsum(sizes)[:-1])
+        return [cast(T, pickle.loads(part.tobytes())) for part in parts]
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
         """One value from each rank, on the root."""
-        return cast("list[T] | None", self._comm.gather(value, root))
+        values = self.allgather(value)
+        return values if self.rank == root else None
 
     def broadcast(self, value: T, root: int = 0) -> T:
         """The root's value."""
-        return cast(T, self._comm.bcast(value, root))
+        data = np.frombuffer(pickle.dumps(value if self.rank == root else None), np.uint8)
+        size = np.array([data.size], np.int64)
+        self._finish([self._comm.Ibcast(size, root)])
+        received = data.copy() if self.rank == root else np.empty(size[0], np.uint8)
+        self._finish([self._comm.Ibcast(received, root)])
+        return value if self.rank == root else cast(T, pickle.loads(received.tobytes()))
 
     def maximum(self, value: int) -> int:
         """The largest value: one reduction of eight bytes."""
-        largest = np.array([value], np.int64)
-        self._comm.Allreduce(self._mpi.IN_PLACE, largest, self._mpi.MAX)
+        largest = np.empty(1, np.int64)
+        self._finish([self._comm.Iallreduce(np.array([value], np.int64), largest, self._mpi.MAX)])
         return int(largest[0])
 
     def barrier(self) -> None:
         """Wait for all ranks."""
-        self._comm.Barrier()
+        self._finish([self._comm.Ibarrier()])
 
     def place(self) -> NodePlace:
         """Found by splitting the communicator into groups that can share memory; collective on the first call."""
         if self._place is None:
             node = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
             cores = core_share(node.rank, node.allgather(granted_cores()))
-            first = node.bcast(self._comm.rank)
-            firsts = sorted(set(self._comm.allgather(first)))
+            first = node.bcast(self.rank)
+            firsts = sorted(set(self.allgather(first)))
             host = self._mpi.Get_processor_name()
             self._place = NodePlace(host, node.rank, node.size, firsts.index(first), len(firsts), cores)
             node.Free()
         return self._place
 
     def abort(self, status: int) -> None:
-        """MPI_Abort: ends every process of the job."""
+        """MPI_Abort: ends every process of the job, this one at once."""
         sys.stdout.flush()
         sys.stderr.flush()
+        # A launcher may throw away what it has not yet read from its ranks when it learns of the end.
+        time.sleep(_LAST_WORDS_SECONDS)
         self._mpi.COMM_WORLD.Abort(status)
+        # Some libraries return from it and wait to be killed; nothing more shall be said meanwhile.
+        os._exit(status)

@@ -1,0 +1,58 @@
+"""The MPI channel keeps the promises of the contract, on real ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clusterviz.comm import agree
+from clusterviz.comm.mpi import MpiChannel
+from clusterviz.errors import RankError
+
+
+@pytest.mark.mpi(ranks=[2, 3], timeout=60)
+def test_channel_on_real_ranks(mpi_ranks: int) -> None:
+    """One start of MPI serves several checks: starting it costs more than they do."""
+    channel = MpiChannel(chunk_bytes=1000)
+    assert channel.size == mpi_ranks
+    _check_collectives(channel)
+    for size in (0, 1, 999, 1000, 1001, 2000, 12_345):
+        _check_ring(channel, size)
+    _check_agreement(channel)
+    channel.close()
+
+
+def _check_collectives(channel: MpiChannel) -> None:
+    n = channel.size
+    assert channel.allgather(channel.rank) == list(range(n))
+    assert channel.gather("a", 1) == (["a"] * n if channel.rank == 1 else None)
+    assert channel.broadcast(channel.rank, n - 1) == n - 1
+    assert channel.maximum(-channel.rank) == 0
+    place = channel.place()
+    assert (place.local_size, place.node, place.nodes) == (n, 0, 1)
+    assert sorted(channel.allgather(place.local_rank)) == list(range(n))
+    channel.barrier()
+
+
+def _check_ring(channel: MpiChannel, size: int) -> None:
+    """Each rank sends to the next; chunks, whole multiples of them too, become one message."""
+    source, target = (channel.rank - 1) % channel.size, (channel.rank + 1) % channel.size
+    buffer = np.zeros(20_000, np.uint8)
+    pending = [channel.post_receive(buffer, source, 5)]
+    sent = np.random.default_rng(channel.rank).integers(0, 256, size, np.uint8)
+    channel.isend(sent, target, 5)
+    assert channel.wait_some(pending) == [(0, size)]
+    channel.wait_sends()
+    assert np.array_equal(buffer[:size], np.random.default_rng(source).integers(0, 256, size, np.uint8))
+    assert not buffer[size:].any()
+
+
+def _check_agreement(channel: MpiChannel) -> None:
+    text = "nothing was raised"
+    try:
+        with agree(channel, 4, "draw"):
+            if channel.rank == 1:
+                raise OSError("lost")
+    except RankError as error:
+        text = str(error)
+    assert text == "rank 1, frame 4, draw: OSError: lost"
