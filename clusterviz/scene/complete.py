@@ -17,8 +17,8 @@ from clusterviz.scene.values import Scene, Volume
 
 LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
-DEFAULT_OPACITY = ((0.0, 0.0), (0.15, 0.0), (1.0, 0.6))
-"""(share of clim, opacity): the lowest part, which in most data is air or noise, is not seen at all."""
+DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
+"""(share of clim, opacity): the lowest part is not seen at all; in most data it is air, solvent or noise."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ def test_an_empty_scene_gets_a_camera() -> None:
 def test_the_background_of_a_bare_file_is_transparent() -> None:
     """Air and noise, the lowest part of the range, must not veil the picture; the rest must be seen."""
     function = transfer_function(complete_scene(scene(), facts()).volumes[0])
-    assert bool(function.is_transparent(-math.inf, 2 + 0.1 * 198))
+    assert bool(function.is_transparent(-math.inf, 2 + 0.25 * 198))
     assert function.opacity(200.0) > 0.3
 
 
