@@ -1,0 +1,16 @@
+"""The plan room: one frame's decisions, a pure function of the scene and of facts about the data.
+
+- plan.py      the plan, and how it is made
+- view.py      the camera in index space; footprints
+- encoding.py  how voxels are stored
+- segments.py  the transfer function as the shader reads it
+"""
+
+from __future__ import annotations
+
+from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.plan import March, Plan, make_plan
+from clusterviz.plan.segments import Segments, make_segments
+from clusterviz.plan.view import View, make_view
+
+__all__ = ["Encoding", "March", "Plan", "Segments", "View", "make_encoding", "make_plan", "make_segments", "make_view"]

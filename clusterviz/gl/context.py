@@ -1,0 +1,55 @@
+"""A headless OpenGL context: EGL on a GPU, or Mesa's llvmpipe where there is none.
+
+References
+----------
+Khronos Group, EGL_EXT_platform_device and EGL_EXT_device_enumeration.
+"""
+
+from __future__ import annotations
+
+import moderngl
+
+from clusterviz.errors import DeviceError
+from clusterviz.gl.devices import choose_device, egl_devices
+from clusterviz.gl.shader import ShaderSource
+
+HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a GPU driver with EGL"
+
+
+def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Context:
+    """A context on this rank's EGL device.
+
+    Parameters
+    ----------
+    local_rank : this rank's number on its node; GPUs are dealt round robin by it
+    device : an EGL device index that overrides the deal; so does CLUSTERVIZ_EGL_DEVICE
+
+    Raises
+    ------
+    DeviceError
+        There is no EGL, or its OpenGL is older than 4.3 or lacks double precision.
+    """
+    try:
+        index = choose_device(egl_devices(), local_rank, device)
+        context = moderngl.create_context(standalone=True, backend="egl", device_index=index, require=430)
+    except DeviceError:
+        raise
+    except Exception as error:
+        raise DeviceError(f"no OpenGL context could be made through EGL: {error}; {HINT}") from error
+    if "GL_ARB_gpu_shader_fp64" not in context.extensions:
+        raise DeviceError(f"{context.info['GL_RENDERER']} has no double precision in shaders (GL_ARB_gpu_shader_fp64)")
+    return context
+
+
+def compile_compute(context: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:
+    """Compile a compute shader; a complaint names the shader's files and lines.
+
+    Raises
+    ------
+    DeviceError
+        The driver refuses the source.
+    """
+    try:
+        return context.compute_shader(source.text)
+    except moderngl.Error as error:
+        raise DeviceError(source.explain(str(error))) from None

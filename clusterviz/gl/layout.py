@@ -1,0 +1,37 @@
+"""One truth for layouts: a NumPy dtype makes the GLSL block that a shader reads.
+
+Members are 16-byte or 32-byte columns (vec4, dvec4, ivec4, uvec4) or end the block as single 4-byte scalars, so that std140's
+rules agree with a packed C struct and no padding has to be guessed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+COLUMNS = {("f", 4): "vec4", ("f", 8): "dvec4", ("i", 4): "ivec4", ("u", 4): "uvec4"}
+SCALARS = {("f", 4): "float", ("i", 4): "int", ("u", 4): "uint"}
+
+
+def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
+    """GLSL text of a std140 uniform block with the members of a structured dtype.
+
+    Raises
+    ------
+    ValueError
+        A member that GLSL would place elsewhere than NumPy does.
+    """
+    lines = [f"layout(std140, binding = {binding}) uniform {name}Block {{"]
+    for member in dtype.names or ():
+        kind, offset = dtype.fields[member][:2]  # type: ignore[index]
+        lines.append(f"    {_glsl_type(member, kind, offset)} {member};")
+    return "\n".join([*lines, f"}} {name};", ""])
+
+
+def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:
+    """The GLSL type of one member, checked to lie where std430 puts it."""
+    key = (kind.base.kind, kind.base.itemsize)
+    if kind.shape == (4,) and key in COLUMNS and offset % kind.itemsize == 0:
+        return COLUMNS[key]
+    if kind.shape == () and key in SCALARS:
+        return SCALARS[key]
+    raise ValueError(f"member {member}: {kind} at byte {offset} has no GLSL twin; allowed: 4-columns on their own size, scalars")

@@ -1,0 +1,94 @@
+"""The include assembler: shader files become one source whose complaints still name the file and the line.
+
+A top-level shader may say `#include "name.glsl"`; included files may not include further, so that the order of the parts is
+read off one file. `#include <NAME>` stands for a text or a file that the caller chooses by variant. Every part is preceded
+by a `#line` with a source number, and a driver's message is translated back to file names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from clusterviz.errors import DeviceError
+
+INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<slot>\w+)>)\s*$')
+# Mesa writes "0:12(3): error: …", NVIDIA "0(12) : error …", others "ERROR: 0:12: …".
+PLACE = re.compile(r"^(?P<lead>(?:ERROR: |WARNING: )?)(?P<source>\d+)(?::(?P<mesa>\d+)|\((?P<nvidia>\d+)\))", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ShaderSource:
+    """An assembled shader: its text, and the name behind each source number in its `#line` directives."""
+
+    text: str
+    names: tuple[str, ...]
+
+    def explain(self, complaint: str) -> str:
+        """The driver's complaint with file names in the place of source numbers."""
+
+        def name(match: re.Match[str]) -> str:
+            source, line = int(match["source"]), match["mesa"] or match["nvidia"]
+            return f"{match['lead']}{self.names[source] if source < len(self.names) else source}:{line}"
+
+        return PLACE.sub(name, complaint)
+
+
+@cache
+def shader_folder() -> Path:
+    """Where the .glsl files are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    for folder in (package / "shaders", package.parent / "shaders"):
+        if folder.is_dir():
+            return folder
+    raise DeviceError(f"the shader files are missing: neither {package / 'shaders'} nor {package.parent / 'shaders'} exists")
+
+
+def assemble(name: str, slots: Mapping[str, str] | None = None) -> ShaderSource:
+    """Put a top-level shader together.
+
+    Parameters
+    ----------
+    name : file name of the top-level shader in the shader folder; its first line is `#version`
+    slots : for each `#include <NAME>`, the name of a file, or GLSL text if it holds a line break
+
+    Raises
+    ------
+    DeviceError
+        A file or a slot is missing, or an included file includes another.
+    """
+    names, lines = [name], []
+    for number, line in enumerate(_read(name, "").splitlines(), start=1):
+        match = INCLUDE.match(line)
+        if not match:
+            lines.append(line)
+            continue
+        part, text = _part(match, slots or {}, f"{name}:{number}")
+        lines += [f"#line 1 {len(names)}", text.rstrip("\n"), f"#line {number + 1} 0"]
+        names.append(part)
+    return ShaderSource("\n".join(lines) + "\n", tuple(names))
+
+
+def _part(match: re.Match[str], slots: Mapping[str, str], where: str) -> tuple[str, str]:
+    """The name and the text that an include line stands for."""
+    if match["slot"] and match["slot"] not in slots:
+        raise DeviceError(f"{where}: nothing given for #include <{match['slot']}>; given {sorted(slots)}")
+    part = slots[match["slot"]] if match["slot"] else match["file"]
+    if "\n" in part:
+        return f"<{match['slot']}>", part
+    text = _read(part, where)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if INCLUDE.match(line):
+            raise DeviceError(f"{part}:{number}: only a top-level shader may include; included by {where}")
+    return part, text
+
+
+def _read(name: str, where: str) -> str:
+    path = shader_folder() / name
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DeviceError(f"{where or path}: the shader file {name} cannot be read: {error.strerror}") from None

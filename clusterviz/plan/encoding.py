@@ -1,0 +1,73 @@
+"""How voxels are stored for drawing, and the scalar that the shader sees: 0 at the low end of clim, 1 at the high end.
+
+8- and 16-bit integers keep their size. Every other type becomes float32 in units of clim, by way of float64, so that a field
+of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function can tell apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+VoxelKind = Literal["u8", "u16", "f32"]
+FAR = 1e30  # stands for everything further from clim; its differences stay finite in float32
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """From stored voxels to scalars in units of clim.
+
+    Attributes
+    ----------
+    kind : the stored type
+    shift : what was added to signed integers to make them unsigned
+    base : stored integer that the shader takes off before it interpolates (u16)
+    scale, bias : scalar = scale · (stored − base) + bias
+    """
+
+    kind: VoxelKind
+    low: float
+    high: float
+    shift: int = 0
+    base: int = 0
+    scale: float = 1.0
+    bias: float = 0.0
+
+    def encode(self, voxels: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
+        """Voxels of the source's dtype, any shape, as they are stored: uint8, uint16, or float32 in units of clim, NaN where not finite."""
+        if self.kind == "u8":
+            return voxels.view(np.uint8) ^ np.uint8(self.shift)
+        if self.kind == "u16":
+            return voxels.view(np.uint16) ^ np.uint16(self.shift)
+        units = in_units_of_clim(voxels, self.low, self.high)
+        stored = np.clip(units, -FAR, FAR).astype(np.float32)
+        if voxels.dtype.kind == "f":
+            stored[~np.isfinite(voxels)] = np.nan
+        return stored
+
+
+def make_encoding(dtype: np.dtype[Any], clim: tuple[float, float]) -> Encoding:
+    """The encoding of a dtype for a range of values."""
+    low, high = clim
+    if dtype.kind not in "iu" or dtype.itemsize > 2:
+        return Encoding("f32", low, high)
+    # Flipping the sign bit adds half the range to a two's complement integer.
+    shift = 1 << (8 * dtype.itemsize - 1) if dtype.kind == "i" else 0
+    scale = 1.0 / (high - low)
+    if dtype.itemsize == 1:
+        return Encoding("u8", low, high, shift, 0, scale, (-shift - low) * scale)
+    base = int(np.clip(round(low) + shift, 0, 65535))
+    return Encoding("u16", low, high, shift, base, scale, (base - shift - low) * scale)
+
+
+def in_units_of_clim(values: ArrayLike, low: float, high: float) -> NDArray[np.float64]:
+    """(value − low) / (high − low) in float64, for ranges from denormals to the largest floats; what overflows is infinite."""
+    exponent = -int(np.frexp(max(abs(low), abs(high)))[1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.ldexp(np.asarray(values, np.float64), exponent)
+        bottom, top = np.ldexp(low, exponent), np.ldexp(high, exponent)
+        units: NDArray[np.float64] = (scaled - bottom) / (top - bottom)
+    return units

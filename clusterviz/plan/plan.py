@@ -1,0 +1,101 @@
+"""One frame's decisions as one frozen value: pure, and identical on every rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.grid import Grid
+from clusterviz.data.summary import VolumeSummary
+from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.segments import Segments, make_segments
+from clusterviz.plan.view import View, make_view
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.values import Scene
+
+
+@dataclass(frozen=True)
+class March:
+    """How rays are sampled.
+
+    Attributes
+    ----------
+    step_world : length of a slab in world units
+    slab_units : the same in opacity unit distances
+    filter : "linear", "nearest" (both with float32 weights) or "hardware" (the texture unit's linear filter)
+    residual : a ray ends when what lies behind it can add at most this share
+    """
+
+    step_world: float
+    slab_units: float
+    filter: Literal["linear", "nearest", "hardware"]
+    residual: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a frame needs, and nothing that it does not.
+
+    Attributes
+    ----------
+    view : the camera in index space
+    march : the sampling of rays
+    encoding : how voxels are stored
+    segments : the transfer function
+    layout : the bricks of the volume
+    cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that the transfer function makes invisible
+    """
+
+    view: View
+    march: March
+    encoding: Encoding
+    segments: Segments
+    layout: BrickLayout
+    cost: NDArray[np.float64]
+
+
+def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayout, summary: VolumeSummary) -> Plan:
+    """Decide one frame.
+
+    Parameters
+    ----------
+    scene : a completed scene with one volume
+    grid, dtype, layout, summary : of that volume
+    """
+    volume = scene.volumes[0]
+    transfer = transfer_function(volume)
+    step_world = scene.quality.step * min(grid.spacing)
+    return Plan(
+        make_view(scene.camera, scene.image.size, grid),
+        March(
+            step_world,
+            step_world / transfer.unit_distance,
+            _filter(volume.interpolation, scene.quality.filter),
+            scene.quality.early_termination,
+        ),
+        make_encoding(dtype, transfer.domain),
+        make_segments(transfer),
+        layout,
+        brick_cost(layout, transfer.is_transparent(summary.minimum, summary.maximum)),
+    )
+
+
+def brick_cost(layout: BrickLayout, transparent: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a transparent brick."""
+    sides = [
+        np.minimum(layout.brick, cells - layout.brick * np.arange(count))
+        for cells, count in zip(layout.cells_zyx, layout.counts_zyx, strict=True)
+    ]
+    cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in sides))
+    return np.where(transparent, 0.0, cells)
+
+
+def _filter(interpolation: str, quality: str) -> Literal["linear", "nearest", "hardware"]:
+    """Nearest voxels need no weights, so the texture unit has nothing to add there."""
+    if interpolation == "nearest":
+        return "nearest"
+    return "hardware" if quality == "hardware" else "linear"

@@ -1,0 +1,97 @@
+"""The camera in index space: where the ray of a pixel starts and runs, and what a box of cells covers on the screen.
+
+Index space has sample i at coordinate i, so its unit is a voxel; ray parameters stay world lengths, because the map from
+the world is affine. All in float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.image.region import EMPTY, Rect
+from clusterviz.scene.values import Camera
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class View:
+    """VTK's camera over one grid; all vectors (x, y, z) in index space, of one world unit's length in the world.
+
+    Attributes
+    ----------
+    size : (width, height) in pixels
+    eye : the camera's position
+    right, up, forward : the camera's axes
+    pixel : distance of neighbouring pixel centres: on the plane one world unit in front of the eye (perspective), or in world units
+    parallel : parallel projection; rays start on the plane through `eye`
+    """
+
+    size: tuple[int, int]
+    eye: Vector
+    right: Vector
+    up: Vector
+    forward: Vector
+    pixel: float
+    parallel: bool
+
+    def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
+        """The pixels whose rays may meet the box of cells [begin, end], (x, y, z); at most a pixel too many a side.
+
+        The whole picture where a part of the box is beside or behind the eye.
+        """
+        whole = Rect(0, 0, *self.size)
+        corners = np.array([[(begin_cells, end_cells)[b >> a & 1][a] for a in range(3)] for b in range(8)])
+        ahead, aside = self._camera_coordinates(corners)
+        if ahead.max() < 0:
+            return EMPTY
+        if not self.parallel:
+            if ahead.min() <= 1e-6 * np.abs(ahead).max():
+                return whole
+            aside = aside / ahead[:, None]
+        centre = np.array(self.size) / 2
+        pixels = centre + aside * np.array([1, -1]) / self.pixel
+        low, high = np.floor(pixels.min(axis=0) - 0.5), np.ceil(pixels.max(axis=0) + 0.5)
+        low, high = (np.clip(edge, 0, self.size).astype(int) for edge in (low, high))
+        return Rect(int(low[0]), int(low[1]), int(high[0]), int(high[1])).intersect(whole)
+
+    def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """World lengths ahead (n,) and to the right and up (n, 2) of the eye."""
+        axes = np.array([self.right, self.up, self.forward]).T
+        coordinates = np.linalg.solve(axes, (points - np.array(self.eye)).T).T
+        return coordinates[:, 2], coordinates[:, :2]
+
+
+def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
+    """The view of a completed camera (position, focal_point and view_up given) over a grid.
+
+    References
+    ----------
+    VTK, vtkCamera: view_angle is vertical; parallel_scale is half the height of the picture in world units.
+    """
+    position, focal, up_hint = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))
+    forward = _unit(focal - position)
+    right = _unit(np.cross(forward, _unit(up_hint)))
+    up = np.cross(right, forward)
+    parallel = camera.parallel_scale is not None
+    half_height = camera.parallel_scale if camera.parallel_scale is not None else np.tan(np.radians(camera.view_angle) / 2)
+    index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
+    eye = index_from_world @ (position - np.array(grid.origin))
+    vectors = (eye, *(index_from_world @ axis for axis in (right, up, forward)))
+    return View(size, *(_triple(v) for v in vectors), pixel=float(2 * half_height / size[1]), parallel=parallel)
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Scaled first: the squares of 1e-200 or 1e200 would leave float64.
+    scaled = vector / np.abs(vector).max()
+    unit: NDArray[np.float64] = scaled / np.linalg.norm(scaled)
+    return unit
+
+
+def _triple(vector: NDArray[np.float64]) -> Vector:
+    x, y, z = (float(v) for v in vector)
+    return x, y, z

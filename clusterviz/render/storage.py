@@ -1,0 +1,93 @@
+"""How a brick lies in GPU memory: the words of its slot, the same for every brick of a volume.
+
+Buffers rather than textures hold voxels for the exact filters: a software renderer reads them at half the cost, and no 3-D
+texture limit applies. 8-bit voxels are stored four to a word with one repeated, so that a cell needs four fetches, not eight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import BrickLayout
+from clusterviz.plan.encoding import Encoding, VoxelKind
+
+Index = tuple[int, int, int]
+TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Room for one brick.
+
+    Attributes
+    ----------
+    cells_zyx : cells that fit, one less than samples, along each axis
+    kind : the stored voxel type
+    textured : kept as texels for the texture unit's filter, not as packed words
+    """
+
+    cells_zyx: Index
+    kind: VoxelKind
+    textured: bool
+
+    @property
+    def samples_zyx(self) -> Index:
+        """Samples along each axis."""
+        z, y, x = (cells + 1 for cells in self.cells_zyx)
+        return z, y, x
+
+    @property
+    def row_words(self) -> int:
+        """4-byte words in a row of samples."""
+        cells = self.cells_zyx[2]
+        return {"u8": -(-cells // 3), "u16": cells // 2 + 1, "f32": cells + 1}[self.kind]
+
+    @property
+    def slice_words(self) -> int:
+        """Words in a (y, x) slice."""
+        return self.row_words * self.samples_zyx[1]
+
+    @property
+    def words(self) -> int:
+        """Words in the slot."""
+        return self.slice_words * self.samples_zyx[0]
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of GPU memory that a brick takes."""
+        if self.textured:
+            return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
+        return 4 * self.words
+
+    @property
+    def texel_scale(self) -> float:
+        """What undoes the texture unit's normalisation of integers to 0 … 1."""
+        return TEXEL_SCALE[self.kind] if self.textured else 1.0
+
+    def pack(self, voxels: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
+        """A brick's samples, (z, y, x) of the source's dtype, as the slot keeps them; C order.
+
+        A brick at the volume's far side may be smaller than the slot: its last samples are repeated.
+        """
+        stored = encoding.encode(voxels)
+        z, y, x = self.samples_zyx
+        row = x if self.textured else {"u8": 3 * self.row_words + 1, "u16": 2 * self.row_words, "f32": x}[self.kind]
+        missing = [(0, n - have) for n, have in zip((z, y, row), stored.shape, strict=True)]
+        stored = np.ascontiguousarray(np.pad(stored, missing, mode="edge") if any(m != (0, 0) for m in missing) else stored)
+        if self.textured or self.kind == "f32":
+            return stored
+        if self.kind == "u16":
+            return stored.view("<u4")
+        # Words that begin at every third byte overlap by one voxel.
+        words = np.ndarray((z, y, self.row_words), "<u4", stored, 0, (y * row, row, 3))
+        return np.ascontiguousarray(words)
+
+
+def make_slot(layout: BrickLayout, encoding: Encoding, textured: bool) -> Slot:
+    """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
+    z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
+    return Slot((z, y, x), encoding.kind, textured)

@@ -1,0 +1,112 @@
+"""What a frame cost: plain numbers of each rank, brought together on one."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from time import perf_counter
+from typing import Any
+
+STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
+
+
+@dataclass
+class Clock:
+    """Seconds of each stage on one rank; stages that repeat add up."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure the body."""
+        started = perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, perf_counter() - started)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Count seconds that were measured elsewhere."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+
+@dataclass(frozen=True)
+class RankFrame:
+    """One frame on one rank.
+
+    Attributes
+    ----------
+    seconds : by stage, and `total`
+    bricks, bricks_drawn : held, and drawn
+    voxels : samples held in memory, overlap included
+    voxel_bytes : GPU memory that they take
+    samples : field samples that rays took
+    bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
+    peak_memory_bytes : the largest resident size of the process so far
+    renderer : OpenGL's name of what drew
+    """
+
+    seconds: dict[str, float]
+    bricks: int = 0
+    bricks_drawn: int = 0
+    voxels: int = 0
+    voxel_bytes: int = 0
+    samples: int = 0
+    bytes_raw: int = 0
+    bytes_sent: int = 0
+    messages_sent: int = 0
+    peak_memory_bytes: int = 0
+    renderer: str = ""
+
+
+@dataclass(frozen=True)
+class FrameStatistics:
+    """One frame on all ranks; index = rank."""
+
+    per_rank: tuple[RankFrame, ...]
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """The slowest rank's seconds of each stage, and of the whole."""
+        names = dict.fromkeys(name for rank in self.per_rank for name in rank.seconds)
+        return {name: max(rank.seconds.get(name, 0.0) for rank in self.per_rank) for name in names}
+
+    @property
+    def imbalance(self) -> float:
+        """Largest over mean seconds of rendering; 1 where nothing was drawn."""
+        cost = [rank.seconds.get("render", 0.0) for rank in self.per_rank]
+        return max(cost) * len(cost) / sum(cost) if sum(cost) > 0 else 1.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The frame as it stands in a statistics file."""
+        return {
+            "seconds": self.seconds,
+            "imbalance": self.imbalance,
+            "per_rank": [asdict(rank) for rank in self.per_rank],
+        }
+
+
+def statistics_file(size: tuple[int, int], frames: Sequence[FrameStatistics], startup: dict[str, float]) -> dict[str, Any]:
+    """What `--stats` writes.
+
+    Parameters
+    ----------
+    size : (width, height) of the picture
+    frames : at least one
+    startup : seconds from the start of the process to the first frame, by part
+    """
+    ranks = frames[0].per_rank
+    return {
+        "ranks": len(ranks),
+        "size": list(size),
+        "renderer": next((rank.renderer for rank in ranks if rank.renderer), ""),
+        "startup": startup,
+        "frames": [frame.as_json() for frame in frames],
+    }
+
+
+def peak_memory_bytes() -> int:
+    """The largest resident size of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,8 @@
+// Bricks in the slots of one 3-D texture, for the texture unit's own filter; slot numbers run along x, then y, then z.
+layout(binding = 0) uniform sampler3D atlas;
+
+vec3 slot_origin(int slot) {
+    ivec3 slots = textureSize(atlas, 0) / (frame.slot.xyz + 1);
+    ivec3 place = ivec3(slot % slots.x, (slot / slots.x) % slots.y, slot / (slots.x * slots.y));
+    return vec3(place * (frame.slot.xyz + 1));
+}

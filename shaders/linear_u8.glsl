@@ -1,0 +1,13 @@
+// Trilinear, eight 8-bit voxels by four fetches, float32 weights; `linear.glsl` is its plain twin.
+float scalar_at(int brick, vec3 local) {
+    ivec3 cell = clamp(ivec3(local), ivec3(0), frame.slot.xyz - 1);
+    vec3 w = local - vec3(cell);
+    int word = cell.x / 3, shift = (cell.x - 3 * word) * 8;
+    int row = brick + word + cell.y * frame.pitch.x + cell.z * frame.pitch.y;
+    uvec4 rows = uvec4(voxels[row], voxels[row + frame.pitch.x], voxels[row + frame.pitch.y],
+                       voxels[row + frame.pitch.x + frame.pitch.y]) >> shift;
+    vec4 near = vec4(rows & 255u), far = vec4((rows >> 8) & 255u);
+    vec4 x = near + (far - near) * w.x;
+    vec2 y = x.xz + (x.yw - x.xz) * w.y;
+    return fma(y.x + (y.y - y.x) * w.z, frame.scalar.x, frame.scalar.y);
+}

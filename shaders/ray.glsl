@@ -1,0 +1,72 @@
+// Rays and their lattice of slabs, in index space: units are voxels along (x, y, z), parameters are world lengths.
+
+struct Ray {
+    dvec3 first;      // midpoint of slab 0
+    dvec3 slab;       // from one midpoint to the next
+    dvec3 last;       // midpoint of the last slab, which the exit may have cut short
+    int slabs;        // 0 where the ray misses the volume
+    float last_share; // length of the last slab over that of a full one, in (0, 1]
+};
+
+// Where a line is between two planes, for one axis: (entry, exit). A line within the planes' slab and parallel to it is always between.
+dvec2 between(double origin, double direction, double high) {
+    if (direction == 0.0) return origin >= 0.0 && origin <= high ? dvec2(-1e300LF, 1e300LF) : dvec2(1e300LF, -1e300LF);
+    double a = -origin / direction, b = (high - origin) / direction;
+    return dvec2(min(a, b), max(a, b));
+}
+
+Ray ray_through(ivec2 pixel) {
+    double across = (double(pixel.x) + 0.5LF - frame.lens.y) * frame.lens.x;
+    double above = (frame.lens.z - double(pixel.y) - 0.5LF) * frame.lens.x;
+    dvec3 aside = across * frame.right.xyz + above * frame.up.xyz;
+    bool parallel = frame.lens.w != 0.0LF;
+    dvec3 origin = parallel ? frame.eye.xyz + aside : frame.eye.xyz;
+    dvec3 direction = parallel ? frame.forward.xyz
+                               : (frame.forward.xyz + aside) / sqrt(1.0LF + across * across + above * above);
+
+    dvec2 x = between(origin.x, direction.x, frame.extent.x);
+    dvec2 y = between(origin.y, direction.y, frame.extent.y);
+    dvec2 z = between(origin.z, direction.z, frame.extent.z);
+    double entry = max(max(x.x, y.x), max(z.x, 0.0LF));
+    double leave = min(min(x.y, y.y), z.y);
+
+    double step_world = frame.extent.w;
+    double length_in_slabs = (leave - entry) / step_world;
+    Ray ray;
+    ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs)) : 0;
+    double last_share = length_in_slabs - double(ray.slabs - 1);
+    ray.last_share = float(last_share);
+    ray.slab = direction * step_world;
+    ray.first = origin + direction * (entry + 0.5LF * step_world);
+    ray.last = origin + direction * (entry + (double(ray.slabs - 1) + 0.5LF * last_share) * step_world);
+    return ray;
+}
+
+// The midpoint of slab k: the one expression by which every box decides what it owns.
+dvec3 midpoint(Ray ray, int k) {
+    return k == ray.slabs - 1 ? ray.last : fma(dvec3(k), ray.slab, ray.first);
+}
+
+// The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.
+ivec3 cell_of(dvec3 position) {
+    return clamp(ivec3(floor(position)), ivec3(0), frame.cells.xyz - 1);
+}
+
+bool owned(ivec3 cell) {
+    return all(greaterThanEqual(cell, frame.box_begin.xyz)) && all(lessThan(cell, frame.box_end.xyz));
+}
+
+// The first slab that this box owns, or the number of slabs where it owns none. The estimate is within two of the truth; the test is exact.
+int first_owned(Ray ray) {
+    double enter = 0.0LF;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (ray.slab[axis] == 0.0LF) continue;
+        double face = ray.slab[axis] > 0.0LF ? double(frame.box_begin[axis]) : double(frame.box_end[axis]);
+        enter = max(enter, (face - ray.first[axis]) / ray.slab[axis]);
+    }
+    if (enter > double(ray.slabs)) return ray.slabs;
+    int guess = max(0, int(floor(enter)) - 1);
+    for (int k = guess; k < min(guess + 5, ray.slabs); ++k)
+        if (owned(cell_of(midpoint(ray, k)))) return k;
+    return ray.slabs;
+}

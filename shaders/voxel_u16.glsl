@@ -1,0 +1,8 @@
+// 16-bit voxels, two to a word. The integer nearest to the low end of clim is taken off before interpolation, where that is exact.
+layout(std430, binding = 7) readonly buffer VoxelsBlock { uint voxels[]; };
+
+float voxel_at(int brick, ivec3 place) {
+    uint two = voxels[brick + (place.x >> 1) + place.y * frame.pitch.x + place.z * frame.pitch.y];
+    int value = int((two >> (16 * (place.x & 1))) & 65535u);
+    return fma(float(value - frame.pitch.z), frame.scalar.x, frame.scalar.y);
+}
