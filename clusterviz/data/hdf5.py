@@ -32,6 +32,8 @@ class Hdf5Source:
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """The samples of the box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
+        if 0 in shape:
+            return np.empty(shape, self.dtype)
         box = tuple(slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True))
         try:
             voxels = self.dataset[box[3 - self.dataset.ndim :]]

@@ -43,7 +43,7 @@ def open_mrc(path: Path, array: str | None = None) -> LinearSource:
     refuse_array(array, path)
     if not packed:
         check_size(size, HEADER_BYTES, where)
-    stream = StreamBytes(path, lambda file: gzip.GzipFile(fileobj=file))  # type: ignore[arg-type,return-value]
+    stream = StreamBytes(path, gzip.open)
     storage: Storage = stream if packed else FileBytes([Piece(path, 0, size)])
     header = bytes(storage.read_at(0, HEADER_BYTES))
     order = _byte_order(header, where)

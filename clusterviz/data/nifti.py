@@ -40,7 +40,7 @@ def open_nifti(path: Path, array: str | None = None) -> LinearSource:
     storage: Storage
     if packed:
         plane_bytes = volume_bytes // shape_zyx[0]
-        storage = StreamBytes(path, lambda file: gzip.GzipFile(fileobj=file), keep=plane_bytes)  # type: ignore[arg-type,return-value]
+        storage = StreamBytes(path, gzip.open, keep=plane_bytes)
     else:
         check_size(size, proxy.offset + steps * volume_bytes, where)
         storage = FileBytes([Piece(path, 0, size)])

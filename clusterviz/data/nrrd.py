@@ -10,7 +10,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage, Stre
 from clusterviz.data.text import numbers_from_text
 from clusterviz.errors import DataError
 
-DECODERS = {"gzip": gzip.GzipFile, "gz": gzip.GzipFile, "bzip2": bz2.BZ2File, "bz2": bz2.BZ2File}
+DECODERS: dict[str, Callable[[Any], Any]] = {"gzip": gzip.open, "gz": gzip.open, "bzip2": bz2.open, "bz2": bz2.open}
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
     **dict.fromkeys(("uchar", "unsigned char", "uint8", "uint8_t"), "u1"),

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Any, Protocol
 
 from clusterviz.data.files import readable
 from clusterviz.errors import DataError
@@ -86,16 +86,16 @@ class StreamBytes:
     Parameters
     ----------
     path : Path
-    decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.GzipFile`, `bz2.BZ2File`
+    decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.open`, `bz2.open`
     start : where in the file the compressed bytes begin
     keep : decoded bytes to hold on to
     """
 
-    def __init__(self, path: Path, decoder: Callable[[BinaryIO], BinaryIO], start: int = 0, keep: int = 0) -> None:
+    def __init__(self, path: Path, decoder: Callable[[Any], Any], start: int = 0, keep: int = 0) -> None:
         self._path, self._decoder, self._start, self.keep = path, decoder, start, keep
         self._chunks: deque[bytes] = deque()
         self._first = self._last = 0  # the decoded bytes [first, last) are in the chunks
-        self._stream: BinaryIO | None = None
+        self._stream: Any = None
         self._close: Callable[[], object] = lambda: None
 
     def read_at(self, offset: int, count: int) -> bytes:
@@ -121,7 +121,6 @@ class StreamBytes:
         self._first = self._last = 0
 
     def _advance(self, unneeded: int) -> None:
-        assert self._stream is not None
         try:
             chunk = self._stream.read(CHUNK)
         except (OSError, EOFError, zlib.error) as error:

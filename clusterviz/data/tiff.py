@@ -7,7 +7,11 @@ file with several series, `array` is the number of one.
 
 from __future__ import annotations
 
+import logging
+import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +27,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.storage import FileBytes, Piece
 from clusterviz.errors import DataError
 
+LOST_PAGES = re.compile("page offset|failed to reshape")
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
@@ -70,10 +75,11 @@ def open_tiff(path: Path, array: str | None = None) -> Source:
     size = require_file(path, MAGIC)
     where = str(path)
     try:
-        file: Any = tifffile.TiffFile(path)
-        series, number = _choose(file.series, array, path)
-        shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
-        spacing = _spacing_of(file)
+        with _damage_raised():
+            file: Any = tifffile.TiffFile(path)
+            series, number = _choose(file.series, array, path)
+            shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
+            spacing = _spacing_of(file)
     except DataError:
         raise
     except Exception as error:  # a damaged file makes tifffile raise many kinds
@@ -96,6 +102,27 @@ def open_tiff(path: Path, array: str | None = None) -> Source:
     return LinearSource(name, grid, dtype, FileBytes([Piece(path, 0, size)]), stored, int(series.dataoffset))
 
 
+@contextmanager
+def _damage_raised() -> Iterator[None]:
+    """tifffile logs that pages are lost, and shows those that are left: raise it."""
+    lost: list[str] = []
+
+    def catch(record: logging.LogRecord) -> bool:
+        if not LOST_PAGES.search(record.getMessage()):
+            return True
+        lost.append(record.getMessage())
+        return False
+
+    logger = logging.getLogger("tifffile")
+    logger.addFilter(catch)
+    try:
+        yield
+    finally:
+        logger.removeFilter(catch)
+    if lost:
+        raise ValueError(lost[0])
+
+
 def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
     """The series called for, the first if none is, and its number."""
     if array is not None and array not in map(str, range(len(series))):
@@ -107,7 +134,7 @@ def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
 def _spacing_of(file: Any) -> Triple:
     """World units between samples along x, y, z; what the file leaves out is 1."""
     if file.is_ome and file.ome_metadata:
-        pixels = next(ElementTree.fromstring(file.ome_metadata).iter("{*}Pixels"), None)
+        pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
         attributes = {} if pixels is None else pixels.attrib
         x, y, z = (_positive(attributes.get(f"PhysicalSize{axis}", 1)) for axis in "XYZ")
         return x, y, z

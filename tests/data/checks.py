@@ -1,0 +1,87 @@
+"""What every source must do, whatever its format; each format's test drives these with files that it writes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.source import Source
+from clusterviz.errors import DataError
+
+SHAPE = (5, 6, 7)
+DTYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
+
+
+def values(dtype: str, shape: tuple[int, ...] = SHAPE, seed: int = 1) -> NDArray[Any]:
+    """Random samples with both ends of the type's range among them."""
+    native, random = np.dtype(dtype), np.random.default_rng(seed)
+    if native.kind == "f":
+        array = random.normal(size=shape).astype(native)
+        ends = np.array([np.finfo(native).min, np.finfo(native).max, np.nan, -np.inf], native)
+    else:
+        limits = np.iinfo(native)
+        array = random.integers(limits.min, limits.max, shape, native.newbyteorder("="), endpoint=True).astype(native)
+        ends = np.array([limits.min, limits.max], native)
+    array.ravel()[: len(ends)] = ends
+    return array
+
+
+def check_source(source: Source, expected: NDArray[Any], brick: int = 2) -> None:
+    """The whole, single boxes, bricks in order and a step back are all the expected samples, ready for use."""
+    assert source.grid.shape_zyx == expected.shape
+    assert source.dtype == expected.dtype.newbyteorder("=")
+    layout = BrickLayout(source.grid.shape_zyx, brick)
+    again = np.zeros(expected.shape, source.dtype)
+    wanted = list(np.ndindex(*layout.counts_zyx))
+    seen = []
+    for index, samples in read_bricks(source, layout, wanted):
+        (z, y, x), (z_end, y_end, x_end) = layout.sample_box(index)
+        check_box_read(samples, source, expected[z:z_end, y:y_end, x:x_end])
+        again[z:z_end, y:y_end, x:x_end] = samples
+        seen.append(index)
+    assert seen == sorted(wanted)
+    np.testing.assert_array_equal(again, expected)
+    check_box_read(source.read((0, 0, 0), expected.shape), source, expected)
+    z, y, x = expected.shape
+    check_box_read(source.read((z - 1, y // 2, x - 1), (z, y, x)), source, expected[z - 1 :, y // 2 :, x - 1 :])
+    check_box_read(source.read((0, 0, 0), (1, 1, 1)), source, expected[:1, :1, :1])
+    assert source.read((0, 0, 0), (0, y, x)).shape == (0, y, x)
+    with pytest.raises(IndexError, match="does not lie in"):
+        source.read((0, 0, 0), (z + 1, y, x))
+
+
+def check_box_read(samples: NDArray[Any], source: Source, expected: NDArray[Any]) -> None:
+    assert samples.dtype == source.dtype
+    assert samples.dtype.isnative
+    assert samples.flags.c_contiguous
+    assert samples.flags.writeable
+    np.testing.assert_array_equal(samples, expected)
+
+
+def check_placed(source: Source, world_from_index: NDArray[np.float64]) -> None:
+    """The grid's matrix is the expected one, and its direction holds unit vectors."""
+    np.testing.assert_allclose(source.grid.world_from_index, world_from_index, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(source.grid.direction, axis=0), 1, rtol=1e-12)
+    assert min(source.grid.spacing) > 0
+
+
+def refused(open_it: Callable[[], object], *parts: str) -> None:
+    """Opening raises a `DataError` whose text holds every one of `parts`."""
+    with pytest.raises(DataError) as caught:
+        open_it()
+    for part in parts:
+        assert re.search(part, str(caught.value)), f"{part!r} is not in {caught.value!s}"
+
+
+def cut(path: Path, count: int) -> Path:
+    """Take `count` bytes off the end of a file."""
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size - count)
+    return path

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from clusterviz.data import bricks
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Index
+
+SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9), st.integers(1, 9))
+BRICKS = st.integers(1, 10)
+
+
+def box_of(begin: Index, end: Index) -> tuple[slice, ...]:
+    return tuple(slice(b, e) for b, e in zip(begin, end, strict=True))
+
+
+@given(SHAPES, BRICKS)
+def test_every_cell_and_every_sample_belongs_to_one_brick(shape: Index, brick: int) -> None:
+    layout = BrickLayout(shape, brick)
+    cells, samples = np.zeros(layout.cells_zyx, int), np.zeros(shape, int)
+    for index in np.ndindex(*layout.counts_zyx):
+        cells[box_of(*layout.cell_box(index))] += 1
+        samples[box_of(*layout.owned_box(index))] += 1
+    assert (cells == 1).all()
+    assert (samples == 1).all()
+
+
+@given(SHAPES, BRICKS)
+def test_a_brick_holds_the_corners_of_its_cells(shape: Index, brick: int) -> None:
+    layout = BrickLayout(shape, brick)
+    for index in np.ndindex(*layout.counts_zyx):
+        (begin, end), (first, last) = layout.cell_box(index), layout.sample_box(index)
+        assert first == begin
+        for a in range(3):
+            assert 0 < end[a] - begin[a] <= brick
+            assert last[a] == (end[a] + 1 if shape[a] > 1 else 1)
+        owned_begin, owned_end = layout.owned_box(index)
+        assert owned_begin == first
+        assert all(o <= s for o, s in zip(owned_end, last, strict=True))
+
+
+def test_a_layout_by_hand() -> None:
+    layout = BrickLayout((10, 9, 1), 4)
+    assert layout.cells_zyx == (9, 8, 1)
+    assert layout.counts_zyx == (3, 2, 1)
+    assert layout.cell_box((2, 1, 0)) == ((8, 4, 0), (9, 8, 1))
+    assert layout.sample_box((2, 1, 0)) == ((8, 4, 0), (10, 9, 1))
+    assert layout.sample_box((0, 0, 0)) == ((0, 0, 0), (5, 5, 1))
+    assert layout.owned_box((0, 0, 0)) == ((0, 0, 0), (4, 4, 1))
+    assert layout.owned_box((2, 1, 0)) == ((8, 4, 0), (10, 9, 1))
+
+
+class Recorder(ArraySource):
+    """An array that notes which planes were read."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        super().__init__(array)
+        self.boxes: list[tuple[Index, Index]] = []
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        self.boxes.append((begin_zyx, end_zyx))
+        return super().read(begin_zyx, end_zyx)
+
+
+@given(SHAPES, BRICKS, st.sampled_from([1, 100, 1 << 20]), st.data())
+def test_any_choice_of_bricks_in_order(shape: Index, brick: int, slab_bytes: int, data: st.DataObject) -> None:
+    layout = BrickLayout(shape, brick)
+    array = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    wanted = data.draw(st.lists(st.sampled_from(list(np.ndindex(*layout.counts_zyx)))))
+    source = Recorder(array)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bricks, "SLAB_BYTES", slab_bytes)
+        read = list(read_bricks(source, layout, wanted))
+    assert [index for index, _ in read] == sorted(set(wanted))
+    for index, samples in read:
+        assert samples.flags.c_contiguous
+        assert samples.flags.owndata
+        np.testing.assert_array_equal(samples, array[box_of(*layout.sample_box(index))])
+    begins = [begin[0] for begin, _ in source.boxes]
+    assert begins == sorted(begins)
+    if slab_bytes > 100:
+        assert len(source.boxes) == len({index[0] for index in wanted})
+    for begin, end in source.boxes:
+        size = np.prod(np.subtract(end, begin)) * 4
+        assert size <= slab_bytes or end[0] - begin[0] == 1
+
+
+def test_only_the_wanted_bricks_are_spanned() -> None:
+    source = Recorder(np.zeros((9, 9, 9), np.uint8))
+    list(read_bricks(source, BrickLayout((9, 9, 9), 2), [(1, 2, 3), (1, 2, 2), (3, 0, 0)]))
+    assert source.boxes == [((2, 4, 4), (5, 7, 9)), ((6, 0, 0), (9, 3, 3))]
+    assert list(read_bricks(source, BrickLayout((9, 9, 9), 2), [])) == []
