@@ -115,30 +115,49 @@ def _print_json(report: MachineReport) -> None:
 def _print_tables(report: MachineReport) -> None:
     from rich.console import Console
 
-    console = Console()
-    console.print(f"clusterviz {report.clusterviz}, Python {report.python}", highlight=False)
-    console.print(f"MPI        {report.mpi_library}", highlight=False)
-    console.print(f"launcher   {report.launcher}", highlight=False)
-    console.print(f"ranks      {report.size}, on {report.nodes} node{'s' * (report.nodes > 1)}", highlight=False)
+    console = Console(highlight=False)
+    for name, lines in _facts(report).items():
+        for line in lines:
+            console.print(f"[bold]{name:<11}[/]", end="")
+            console.print(line, markup=False)
     console.print(_rank_table(report))
     if report.warning:
-        console.print(f"[bold white on red] WARNING [/] {report.warning}", highlight=False)
+        console.print("[bold white on red] WARNING [/]", end=" ")
+        console.print(report.warning, markup=False)
+
+
+def _facts(report: MachineReport) -> dict[str, list[str]]:
+    """What ranks share, each said once: name -> lines."""
+    nodes = {machine.host: machine.egl_devices for machine in report.ranks}
+    opengl = dict.fromkeys(machine.opengl for machine in report.ranks if machine.opengl)
+    return {
+        "clusterviz": [f"{report.clusterviz}, Python {report.python}"],
+        "MPI": [report.mpi_library],
+        "launcher": [report.launcher],
+        "ranks": [f"{report.size}, on {report.nodes} node{'s' * (report.nodes > 1)}"],
+        "EGL": [
+            f"{host}: " + ("; ".join(f"device {index}: {label}" for index, label in enumerate(labels)) or "no device")
+            for host, labels in nodes.items()
+        ],
+        "OpenGL": [f"{gl.renderer}, {gl.version}, 3-D to {gl.max_3d_texture}" for gl in opengl] or ["none"],
+    }
 
 
 def _rank_table(report: MachineReport) -> Table:
     from rich.table import Table
 
-    table = Table("rank", "host", "local rank", "threads", "EGL device", "OpenGL", "3-D texture", "memory")
+    table = Table("rank", "host", "local rank", "cores", "llvmpipe", "numba", "device", "free GiB")
     for machine in report.ranks:
-        chosen, opengl, amount, threads = machine.egl_device, machine.opengl, machine.memory, machine.threads
+        amount = machine.memory
         table.add_row(
             str(machine.rank),
             machine.host,
             f"{machine.local_rank} of {machine.local_size}",
-            f"cores {machine.cores}, llvmpipe {threads['LP_NUM_THREADS']}, numba {threads['NUMBA_NUM_THREADS']}",
-            "none" if chosen is None else f"{chosen} of {len(machine.egl_devices)}: {machine.egl_devices[chosen]}",
-            f"{opengl.renderer}\n{opengl.version}" if opengl else f"none: {machine.problem}",
-            str(opengl.max_3d_texture) if opengl else "",
-            f"{amount.available_bytes / GIBIBYTE:.1f} free of {amount.total_bytes / GIBIBYTE:.1f} GiB",
+            str(machine.cores),
+            machine.threads["LP_NUM_THREADS"],
+            machine.threads["NUMBA_NUM_THREADS"],
+            str(machine.egl_device) if machine.opengl else "none",
+            f"{amount.available_bytes / GIBIBYTE:.1f} of {amount.total_bytes / GIBIBYTE:.1f}",
         )
+    table.caption = "llvmpipe and numba: threads. device: the EGL device that the rank draws on."
     return table
