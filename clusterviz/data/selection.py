@@ -38,7 +38,8 @@ def keys_of(samples: NDArray[Any]) -> Keys:
     bits = samples.view(unsigned)
     sign = unsigned.type(1 << (8 * samples.dtype.itemsize - 1))
     if samples.dtype.kind == "f":
-        return np.where(bits & sign, ~bits, bits | sign)
+        negative = samples.view(f"i{samples.dtype.itemsize}") >> (8 * samples.dtype.itemsize - 1)  # all ones or none
+        return np.asarray(bits ^ (negative.view(unsigned) | sign))
     return bits ^ sign if samples.dtype.kind == "i" else bits
 
 

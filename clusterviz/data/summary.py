@@ -154,8 +154,9 @@ def _finite(samples: NDArray[Any]) -> NDArray[Any]:
     """1-D: the finite samples."""
     if samples.dtype.kind != "f":
         return samples.ravel()
-    finite = np.isfinite(samples)
-    return samples.ravel() if finite.all() else samples[finite]
+    if samples.size and np.isfinite(samples.min()) and np.isfinite(samples.max()):  # NaN spreads to both
+        return samples.ravel()
+    return np.asarray(samples[np.isfinite(samples)])
 
 
 def _owned_finite(layout: BrickLayout, bricks: Bricks) -> Iterator[NDArray[Any]]:
@@ -173,8 +174,12 @@ def _linear_bins(samples: NDArray[Any], value_range: tuple[float, float], bins: 
     if high == low:
         return np.zeros(samples.shape, np.intp)
     scale = 1.0 if abs(low) < 1e300 and abs(high) < 1e300 else 0.25
-    part = (samples.astype(np.float64) * scale - low * scale) / (high * scale - low * scale)
-    return np.minimum((part * bins).astype(np.intp), bins - 1)
+    part = samples.astype(np.float64)
+    part *= scale
+    part -= low * scale
+    part /= high * scale - low * scale
+    part *= bins
+    return np.minimum(part.astype(np.intp), bins - 1)
 
 
 def _rebinned(counts: Counts, dtype: np.dtype[Any], value_range: tuple[float, float], bins: int) -> Counts:

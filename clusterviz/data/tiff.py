@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import re
-import xml.etree.ElementTree as ElementTree
+import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,33 +73,38 @@ def open_tiff(path: Path, array: str | None = None) -> Source:
     import tifffile
 
     size = require_file(path, MAGIC)
-    where = str(path)
-    try:
-        with _damage_raised():
-            file: Any = tifffile.TiffFile(path)
-            series, number = _choose(file.series, array, path)
-            shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
-            spacing = _spacing_of(file)
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file makes tifffile raise many kinds
-        raise DataError(f"truncated or damaged: {error}", where=where) from error
+    with ExitStack() as closing:
+        try:
+            with _damage_raised():
+                file: Any = closing.enter_context(tifffile.TiffFile(path))
+                series, number = _choose(file.series, array, path)
+                shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
+                spacing = _spacing_of(file)
+        except DataError:
+            raise
+        except Exception as error:  # a damaged file makes tifffile raise many kinds
+            raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
+        name = f"{path}:{number}" if len(file.series) > 1 else str(path)
+        stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
+        grid = place(_shape_of(shape, axes, name), np.diag(spacing), (0, 0, 0), name)
+        dtype = check_dtype(stored, name)
+        if series.dataoffset is None:
+            source = TiffPages(name, grid, dtype, file, series.pages)
+            weakref.finalize(source, closing.pop_all().close)
+            return source
+        check_size(size, series.dataoffset + int(np.prod(grid.shape_zyx, dtype=object)) * stored.itemsize, name)
+        return LinearSource(name, grid, dtype, FileBytes([Piece(path, 0, size)]), stored, int(series.dataoffset))
+
+
+def _shape_of(shape: tuple[int, ...], axes: str, where: str) -> Index:
+    """The shape (z, y, x) of a stack: three axes at most may be longer than 1, none of them channels."""
     check_shape([min(shape, default=0), 1, 1], where)
     long_axes = [(axis, n) for axis, n in zip(axes, shape, strict=True) if n > 1 or axis in "YX"]
     if len(long_axes) > 3 or any(axis in "SC" for axis, _ in long_axes):
         raise DataError(
             "not a scalar volume", where=where, found=f"axes {axes} {shape}", allowed="pages of one channel"
         )
-    shape_zyx = check_shape([n for _, n in long_axes], where)
-    stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
-    grid = place(shape_zyx, np.diag(spacing), (0, 0, 0), where)
-    name = f"{path}:{number}" if len(file.series) > 1 else where
-    dtype = check_dtype(stored, where)
-    if series.dataoffset is None:
-        return TiffPages(name, grid, dtype, file, series.pages)
-    file.close()
-    check_size(size, series.dataoffset + int(np.prod(shape_zyx, dtype=object)) * stored.itemsize, where)
-    return LinearSource(name, grid, dtype, FileBytes([Piece(path, 0, size)]), stored, int(series.dataoffset))
+    return check_shape([n for _, n in long_axes], where)
 
 
 @contextmanager
@@ -134,6 +139,8 @@ def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
 def _spacing_of(file: Any) -> Triple:
     """World units between samples along x, y, z; what the file leaves out is 1."""
     if file.is_ome and file.ome_metadata:
+        from xml.etree import ElementTree
+
         pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
         attributes = {} if pixels is None else pixels.attrib
         x, y, z = (_positive(attributes.get(f"PhysicalSize{axis}", 1)) for axis in "XYZ")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -71,12 +72,16 @@ def test_truncated_long_or_damaged(tmp_path: Path) -> None:
     refused(lambda: open_source(path, "density"), "no such array", "density")
 
 
-def test_a_file_larger_than_memory_is_read_by_the_box(tmp_path: Path) -> None:
+def test_a_file_larger_than_memory_is_read_by_the_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shape = (2500, 2000, 2000)  # 20 GB of holes
     path = tmp_path / "a.npy"
     np.lib.format.open_memmap(path, "w+", np.uint16, shape).flush()
     patch = values("u2", (3, 4, 5))
     np.load(path, mmap_mode="r+")[2000:2003, 1000:1004, 1500:1505] = patch
+    counts, pread = [], os.pread
+    monkeypatch.setattr(os, "pread", lambda file, count, at: counts.append(count) or pread(file, count, at))
     source = open_source(path)
+    assert counts == []
     np.testing.assert_array_equal(source.read((2000, 1000, 1500), (2003, 1004, 1505)), patch)
+    assert sum(counts) < 50_000
     assert not source.read((2499, 0, 0), (2500, 10, 2000)).any()
