@@ -7,8 +7,10 @@ NumPy twin; the numba kernels equal it bit for bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
@@ -33,24 +35,23 @@ def over(front: Pixels, back: Pixels) -> Pixels:
 
 def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
     """target = source over target, in place; the target's patch contains the source's."""
-    from clusterviz.composite import kernels
-
-    runs = _runs(target_patch, source_patch)
-    if target.dtype == np.uint8:
-        kernels.words_before(_words(target), _words(source), *runs)
-    else:
-        kernels.floats_before(_floats(target), _floats(source), *runs)
+    _put(target, target_patch, source, source_patch, True)
 
 
 def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
     """target = target over source, in place; the target's patch contains the source's."""
+    _put(target, target_patch, source, source_patch, False)
+
+
+def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, before: bool) -> None:
     from clusterviz.composite import kernels
 
-    runs = _runs(target_patch, source_patch)
-    if target.dtype == np.uint8:
-        kernels.words_behind(_words(target), _words(source), *runs)
-    else:
-        kernels.floats_behind(_floats(target), _floats(source), *runs)
+    put = kernels.put_bytes if target.dtype == np.uint8 else kernels.put_floats
+    runs = (4 * number for number in _runs(target_patch, source_patch))
+    seen = source.reshape(-1)
+    # Read-only arrays are a type of their own to numba; making all sources so halves what it compiles.
+    seen.setflags(write=False)
+    put(target.reshape(-1), seen, before, *runs)
 
 
 def copy(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
@@ -63,44 +64,32 @@ def copy(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patc
         taken, start, skip = taken + count, start + stride, 0
 
 
-def compile_kernels(channel: Channel) -> None:
-    """Compile what blending needs, or load it from numba's cache; collective.
+def compile_kernels(channel: Channel, dtypes: Sequence[np.dtype[Any]] = DTYPES) -> None:
+    """Compile what blending pixels of these types needs, or load it from numba's cache; collective.
 
     One rank of each node compiles and the others wait and load, since ranks that write numba's cache at once disturb
     each other.
     """
     if channel.size == 1:
         return
+    # All import numba at once, which takes longer than loading compiled kernels.
+    from clusterviz.composite import kernels  # noqa: F401
+
     if channel.place().local_rank == 0:
-        _blend_one_pixel()
+        _blend_one_pixel(dtypes)
     channel.barrier()
-    _blend_one_pixel()
+    _blend_one_pixel(dtypes)
 
 
-def _blend_one_pixel() -> None:
+def _blend_one_pixel(dtypes: Sequence[np.dtype[Any]]) -> None:
     """Call each kernel once: numba compiles a function when it is first called."""
     patch = Patch(1, 0, 1, Rect(0, 0, 1, 1))
-    for dtype in DTYPES:
-        for put in (put_before, put_behind):
-            # Pixels of the caller may be read-only, which is a type of its own to numba.
-            for writable in (True, False):
-                source = np.zeros((1, 4), dtype)
-                source.setflags(write=writable)
-                put(np.zeros((1, 4), dtype), patch, source, patch)
-
-
-def _floats(pixels: Pixels) -> NDArray[np.float32]:
-    """Pixels that are known to be float32."""
-    return pixels.view(np.float32)
-
-
-def _words(pixels: Pixels) -> NDArray[np.uint32]:
-    """Pixels as little-endian words, without a copy."""
-    return pixels.reshape(-1).view("<u4")
+    for dtype in dtypes:
+        put_before(np.zeros((1, 4), dtype), patch, np.zeros((1, 4), dtype), patch)
 
 
 def _runs(target: Patch, source: Patch) -> tuple[int, int, int, int]:
-    """Where the source's pixels go in the target's: start, skip, length, stride as in `kernels`."""
+    """Where the source's pixels go in the target's: start, skip, length, stride as `kernels.put_floats` takes them."""
     rect, into = source.rect, target.rect
     skip = source.first
     start = (rect.y_begin - into.y_begin) * into.width + rect.x_begin - into.x_begin - target.first

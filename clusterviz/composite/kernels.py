@@ -1,111 +1,143 @@
-"""The over operator at memory speed: numba kernels, imported only where something is blended.
+"""The over operator at memory speed, imported only where something is blended.
 
-`source` holds n pixels; the other arguments say where they go in `target`: run k of `length` pixels starts at
-`start` + k·`stride`, the first run leaves out its first `skip` pixels, and the last ends where the source ends. Each
-kernel is written out, because its inner loop must be plain to be vectorised.
+The inner step is written in vectors, because numba's compiler leaves the plain loop scalar (floats) or takes twice as
+long as memory does (bytes): 64 bytes or 16 floats a step. LLVM splits the vectors for processors with narrower
+registers. What is left over at the end of a run goes through the same formula one pixel at a time.
 
-Bytes are blended two channels at once in a 32-bit word. A product of two bytes is at most 65,025, and its division by
-255 rounded to nearest is (x + 128 + ((x + 128) >> 8)) >> 8, all within 16 bits. A sum above 255, which premultiplied
-pixels cannot give, is cut to 255, so that wrong input stays wrong in its own channel.
+A product of two bytes is at most 65,025, and its division by 255 rounded to nearest is
+(x + 128 + ((x + 128) >> 8)) >> 8, all within 16 bits, so even and odd bytes are taken apart into 16-bit lanes. The sum
+is cut to 255: premultiplied pixels never exceed it, but a colour that was rounded up past its alpha may, by one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numba
-import numpy as np
-from numpy.typing import NDArray
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
-Float = NDArray[np.float32]
-Words = NDArray[np.uint32]
+# numba's own building blocks carry no types.
+_function: Callable[..., Any] = cgutils.get_or_insert_function
+_array: Callable[..., Any] = make_array
 
-_LOW = np.uint32(0x00FF00FF)
-_HALF = np.uint32(0x00800080)
-_CARRY = np.uint32(0x00010001)
-_FULL = np.uint32(255)
-_8 = np.uint32(8)
-_24 = np.uint32(24)
+_BYTES = ir.VectorType(ir.IntType(8), 64)
+_WORDS = ir.VectorType(ir.IntType(16), 32)
+_FLOATS = ir.VectorType(ir.FloatType(), 16)
+_INDICES = ir.VectorType(ir.IntType(32), 64)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _over_word(front, back):  # type: ignore[no-untyped-def]
-    """One uint8 pixel over another, as little-endian words with alpha on top."""
-    rest = _FULL - (front >> _24)
-    even = (back & _LOW) * rest + _HALF
-    odd = ((back >> _8) & _LOW) * rest + _HALF
-    even = (front & _LOW) + (((even + ((even >> _8) & _LOW)) >> _8) & _LOW)
-    odd = ((front >> _8) & _LOW) + (((odd + ((odd >> _8) & _LOW)) >> _8) & _LOW)
-    over = (even >> _8) & _CARRY
-    even = (even | ((over << _8) - over)) & _LOW
-    over = (odd >> _8) & _CARRY
-    odd = (odd | ((over << _8) - over)) & _LOW
-    return even | (odd << _8)
+def _blend_bytes(builder: Any, front: Any, back: Any) -> Any:
+    """LLVM for front over back, sixteen uint8 pixels."""
+    # 255 − alpha of the pixel, in each 16-bit lane: byte 3 of four below, and a zero (byte 64) above.
+    lanes = ir.Constant(_INDICES, [lane // 4 * 4 + 3 if lane % 2 == 0 else 64 for lane in range(64)])
+    rest = builder.shuffle_vector(builder.not_(front), ir.Constant(_BYTES, [0] * 64), lanes)
+    rest = builder.bitcast(rest, _WORDS)
+    half, eight, low = (ir.Constant(_WORDS, [value] * 32) for value in (128, 8, 255))
+
+    def weigh(channel: Any) -> Any:
+        product = builder.add(builder.mul(channel, rest), half)
+        return builder.lshr(builder.add(product, builder.lshr(product, eight)), eight)
+
+    words = builder.bitcast(back, _WORDS)
+    even, odd = weigh(builder.and_(words, low)), weigh(builder.lshr(words, eight))
+    seen = builder.bitcast(builder.or_(even, builder.shl(odd, eight)), _BYTES)
+    kind = ir.FunctionType(_BYTES, [_BYTES, _BYTES])
+    add = _function(builder.module, kind, "llvm.uadd.sat.v64i8")
+    return builder.call(add, [front, seen])
+
+
+def _blend_floats(builder: Any, front: Any, back: Any) -> Any:
+    """LLVM for front over back, four float32 pixels."""
+    lanes = ir.Constant(ir.VectorType(ir.IntType(32), 16), [lane // 4 * 4 + 3 for lane in range(16)])
+    alpha = builder.shuffle_vector(front, front, lanes)
+    rest = builder.fsub(ir.Constant(_FLOATS, [1.0] * 16), alpha)
+    return builder.fadd(front, builder.fmul(rest, back))
+
+
+def _step(vector: Any, blend: Callable[[Any, Any, Any], Any]) -> Any:
+    """A function for numba: target[i : i + n] = front[i : i + n] over back[i : i + n], n numbers a vector."""
+
+    @intrinsic
+    def step(typing_context, target, front, back, index):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            def place(number: int) -> Any:
+                data = _array(signature.args[number])(context, builder, args[number]).data
+                return builder.bitcast(builder.gep(data, [args[3]]), vector.as_pointer())
+
+            bytes_aligned = 1 if vector is _BYTES else 4
+            loaded = [builder.load(place(number), align=bytes_aligned) for number in (1, 2)]
+            builder.store(blend(builder, *loaded), place(0), align=bytes_aligned)
+            return context.get_dummy_value()
+
+        return types.void(target, front, back, index), generate
+
+    return step
+
+
+_step_bytes = _step(_BYTES, _blend_bytes)
+_step_floats = _step(_FLOATS, _blend_floats)
 
 
 @numba.njit(cache=True, nogil=True)
-def words_before(target: Words, source: Words, start: int, skip: int, length: int, stride: int) -> None:
-    """target = source over target, uint8 pixels as words (n,)."""
+def _over_bytes(target, front, back):  # type: ignore[no-untyped-def]
+    """target = front over back, uint8 pixels laid end to end; the target may be either of them."""
+    whole = target.size // 64 * 64
+    for i in range(0, whole, 64):
+        _step_bytes(target, front, back, i)
+    for i in range(whole, target.size, 4):
+        rest = 255 - front[i + 3]
+        for j in range(i, i + 4):
+            product = back[j] * rest + 128
+            target[j] = min(front[j] + ((product + (product >> 8)) >> 8), 255)
+
+
+@numba.njit(cache=True, nogil=True)
+def _over_floats(target, front, back):  # type: ignore[no-untyped-def]
+    """target = front over back, float32 pixels laid end to end; the target may be either of them."""
+    whole = target.size // 16 * 16
+    for i in range(0, whole, 16):
+        _step_floats(target, front, back, i)
+    for i in range(whole, target.size, 4):
+        rest = numba.float32(1) - front[i + 3]
+        for j in range(i, i + 4):
+            target[j] = front[j] + rest * back[j]
+
+
+@numba.njit(cache=True, nogil=True)
+def put_bytes(target, source, before, start, skip, length, stride):  # type: ignore[no-untyped-def]
+    """Blend a patch into a larger one, in place, uint8; see `put_floats`."""
     taken = 0
     while taken < source.size:
         count = min(length - skip, source.size - taken)
-        back = target[start + skip : start + skip + count]
-        front = source[taken : taken + count]
-        for i in range(count):
-            back[i] = _over_word(front[i], back[i])
-        taken += count
-        start += stride
-        skip = 0
+        here, there = target[start + skip : start + skip + count], source[taken : taken + count]
+        if before:
+            _over_bytes(here, there, here)
+        else:
+            _over_bytes(here, here, there)
+        taken, start, skip = taken + count, start + stride, 0
 
 
 @numba.njit(cache=True, nogil=True)
-def words_behind(target: Words, source: Words, start: int, skip: int, length: int, stride: int) -> None:
-    """target = target over source, uint8 pixels as words (n,)."""
+def put_floats(target, source, before, start, skip, length, stride):  # type: ignore[no-untyped-def]
+    """Blend a patch into a larger one, in place, float32.
+
+    Parameters
+    ----------
+    target, source : flat, C order
+    before : whether the source lies in front
+    start, skip, length, stride : where the source goes, counted in numbers, four a pixel: run k of `length` begins at
+        start + k·stride in the target, the first run leaves out its first `skip`, the last ends where the source ends
+    """
     taken = 0
     while taken < source.size:
         count = min(length - skip, source.size - taken)
-        front = target[start + skip : start + skip + count]
-        back = source[taken : taken + count]
-        for i in range(count):
-            front[i] = _over_word(front[i], back[i])
-        taken += count
-        start += stride
-        skip = 0
-
-
-@numba.njit(cache=True, nogil=True)
-def floats_before(target: Float, source: Float, start: int, skip: int, length: int, stride: int) -> None:
-    """target = source over target, float32 pixels (n, 4)."""
-    one = np.float32(1)
-    taken = 0
-    while taken < source.shape[0]:
-        count = min(length - skip, source.shape[0] - taken)
-        back = target[start + skip : start + skip + count]
-        front = source[taken : taken + count]
-        for i in range(count):
-            rest = one - front[i, 3]
-            back[i, 0] = front[i, 0] + rest * back[i, 0]
-            back[i, 1] = front[i, 1] + rest * back[i, 1]
-            back[i, 2] = front[i, 2] + rest * back[i, 2]
-            back[i, 3] = front[i, 3] + rest * back[i, 3]
-        taken += count
-        start += stride
-        skip = 0
-
-
-@numba.njit(cache=True, nogil=True)
-def floats_behind(target: Float, source: Float, start: int, skip: int, length: int, stride: int) -> None:
-    """target = target over source, float32 pixels (n, 4)."""
-    one = np.float32(1)
-    taken = 0
-    while taken < source.shape[0]:
-        count = min(length - skip, source.shape[0] - taken)
-        front = target[start + skip : start + skip + count]
-        back = source[taken : taken + count]
-        for i in range(count):
-            rest = one - front[i, 3]
-            front[i, 0] += rest * back[i, 0]
-            front[i, 1] += rest * back[i, 1]
-            front[i, 2] += rest * back[i, 2]
-            front[i, 3] += rest * back[i, 3]
-        taken += count
-        start += stride
-        skip = 0
+        here, there = target[start + skip : start + skip + count], source[taken : taken + count]
+        if before:
+            _over_floats(here, there, here)
+        else:
+            _over_floats(here, here, there)
+        taken, start, skip = taken + count, start + stride, 0
