@@ -16,6 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from clusterviz.codec import choose_codec
+from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.composite import binary_swap, binary_tree, direct_send, serial
 from clusterviz.composite.blend import compile_kernels
@@ -91,8 +92,11 @@ def composite(
     InputError
         On every rank: an unknown name, a partial image of a wrong type or shape, images of different types.
     """
-    codec = choose_codec(codec)
-    choose_algorithm(algorithm, channel.size)
+    try:
+        codec = choose_codec(codec)
+        choose_algorithm(algorithm, channel.size)
+    except InputError as error:
+        raise mark_agreed(error) from None
     started = perf_counter()
     footprints = gather_footprints(partial, order, channel)
     seconds_agree = perf_counter() - started

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.codec.contract import Pixels
+from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
@@ -90,4 +91,5 @@ def _paste(rgba: Pixels, canvas: Rect, patch: Patch, pixels: Pixels) -> None:
 
 def _check_size(canvas: Rect, size: tuple[int, int]) -> None:
     if canvas.pixels and canvas.intersect(Rect(0, 0, *size)) != canvas:
-        raise InputError("a partial image reaches outside the picture", found=canvas, allowed=f"0, 0 to {size}")
+        text = "a partial image reaches outside the picture"
+        raise mark_agreed(InputError(text, found=canvas, allowed=f"0, 0 to {size}"))

@@ -30,6 +30,14 @@ _FLOATS = ir.VectorType(ir.FloatType(), 16)
 _INDICES = ir.VectorType(ir.IntType(32), 64)
 
 
+def _compiled(function: Callable[..., Any]) -> Any:
+    """Compiled once for all, or for each process where no folder for numba's cache can be written."""
+    try:
+        return numba.njit(cache=True, nogil=True)(function)
+    except RuntimeError:
+        return numba.njit(nogil=True)(function)
+
+
 def _blend_bytes(builder: Any, front: Any, back: Any) -> Any:
     """LLVM for front over back, sixteen uint8 pixels."""
     # 255 − alpha of the pixel, in each 16-bit lane: byte 3 of four below, and a zero (byte 64) above.
@@ -82,7 +90,7 @@ _step_bytes = _step(_BYTES, _blend_bytes)
 _step_floats = _step(_FLOATS, _blend_floats)
 
 
-@numba.njit(cache=True, nogil=True)
+@_compiled
 def _over_bytes(target, front, back):  # type: ignore[no-untyped-def]
     """target = front over back, uint8 pixels laid end to end; the target may be either of them."""
     whole = target.size // 64 * 64
@@ -95,7 +103,7 @@ def _over_bytes(target, front, back):  # type: ignore[no-untyped-def]
             target[j] = min(front[j] + ((product + (product >> 8)) >> 8), 255)
 
 
-@numba.njit(cache=True, nogil=True)
+@_compiled
 def _over_floats(target, front, back):  # type: ignore[no-untyped-def]
     """target = front over back, float32 pixels laid end to end; the target may be either of them."""
     whole = target.size // 16 * 16
@@ -107,7 +115,7 @@ def _over_floats(target, front, back):  # type: ignore[no-untyped-def]
             target[j] = front[j] + rest * back[j]
 
 
-@numba.njit(cache=True, nogil=True)
+@_compiled
 def put_bytes(target, source, before, start, skip, length, stride):  # type: ignore[no-untyped-def]
     """Blend a patch into a larger one, in place, uint8; see `put_floats`."""
     taken = 0
@@ -121,7 +129,7 @@ def put_bytes(target, source, before, start, skip, length, stride):  # type: ign
         taken, start, skip = taken + count, start + stride, 0
 
 
-@numba.njit(cache=True, nogil=True)
+@_compiled
 def put_floats(target, source, before, start, skip, length, stride):  # type: ignore[no-untyped-def]
     """Blend a patch into a larger one, in place, float32.
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.comm.agree import is_agreed
 from clusterviz.composite import ALGORITHMS, choose_algorithm, collect, composite
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage, blank
@@ -122,6 +123,7 @@ def _failures(partials: list[PartialImage], order: list[int], algorithm: str = "
     def run(channel: LoopbackChannel) -> str:
         with pytest.raises(InputError) as caught:
             composite(partials[channel.rank], order, channel, algorithm)
+        assert is_agreed(caught.value)
         return str(caught.value)
 
     return run_loopback(len(partials), run)
