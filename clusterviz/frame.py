@@ -1,22 +1,23 @@
 """The loop: one frame from a scene to a picture, on all ranks together.
 
-    open -> read a share -> complete the scene -> plan -> partition -> load -> draw -> composite -> collect
+    open -> read a share -> complete the scene -> plan -> partition -> load -> draw -> composite -> collect -> write
 
-Stages are functions from values to values, and only this file calls them. What reads or draws runs under `agree`, so that a
-failure on one rank becomes the same failure on all; what talks runs between.
+Stages are functions from values to values, and only this file calls them. What reads or draws is done alone, and the
+ranks agree at its end on whether it failed, so that a failure on one becomes the same failure on all. What talks is done
+together: a failure there ends the job, since the others wait for messages that will never come.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm import Channel, agree
+from clusterviz.comm import Channel, abort_on_failure, agree
 from clusterviz.composite import collect, compile_kernels, composite
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
@@ -27,14 +28,18 @@ from clusterviz.image.compare import compare
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.partition import BspTree, bricks_of, build_tree, front_to_back
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
-from clusterviz.report.statistics import Clock, FrameStatistics, RankFrame, peak_memory_bytes
+from clusterviz.report.statistics import STAGES, Clock, FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.scene.complete import VolumeFacts, complete_scene
 from clusterviz.scene.values import Scene
 
 Voxels = NDArray[Any]
 Image = NDArray[np.float32]
-Progress = Callable[[str], None]
 CHECK_TOLERANCE = 1e-5
+STEPS = (
+    *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
+    *("kernels", "composite", "collect", "check", "write"),
+)
+"""What `Options.progress` is told, in this order; a frame may leave some out."""
 
 
 @dataclass(frozen=True)
@@ -61,15 +66,63 @@ class Options:
     ----------
     device : EGL device index, instead of the round robin over the node's GPUs
     check : composite a second time, serially, and compare
-    progress : called on every rank with the name of each stage as it begins
+    debug : show the traceback of a failure that ends the job
+    progress : called on every rank with the name of each step as it begins
+    write : called on rank 0 with the picture and the completed scene; its time counts as "finish"
     """
 
     device: int | None = None
     check: bool = False
-    progress: Progress = lambda stage: None
+    debug: bool = False
+    progress: Callable[[str], None] = lambda step: None
+    write: Callable[[Image, Scene], None] = lambda image, scene: None
 
 
-def render_frame(scene: Scene, channel: Channel, source: Source | None = None, options: Options | None = None) -> Rendered:
+@dataclass(frozen=True)
+class Run:
+    """What every stage needs: the channel, the options, and this rank's clock."""
+
+    channel: Channel
+    options: Options
+    clock: Clock = field(default_factory=lambda: Clock(dict.fromkeys(STAGES, 0.0)))
+
+    @contextmanager
+    def alone(self, step: str, stage: str) -> Iterator[None]:
+        """A step in which no rank talks; at its end they agree on whether it failed. Waiting for others is not timed."""
+        self.options.progress(step)
+        with agree(self.channel, 0, step), self.clock.stage(stage):
+            yield
+
+    @contextmanager
+    def together(self, step: str, stage: str) -> Iterator[None]:
+        """A step in which ranks talk: one that fails ends the job."""
+        self.options.progress(step)
+        with abort_on_failure(self.channel, 0, step, self.options.debug), self.clock.stage(stage):
+            yield
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one rank has to draw, and what all ranks know alike.
+
+    Attributes
+    ----------
+    scene : completed
+    plan, tree : None where there is no volume
+    order : the ranks from front to back
+    bricks : this rank's, by index; emptied as they go to the GPU
+    """
+
+    scene: Scene
+    plan: Plan | None
+    tree: BspTree | None
+    order: list[int]
+    bricks: dict[Index, Voxels]
+
+
+def render_frame(
+    scene: Scene, channel: Channel, source: Source | None = None, options: Options | None = None
+) -> Rendered:
     """Draw one frame; collective.
 
     Parameters
@@ -83,144 +136,119 @@ def render_frame(scene: Scene, channel: Channel, source: Source | None = None, o
     RankError, InputError, DeviceError
         The same on every rank.
     """
-    run = _Run(channel, options or Options())
+    run = Run(channel, options or Options())
     with run.clock.stage("total"):
-        if scene.volumes:
-            completed, partial, order, counts = _draw_volume(run, scene, source)
-        else:
-            completed, partial, order, counts = complete_scene(scene, ()), blank(), list(range(channel.size)), RankFrame({})
-        image, counts = _composite(run, completed, partial, order, counts)
+        share = prepare(run, scene, source)
+        partial, counts = _draw(run, share)
+        image, counts = _composite(run, share, partial, counts)
+        with run.alone("write", "finish"):
+            if image is not None:
+                run.options.write(image, share.scene)
     counts = replace(counts, seconds=run.clock.seconds, peak_memory_bytes=peak_memory_bytes())
-    return Rendered(image, completed, FrameStatistics(tuple(channel.allgather(counts))))
+    return Rendered(image, share.scene, FrameStatistics(tuple(channel.allgather(counts))))
 
 
-@dataclass(frozen=True)
-class _Run:
-    """What every stage of a run needs: the channel, the options, and this rank's clock."""
-
-    channel: Channel
-    options: Options
-    clock: Clock
-
-    def __init__(self, channel: Channel, options: Options) -> None:
-        object.__setattr__(self, "channel", channel)
-        object.__setattr__(self, "options", options)
-        object.__setattr__(self, "clock", Clock())
-
-    @contextmanager
-    def stage(self, name: str, agreed: str = "") -> Iterator[None]:
-        """One stage, timed; with `agreed`, the ranks agree on whether it failed."""
-        self.options.progress(agreed or name)
-        with self.clock.stage(name):
-            if agreed:
-                with agree(self.channel, 0, agreed):
-                    yield
-            else:
-                yield
-
-
-def _draw_volume(run: _Run, scene: Scene, source: Source | None) -> tuple[Scene, PartialImage, list[int], RankFrame]:
-    """From the scene to this rank's partial image, with the ranks from front to back and this rank's counts."""
-    rank = run.channel.rank
-    with run.stage("load", "open"):
+def prepare(run: Run, scene: Scene, source: Source | None = None) -> Share:
+    """Everything before drawing: read the data, complete the scene, plan the frame, deal out the bricks; collective."""
+    if not scene.volumes:
+        with run.alone("plan", "plan"):
+            return Share(complete_scene(scene, ()), None, None, list(range(run.channel.size)), {})
+    with run.alone("open", "load"):
         source = source or open_source(scene.volumes[0].path, scene.volumes[0].array)
         layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick)
     held, summary = _summarise(run, source, layout)
-    with run.stage("plan", "plan"):
+    with run.alone("plan", "plan"):
         completed = complete_scene(scene, _facts(source, summary))
         plan = make_plan(completed, source.grid, source.dtype, layout, summary)
         tree = build_tree(plan.cost, run.channel.size)
         order = _visibility_order(plan, tree)
-    with run.stage("load", "load"):
-        mine = {_index(i) for i in bricks_of(tree, rank, plan.cost)}
+    with run.alone("load", "load"):
+        mine = {_index(i) for i in bricks_of(tree, run.channel.rank, plan.cost)}
         bricks = {index: samples for index, samples in held.items() if index in mine}
         held.clear()
         bricks.update(read_bricks(source, layout, mine - bricks.keys()))
-    partial, counts = _render(run, plan, tree, bricks)
-    return completed, partial, order, counts
+    return Share(completed, plan, tree, order, bricks)
 
 
-def _summarise(run: _Run, source: Source, layout: BrickLayout) -> tuple[dict[Index, Voxels], VolumeSummary]:
+def _summarise(run: Run, source: Source, layout: BrickLayout) -> tuple[dict[Index, Voxels], VolumeSummary]:
     """Read an equal share of the bricks, and learn together what the volume holds; the share is kept for drawing."""
-    cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
-    share = [_index(i) for i in bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)]
-    with run.stage("load", "read"):
+    with run.alone("read", "load"):
+        cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
+        share = [_index(i) for i in bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)]
         held = dict(read_bricks(source, layout, share))
-    with run.stage("load"):
+    with run.together("summarise", "load"):
         return held, summarise(source.dtype, layout, lambda: iter(held.items()), run.channel.allgather)
 
 
-def _render(
-    run: _Run, plan: Plan, tree: BspTree, bricks: dict[Index, Voxels]
-) -> tuple[PartialImage, RankFrame]:
+def _draw(run: Run, share: Share) -> tuple[PartialImage, RankFrame]:
     """Draw this rank's bricks. A rank without any starts no OpenGL."""
     from clusterviz.gl.context import open_context
     from clusterviz.render.raycast import Raycaster
 
+    plan, tree, bricks = share.plan, share.tree, share.bricks
     counts = RankFrame({}, bricks=len(bricks), voxels=sum(samples.size for samples in bricks.values()))
-    partial = blank()
-    place = run.channel.place()
-    caster = None
-    with run.stage("context", "context"):
+    if plan is None or tree is None:
+        return blank(), counts
+    with run.together("context", "context"):
+        place = run.channel.place()
+    with run.alone("context", "context"):
         context = open_context(place.local_rank, run.options.device) if bricks else None
-    with run.stage("shaders", "shaders"):
-        if context:
-            caster = Raycaster(context, plan, tree.leaves[run.channel.rank].trimmed)
-    with run.stage("load", "upload"):
+    with run.alone("shaders", "shaders"):
+        caster = Raycaster(context, plan, tree.leaves[run.channel.rank].trimmed) if context else None
+    with run.alone("upload", "load"):
         if caster:
             caster.load(plan, bricks)
             bricks.clear()
     run.options.progress("render")
     with agree(run.channel, 0, "render"):
-        if caster and context:
-            drawn = caster.draw(plan)
-            partial = drawn.partial
-            run.clock.add("render", drawn.seconds_render)
-            run.clock.add("readback", drawn.seconds_readback)
-            counts = replace(
-                counts,
-                bricks_drawn=drawn.bricks,
-                samples=drawn.samples,
-                voxel_bytes=caster.voxel_bytes,
-                renderer=caster.renderer,
-            )
-            caster.release()
-            context.release()
-    return partial, counts
+        if not caster or not context:
+            return blank(), counts
+        drawn = caster.draw(plan)
+        run.clock.add("render", drawn.seconds_render)
+        run.clock.add("readback", drawn.seconds_readback)
+        counts = replace(
+            counts,
+            bricks_drawn=drawn.bricks,
+            samples=drawn.samples,
+            voxel_bytes=caster.voxel_bytes,
+            renderer=caster.renderer,
+        )
+        caster.release()
+        context.release()
+        return drawn.partial, counts
 
 
-def _composite(
-    run: _Run, scene: Scene, partial: PartialImage, order: list[int], counts: RankFrame
-) -> tuple[Image | None, RankFrame]:
+def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame) -> tuple[Image | None, RankFrame]:
     """From partial images to the picture on rank 0."""
-    cluster, size, channel = scene.cluster, scene.image.size, run.channel
-    with run.stage("kernels"):
+    cluster, size, channel = share.scene.cluster, share.scene.image.size, run.channel
+    with run.together("kernels", "kernels"):
         compile_kernels(channel)
     run.options.progress("composite")
-    piece, counters = composite(partial, order, channel, cluster.compositing, cluster.codec)
+    with abort_on_failure(channel, 0, "composite", run.options.debug):
+        piece, counters = composite(partial, share.order, channel, cluster.compositing, cluster.codec)
     total = counters.total
     run.clock.add("encode", total.seconds_encode)
     run.clock.add("exchange", total.seconds_wait + counters.seconds_agree)
     run.clock.add("blend", total.seconds_blend)
-    with run.stage("collect"):
-        image = collect(piece, size, channel)
+    with run.together("collect", "collect"):
+        image = cast("Image | None", collect(piece, size, channel))
     if run.options.check:
-        _check(run, scene, partial, order, image)
-    counts = replace(
-        counts, bytes_raw=total.bytes_raw, bytes_sent=total.bytes_sent, messages_sent=total.messages_sent
-    )
-    return image, counts  # type: ignore[return-value]
+        _check(run, share, partial, image)
+    sent = replace(counts, bytes_raw=total.bytes_raw, bytes_sent=total.bytes_sent, messages_sent=total.messages_sent)
+    return image, sent
 
 
-def _check(run: _Run, scene: Scene, partial: PartialImage, order: list[int], image: Any) -> None:
+def _check(run: Run, share: Share, partial: PartialImage, image: Image | None) -> None:
     """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
-    piece, _ = composite(partial, order, run.channel, "serial", "raw")
-    plain = collect(piece, scene.image.size, run.channel)
-    with run.stage("check", "check"):
+    with run.together("check", "check"):
+        piece, _ = composite(partial, share.order, run.channel, "serial", "raw")
+        plain = collect(piece, share.scene.image.size, run.channel)
+    with run.alone("check", "check"):
         if image is not None and plain is not None:
             difference = compare(image, plain, CHECK_TOLERANCE)
             if difference.count:
-                raise ClustervizError(f"{scene.cluster.compositing} and serial compositing disagree: {difference}")
+                name = share.scene.cluster.compositing
+                raise ClustervizError(f"{name} and serial compositing disagree: {difference}")
 
 
 def _visibility_order(plan: Plan, tree: BspTree) -> list[int]:

@@ -1,8 +1,8 @@
 """The commands: one file each, imported only when it is the one that is asked for.
 
-Every file has a function `command`, which typer turns into options and help; one that has subcommands has a typer
-application `application` instead. Starting, and `--help`, import neither
-NumPy nor MPI nor OpenGL. How errors end a command is said in `failure`.
+Every file that is a command has a function `command`, which typer turns into options and help; one that has subcommands
+has a typer application `application` instead. A command that wants to know of `--debug` finds it in its context.
+Starting, and `--help`, import neither NumPy nor MPI nor OpenGL. How errors end a command is said in `failure`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ def run(arguments: Sequence[str]) -> int:
     """
     debug, arguments = _without_debug(arguments)
     try:
-        status = _application(arguments)(list(arguments), prog_name="clusterviz", standalone_mode=False)
+        status = _application(arguments)(
+            list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug}
+        )
     except (Exception, KeyboardInterrupt) as error:
         return _usage_status(error) or fail(error, debug)
     if status == INTERRUPTED:  # typer's answer to ctrl-C

@@ -1,0 +1,73 @@
+"""Arguments that several commands share, so that they look and behave the same in each."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+import typer
+
+from clusterviz.errors import InputError
+
+SceneArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE", help="A scene file (.yaml, .json), or a data file: it is shown as it is best seen."
+    ),
+]
+Define = Annotated[
+    list[str] | None,
+    typer.Option("-D", metavar="KEY=VALUE", help="Set any key of the scene: -D quality.step=0.5 (may be repeated)."),
+]
+Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width and height of the picture in pixels.")]
+
+
+def overrides_of(define: list[str] | None, size: str | None) -> list[str]:
+    """Both options as overrides of the scene; the size comes last and so holds."""
+    return [*(define or []), *([f"image.size={list(parse_size(size))}"] if size else [])]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """(width, height) of a text like 800x600.
+
+    Raises
+    ------
+    InputError
+        It is not of that form.
+    """
+    found = re.fullmatch(r"(\d{1,5})[xX×](\d{1,5})", text.strip())
+    if not found or not all(int(side) for side in found.groups()):
+        raise InputError("not a size", where="--size", found=text, allowed="WIDTHxHEIGHT in pixels, as in 800x600")
+    return int(found[1]), int(found[2])
+
+
+def parse_names(text: str, known: list[str], where: str) -> list[str]:
+    """The names in a list like "serial,tree".
+
+    Raises
+    ------
+    InputError
+        One of them is not known, or there is none.
+    """
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError("unknown name", where=where, found=unknown[0] or "nothing", allowed=", ".join(known))
+    return list(dict.fromkeys(names))
+
+
+def parse_counts(text: str, least: int, where: str) -> list[int]:
+    """The numbers in a list like "1,2,4".
+
+    Raises
+    ------
+    InputError
+        One of them is not a whole number, or too small.
+    """
+    numbers = [number.strip() for number in text.split(",")]
+    wrong = [number for number in numbers if not number.isdecimal() or int(number) < least]
+    if wrong:
+        raise InputError(
+            "not a count", where=where, found=wrong[0] or "nothing", allowed=f"whole numbers from {least} on: 1,2,4"
+        )
+    return list(dict.fromkeys(int(number) for number in numbers))

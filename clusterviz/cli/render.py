@@ -1,0 +1,97 @@
+"""`clusterviz render`: one picture of a scene or a data file, from all ranks together."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import clusterviz
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.costs import print_costs
+from clusterviz.cli.progress import show_progress
+from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
+from clusterviz.frame import STEPS, Options, Rendered, render_frame
+from clusterviz.image.files import check_writable, write_image
+from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.report.statistics import statistics_file
+from clusterviz.scene import background_rgb, open_scene
+from clusterviz.scene.values import Scene
+
+
+def command(
+    context: typer.Context,
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .npy or .exr.")],
+    define: Define = None,
+    size: Size = None,
+    stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Composite a second time, serially, and compare.")] = False,
+    device: Annotated[int | None, typer.Option(min=0, help="EGL device of every rank; default: in turn.")] = None,
+) -> None:
+    """Render a scene or a data file into a picture; under mpirun, on all ranks."""
+    channel, startup = _start()
+    with agree(channel, 0, "scene"):
+        opened = open_scene(scene, overrides_of(define, size))
+    with agree(channel, 0, "output"):
+        if channel.rank == 0:
+            _check_outputs(output, stats)
+    with show_progress(STEPS if channel.rank == 0 else ()) as progress:
+        options = Options(device, check, context.obj["debug"], progress, _writer(output))
+        rendered = render_frame(opened, channel, options=options)
+    slowest = _slowest(channel.allgather(startup))
+    with agree(channel, 0, "statistics"):
+        if stats and channel.rank == 0:
+            _write_statistics(stats, rendered, slowest)
+    if channel.rank == 0:
+        print_costs(rendered.statistics, slowest)
+        print(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""), flush=True)
+
+
+def _start() -> tuple[Channel, dict[str, float]]:
+    """The channel, and the seconds from the start of this process until the ranks knew each other."""
+    reached, began = clusterviz.REACHED, time.perf_counter()
+    age = _process_age()
+    channel = open_channel()
+    limit_threads(channel.place())
+    warning = launch_warning(channel.size)
+    if warning:
+        print(f"\nclusterviz: WARNING: {warning}\n", file=sys.stderr, flush=True)
+    ready = time.perf_counter()
+    return channel, {"interpreter": max(0.0, age - (began - reached)), "imports": began - reached, "mpi": ready - began}
+
+
+def _process_age() -> float:
+    """Seconds since this process began, to 0.01; 0 where the system does not tell (it is Linux that does)."""
+    try:
+        ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, AttributeError):
+        return 0.0
+
+
+def _check_outputs(output: Path, stats: Path | None) -> None:
+    """Find out before hours of work what would fail after them."""
+    check_writable(output)
+    if stats:
+        check_replaceable(stats)
+
+
+def _writer(output: Path) -> Callable[[Any, Scene], None]:
+    return lambda image, scene: write_image(output, image, background_rgb(scene.image.background))
+
+
+def _slowest(startups: list[dict[str, float]]) -> dict[str, float]:
+    return {name: max(startup[name] for startup in startups) for name in startups[0]}
+
+
+def _write_statistics(path: Path, rendered: Rendered, startup: dict[str, float]) -> None:
+    report = statistics_file(rendered.scene.image.size, [rendered.statistics], startup)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(report, indent=2) + "\n")
