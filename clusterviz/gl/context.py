@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import moderngl
 
-from clusterviz.errors import DeviceError
+from clusterviz.errors import ClustervizError, DeviceError
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.gl.shader import ShaderSource
 
@@ -32,7 +32,7 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
     try:
         index = choose_device(egl_devices(), local_rank, device)
         context = moderngl.create_context(standalone=True, backend="egl", device_index=index, require=430)
-    except DeviceError:
+    except ClustervizError:
         raise
     except Exception as error:
         raise DeviceError(f"no OpenGL context could be made through EGL: {error}; {HINT}") from error
