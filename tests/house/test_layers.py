@@ -23,6 +23,7 @@ LEVELS = (
     ("frame",),
     ("report.pages", "viewer"),
     ("cli",),
+    ("__main__",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 LIBRARY_ROOMS = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
