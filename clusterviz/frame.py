@@ -3,8 +3,8 @@
     open -> read a share -> complete the scene -> plan -> partition -> load -> draw -> composite -> collect -> write
 
 Stages are functions from values to values, and only this file calls them. What reads or draws is done alone, and the
-ranks agree at its end on whether it failed, so that a failure on one becomes the same failure on all. What talks is done
-together: a failure there ends the job, since the others wait for messages that will never come.
+ranks agree at its end on whether it failed, so that a failure on one becomes the same failure on all. What talks is
+done together: a failure there ends the job, since the others wait for messages that will never come.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Run:
 
     @contextmanager
     def alone(self, step: str, stage: str) -> Iterator[None]:
-        """A step in which no rank talks; at its end they agree on whether it failed. Waiting for others is not timed."""
+        """A step in which no rank talks; at its end they agree on whether it failed, and do not time the waiting."""
         self.options.progress(step)
         with agree(self.channel, 0, step), self.clock.stage(stage):
             yield

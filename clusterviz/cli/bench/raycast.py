@@ -1,0 +1,63 @@
+"""`clusterviz bench raycast`: the time of drawing one frame on one rank; reading, uploading and compositing apart."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.comm import LoopbackChannel
+from clusterviz.errors import SceneError
+from clusterviz.frame import Options, Run, prepare
+from clusterviz.scene import Scene, open_scene
+
+
+def command(
+    scene: SceneArgument, frames: Frames = 10, define: Define = None, size: Size = None, json: JsonOption = None
+) -> None:
+    """Measure how long one rank draws, with the bricks in GPU memory already."""
+    report = measure(open_scene(scene, overrides_of(define, size)), frames)
+    if json:
+        write_json(json, report)
+    width, height = report["size"]
+    print(f"{report['renderer']}, {width} × {height}, step {report['step_voxels']:g} voxels, {frames} frames")
+    print(f"median {1e3 * report['median_s']:.2f} ms, min {1e3 * report['min_s']:.2f} ms", end=", ")
+    print(f"readback {1e3 * report['readback_median_s']:.2f} ms, {report['samples']:,} samples a frame")
+
+
+def measure(scene: Scene, frames: int) -> dict[str, Any]:
+    """Draw a scene several times.
+
+    Parameters
+    ----------
+    scene : with a volume
+    frames : draws that are timed, after one that is not
+
+    Returns
+    -------
+    report : median_s and min_s, until the GPU is done; readback_median_s; samples of one frame; the options
+    """
+    from clusterviz.gl.context import open_context
+    from clusterviz.render.raycast import Raycaster
+
+    share = prepare(Run(LoopbackChannel(), Options()), scene)
+    if share.plan is None or share.tree is None:
+        raise SceneError("nothing to draw", where="volumes", allowed="one volume")
+    caster = Raycaster(open_context(), share.plan, share.tree.leaves[0].trimmed)
+    caster.load(share.plan, share.bricks)
+    drawn = [caster.draw(share.plan) for _ in range(frames + 1)][1:]
+    seconds = [frame.seconds_render for frame in drawn]
+    return {
+        "median_s": median(seconds),
+        "min_s": min(seconds),
+        "readback_median_s": median(frame.seconds_readback for frame in drawn),
+        "samples": drawn[-1].samples,
+        "bricks": drawn[-1].bricks,
+        "voxel_bytes": caster.voxel_bytes,
+        "step_voxels": share.scene.quality.step,
+        "renderer": caster.renderer,
+        "size": list(share.scene.image.size),
+        "frames": frames,
+        "scene": share.scene.model_dump(mode="json"),
+    }

@@ -1,0 +1,77 @@
+"""Jobs of several ranks that a command starts by itself: clusterviz under mpirun, in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from clusterviz.comm.place import launched
+from clusterviz.errors import ClustervizError, InputError
+
+# More ranks than cores are wanted here; Open MPI (4, then 5) allows that only when told.
+OVERSUBSCRIBE = {
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+}
+
+
+def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
+    """The command line that runs clusterviz on some ranks; one rank needs no mpirun.
+
+    Raises
+    ------
+    ClustervizError
+        There is no mpirun.
+    """
+    alone = [sys.executable, "-m", "clusterviz", *arguments]
+    return alone if ranks == 1 else [find_mpirun(), "-n", str(ranks), *alone]
+
+
+def find_mpirun() -> str:
+    """The mpirun beside this Python, which belongs to its mpi4py, else the first one on the PATH.
+
+    Raises
+    ------
+    ClustervizError
+        There is none.
+    """
+    for folder in (str(Path(sys.executable).parent), None):
+        found = shutil.which("mpirun", path=folder)
+        if found:
+            return found
+    raise ClustervizError("there is no mpirun, neither beside this Python nor on the PATH; see `clusterviz doctor`")
+
+
+def run_job(ranks: int, arguments: Sequence[str], timeout_seconds: float | None = None) -> str:
+    """Run clusterviz on some ranks, and return what it printed.
+
+    Raises
+    ------
+    ClustervizError, InputError
+        The job failed: its last words, and an error of the kind that its status tells.
+    """
+    environment = OVERSUBSCRIBE | os.environ
+    done = subprocess.run(
+        job_command(ranks, arguments), capture_output=True, text=True, env=environment, timeout=timeout_seconds
+    )
+    if done.returncode == 0:
+        return done.stdout
+    words = [line for line in done.stderr.splitlines() if line.startswith("clusterviz: ")] or done.stderr.splitlines()
+    cause = "\n".join(words).replace("clusterviz: error: ", "").replace("clusterviz: ", "") or "it said nothing"
+    message = f"on {ranks} rank{'s' * (ranks > 1)}: {cause}"
+    raise InputError(message) if done.returncode == InputError.exit_status else ClustervizError(message)
+
+
+def refuse_launcher(command: str) -> None:
+    """A command that starts mpirun itself must not run under one.
+
+    Raises
+    ------
+    InputError
+    """
+    if launched():
+        raise InputError(f"`clusterviz {command}` starts mpirun by itself: run it without")

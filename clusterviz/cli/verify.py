@@ -1,0 +1,206 @@
+"""`clusterviz verify`: one scene on several rank counts, with several algorithms and brick sizes, must be one picture.
+
+Each configuration is a job of its own, as a user would start it. Every picture is compared with the first one. The same
+is then done with a nearly transparent scene of constant opacity, in which no slab of a ray hides another: one that two
+ranks own, or none, changes the number of samples and shows in the picture. Last, the picture is compared with the
+float64 reference, at a small size.
+"""
+
+from __future__ import annotations
+
+import json as json_text
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts, parse_names
+from clusterviz.cli.jobs import refuse_launcher, run_job
+from clusterviz.cli.progress import show_progress
+from clusterviz.cli.witness import Witness, compare_with_reference
+from clusterviz.composite import ALGORITHMS
+from clusterviz.errors import ClustervizError
+from clusterviz.image import compare, read_image
+from clusterviz.image.files import Pixels
+from clusterviz.scene import Scene, open_scene
+
+FAINT = "1e-6"
+"""Opacity of the scene that shows who owns what: after 10⁴ slabs, 99 % of the light still gets through."""
+FAINT_TOLERANCE = 1e-4
+"""Of the brightest pixel; one slab of a ray through 10³ slabs is ten times as much."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One way to make the picture."""
+
+    ranks: int
+    algorithm: str
+    brick: int
+
+    def __str__(self) -> str:
+        return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.algorithm}, brick {self.brick}"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One comparison with the first picture.
+
+    Attributes
+    ----------
+    check : "picture" or "ownership"
+    max, rms : of the difference; in units of the brightest pixel for ownership
+    first_wrong_pixel : (row, column), None where none exceeds the tolerance
+    samples : field samples that all ranks took together
+    problem : what is wrong, "" where all is well
+    """
+
+    check: str
+    configuration: Configuration
+    max: float
+    rms: float
+    tolerance: float
+    first_wrong_pixel: tuple[int, int] | None
+    samples: int
+    problem: str
+
+
+def command(
+    scene: SceneArgument,
+    ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,3,4,7",
+    algorithms: Annotated[str, typer.Option(metavar="A,A,…", help="Compositing algorithms.")] = ",".join(ALGORITHMS),
+    bricks: Annotated[str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's.")] = None,
+    define: Define = None,
+    size: Size = None,
+    tolerance: Annotated[float, typer.Option(min=0, help="Largest difference between two pictures.")] = 1e-5,
+    ownership: Annotated[bool, typer.Option(help="Check that each slab of a ray has one owner.")] = True,
+    reference: Annotated[bool, typer.Option(help="Compare with the float64 reference too, 128 pixels wide.")] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Render a scene on several rank counts (starting mpirun by itself), and compare the pictures."""
+    refuse_launcher("verify")
+    overrides = overrides_of(define, size)
+    opened = open_scene(scene, overrides)
+    configurations = _configurations(
+        parse_counts(ranks, 1, "--ranks"),
+        parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
+        parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
+    )
+    results = run_all(scene, overrides, configurations, tolerance, ownership and bool(opened.volumes))
+    witness = compare_with_reference(opened) if reference and opened.volumes else None
+    _print_json(results, witness) if json else _print_table(results, witness, opened)
+    wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
+    if wrong:
+        raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
+
+
+def _configurations(ranks: Sequence[int], algorithms: Sequence[str], bricks: Sequence[int]) -> list[Configuration]:
+    """All combinations; on one rank there is nothing to composite, so one algorithm will do."""
+    return [
+        Configuration(count, algorithm, brick)
+        for brick in bricks
+        for count in ranks
+        for algorithm in (algorithms if count > 1 else algorithms[:1])
+    ]
+
+
+def run_all(
+    scene: str, overrides: list[str], configurations: list[Configuration], tolerance: float, ownership: bool
+) -> list[Result]:
+    """Run every configuration, and compare each with the first.
+
+    Parameters
+    ----------
+    scene, overrides : as given to `clusterviz render`
+    configurations : at least one
+    tolerance : largest difference of two pictures
+    ownership : whether to do the same with the nearly transparent scene, once for each number of ranks and brick size
+    """
+    faint = [
+        *overrides,
+        f"volumes.0.opacity={FAINT}",
+        "volumes.0.opacity_unit_distance=null",
+        "quality.early_termination=0",
+    ]
+    owners = list({(c.ranks, c.brick): c for c in configurations}.values()) if ownership else []
+    jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
+    results: list[Result] = []
+    steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
+    with tempfile.TemporaryDirectory(prefix="clusterviz-verify-") as folder, show_progress(steps) as progress:
+        firsts: dict[str, Pixels] = {}
+        counts: dict[int, int] = {}
+        for step, (check, configuration, settings) in zip(steps, jobs, strict=True):
+            progress(step)
+            picture, samples = _render(scene, settings, configuration, Path(folder))
+            first = firsts.setdefault(check, picture)
+            if check == "picture":
+                results.append(_judge_picture(configuration, picture, first, tolerance, samples))
+            else:
+                # Bricks without any finite voxel are left out, and how many there are depends on the brick size.
+                count = counts.setdefault(configuration.brick, samples)
+                results.append(_judge_ownership(configuration, picture, first, samples, count))
+    return results
+
+
+def _render(scene: str, overrides: list[str], configuration: Configuration, folder: Path) -> tuple[Pixels, int]:
+    """The picture of one configuration, and how many samples all ranks took."""
+    picture, stats = folder / "picture.npy", folder / "statistics.json"
+    settings = [
+        *overrides, f"cluster.compositing={configuration.algorithm}", f"cluster.brick={configuration.brick}"
+    ]  # fmt: skip
+    defines = [word for setting in settings for word in ("-D", setting)]
+    run_job(configuration.ranks, ["render", scene, "-o", str(picture), "--stats", str(stats), *defines])
+    frame = json_text.loads(stats.read_text())["frames"][0]
+    return read_image(picture), sum(rank["samples"] for rank in frame["per_rank"])
+
+
+def _judge_picture(
+    configuration: Configuration, picture: Pixels, first: Pixels, tolerance: float, samples: int
+) -> Result:
+    difference = compare(picture, first, tolerance)
+    found = (difference.max, difference.rms, tolerance, difference.first_wrong_pixel)
+    return Result("picture", configuration, *found, samples, str(difference) if difference.count else "")
+
+
+def _judge_ownership(
+    configuration: Configuration, picture: Pixels, first: Pixels, samples: int, expected: int
+) -> Result:
+    """Faint pictures are compared in units of their brightest pixel, samples by number."""
+    scale = float(np.abs(first).max()) or 1.0
+    difference = compare(picture / scale, first / scale, FAINT_TOLERANCE)
+    problems = [str(difference)] if difference.count else []
+    if samples != expected:
+        problems.append(f"{samples} samples instead of {expected}")
+    found = (difference.max, difference.rms, FAINT_TOLERANCE, difference.first_wrong_pixel)
+    return Result("ownership", configuration, *found, samples, "; ".join(problems))
+
+
+def _print_json(results: list[Result], witness: Witness | None) -> None:
+    report = {
+        "agree": not any(result.problem for result in results),
+        "results": [asdict(result) for result in results],
+        "reference": asdict(witness) if witness else None,
+    }
+    print(json_text.dumps(report, indent=2))
+
+
+def _print_table(results: list[Result], witness: Witness | None, scene: Scene) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("check", "ranks", "algorithm", "brick", "max", "rms", "samples", "", box=None, pad_edge=False)
+    for result in results:
+        where = "ok" if not result.problem else "WRONG"
+        if result.first_wrong_pixel:
+            where += " at row {}, column {}".format(*result.first_wrong_pixel)
+        c = result.configuration
+        numbers = (f"{result.max:.2e}", f"{result.rms:.2e}", f"{result.samples:,}")
+        table.add_row(result.check, str(c.ranks), c.algorithm, str(c.brick), *numbers, where)
+    console = Console(highlight=False)
+    console.print(table)
+    if witness:
+        console.print(f"\n{witness}", markup=False)
