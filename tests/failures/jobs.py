@@ -1,0 +1,66 @@
+"""Starting whole commands for the tests, and what every failure has in common."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from clusterviz.cli.jobs import OVERSUBSCRIBE, find_mpirun
+
+DRIVER = Path(__file__).parent / "failing_rank.py"
+SECONDS = 60
+FIELD = "field:marschner-lobb:16"
+SMALL = ("--size", "24x18", "-D", "cluster.brick=8")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a job ended."""
+
+    status: int
+    out: str
+    err: str
+
+
+def start(ranks: int, *arguments: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
+    """Start Python with arguments on some ranks, as leader of a process group."""
+    launcher = [find_mpirun(), "-n", str(ranks)] if ranks > 1 else []
+    return subprocess.Popen(
+        [*launcher, sys.executable, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=OVERSUBSCRIBE | os.environ | (environment or {}),
+        start_new_session=True,
+    )
+
+
+def finish(job: subprocess.Popen[str], seconds: float = SECONDS) -> Ended:
+    """Wait for its end."""
+    out, err = job.communicate(timeout=seconds)
+    return Ended(job.returncode, out, err)
+
+
+def render(ranks: int, *arguments: str, environment: dict[str, str] | None = None) -> Ended:
+    """`clusterviz render` on some ranks."""
+    return finish(start(ranks, "-m", "clusterviz", "render", *arguments, environment=environment))
+
+
+def failing(rank: int, place: str, how: str, ranks: int, *arguments: str) -> subprocess.Popen[str]:
+    """Start a command whose function at `place` fails on one rank."""
+    return start(ranks, str(DRIVER), str(rank), place, how, *arguments)
+
+
+def check_failure(ended: Ended, status: int, text: str, folder: Path) -> None:
+    """One clear message, the right status, no traceback, and nothing left in the folder."""
+    assert ended.status == status, ended.err
+    messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
+    assert len(messages) == 1, ended.err
+    assert text in ended.err
+    assert "Traceback" not in ended.err + ended.out
+    assert "the picture is" not in ended.out
+    assert [path.name for path in folder.iterdir()] == []

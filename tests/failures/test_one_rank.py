@@ -1,0 +1,74 @@
+"""One rank that fails in any stage, is killed, or is interrupted: the whole job ends, soon, with one message."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from failures.jobs import FIELD, SMALL, check_failure, failing, finish
+
+pytestmark = [pytest.mark.fresh, pytest.mark.gl]
+SECONDS = 10
+
+STAGES = [
+    ("scene", 1, "clusterviz.cli.render:open_scene"),
+    ("output", 0, "clusterviz.cli.render:check_writable"),
+    ("open", 1, "clusterviz.frame:open_source"),
+    ("read", 1, "clusterviz.frame:read_bricks"),
+    ("summarise", 1, "clusterviz.frame:summarise"),
+    ("plan", 1, "clusterviz.frame:make_plan"),
+    ("context", 1, "clusterviz.gl.context:open_context"),
+    ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
+    ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
+    ("render", 1, "clusterviz.render.raycast:Raycaster.draw"),
+    ("kernels", 1, "clusterviz.frame:compile_kernels"),
+    ("composite", 1, "clusterviz.frame:composite"),
+    ("composite", 2, "clusterviz.composite.exchange:_merge"),
+    ("collect", 1, "clusterviz.frame:collect"),
+    ("check", 0, "clusterviz.frame:compare"),
+    ("write", 0, "clusterviz.cli.render:write_image"),
+]
+
+
+@pytest.mark.parametrize(("stage", "rank", "place"), STAGES)
+def test_a_rank_that_raises_ends_the_job(stage: str, rank: int, place: str, tmp_path: Path) -> None:
+    job = failing(rank, place, "raise", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), "--check", *SMALL)
+    check_failure(finish(job), 1, f"rank {rank}, frame 0, {stage}: ValueError: odd", tmp_path)
+
+
+def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
+    arguments = ("render", FIELD, "-o", str(tmp_path / "a.npy"), "--stats", str(tmp_path / "s.json"), *SMALL)
+    ended = finish(failing(0, "clusterviz.cli.render:statistics_file", "raise", 2, *arguments))
+    assert (ended.status, "rank 0, frame 0, statistics: ValueError: odd" in ended.err) == (1, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
+
+
+@pytest.mark.parametrize("place", ["clusterviz.render.raycast:Raycaster.draw", "clusterviz.frame:collect"])
+def test_a_killed_rank_ends_the_job_within_seconds(place: str, tmp_path: Path) -> None:
+    job = failing(1, place, "kill", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
+    ended = finish(job, SECONDS)
+    assert ended.status != 0
+    assert "Traceback" not in ended.err + ended.out
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("ranks", "place"),
+    [
+        (1, "clusterviz.render.raycast:Raycaster.draw"),
+        (3, "clusterviz.render.raycast:Raycaster.draw"),
+        (3, "clusterviz.frame:collect"),
+    ],
+)
+def test_ctrl_c_ends_the_job(ranks: int, place: str, tmp_path: Path) -> None:
+    job = failing(ranks - 1, place, "wait", ranks, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
+    assert job.stdout is not None
+    assert "waiting" in job.stdout.readline()
+    os.killpg(job.pid, signal.SIGINT)  # a terminal sends it to all processes of the foreground
+    ended = finish(job, SECONDS)
+    assert ended.status != 0
+    assert ended.err.count("clusterviz: interrupted") <= 1
+    assert "Traceback" not in ended.err + ended.out
+    assert list(tmp_path.iterdir()) == []
