@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import numpy as np
 import typer
@@ -22,12 +22,12 @@ from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, 
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.witness import Witness, compare_with_reference
-from clusterviz.composite import ALGORITHMS
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image
 from clusterviz.image.files import Pixels
-from clusterviz.scene import Scene, open_scene
+from clusterviz.scene import Cluster, Scene, open_scene
 
+ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
 FAINT = "1e-6"
 """Opacity of the scene that shows who owns what: after 10⁴ slabs, 99 % of the light still gets through."""
 FAINT_TOLERANCE = 1e-4

@@ -1,0 +1,103 @@
+"""bench: each part can be measured, says what it did, and what it measured is right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.cli.bench import over
+from clusterviz.cli.jobs import run_job
+from clusterviz.composite import ALGORITHMS
+from clusterviz.reference import over as reference_over
+
+SIZE = (23, 17)
+
+
+@pytest.mark.gl
+def test_raycast(cli: Callable[..., Any], tmp_path: Path) -> None:
+    file = tmp_path / "r.json"
+    arguments = ("--frames", "3", "--size", "24x18", "-D", "quality.step=0.5", "--json", str(file))
+    outcome = cli("bench", "raycast", "field:gaussian:16", *arguments)
+    assert (outcome.status, outcome.err) == (0, "")
+    report = json.loads(file.read_text())
+    assert 0 < report["min_s"] <= report["median_s"]
+    assert report["samples"] > 1000
+    assert (report["step_voxels"], report["frames"], report["size"]) == (0.5, 3, [24, 18])
+    assert report["renderer"] in outcome.out
+    assert report["scene"]["quality"]["filter"] == "exact"
+
+
+def test_raycast_of_nothing_is_refused(cli: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text("volumes: []")
+    outcome = cli("bench", "raycast", str(tmp_path / "scene.yaml"))
+    assert (outcome.status, "nothing to draw" in outcome.err) == (2, True)
+
+
+def test_over(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(over, "CACHE_BYTES", 1)
+    file = tmp_path / "o.json"
+    assert cli("bench", "over", "--size", "64x48", "--frames", "3", "--json", str(file)).status == 0
+    report = json.loads(file.read_text())
+    assert set(report["results"]) == {"uint8", "float32"}
+    for rows in report["results"].values():
+        assert set(rows) == {"copy", "put_before", "put_behind", "numpy"}
+        assert all(0 < row["min_ms"] <= row["median_ms"] for row in rows.values())
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> tuple[Path, np.ndarray[Any, Any]]:
+    """A folder with the images of three ranks, and their composition in float64."""
+    rng = np.random.default_rng(0)
+    alpha = rng.integers(0, 256, (3, SIZE[1], SIZE[0], 1))
+    layers = np.concatenate([rng.integers(0, 1 + np.repeat(alpha, 3, axis=3)), alpha], axis=3).astype(np.uint8)
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for rank, layer in enumerate(layers):
+        layer.tofile(folder / f"img_{rank}.rgba")
+    return folder, reference_over(list(layers / 255.0))
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "auto"])
+def test_composite(algorithm: str, images: tuple[Path, np.ndarray[Any, Any]], tmp_path: Path) -> None:
+    folder, expected = images
+    out, file = tmp_path / "o.rgba", tmp_path / "c.json"
+    options = ["--size", "23x17", "--algorithm", algorithm, "--codec", "raw", "--transport", "messages", "--frames=2"]
+    run_job(3, ["bench", "composite", "--images", str(folder), *options, "--out", str(out), "--json", str(file)])
+    report = json.loads(file.read_text())
+    assert report["algorithm"] == ("direct-send" if algorithm == "auto" else algorithm)
+    assert (report["ranks"], report["size"], report["frames"]) == (3, [23, 17], 2)
+    assert (report["codec"], report["transport"]) == ("raw", "messages")
+    assert 0 < report["min_ms"] <= report["median_ms"]
+    for key in ("messages_sent", "bytes_raw", "bytes_sent"):
+        assert len(report[key]) == 3
+        assert sum(report[key]) > 0
+    picture = np.fromfile(out, np.uint8).reshape(SIZE[1], SIZE[0], 4)
+    # Two merges round by half a level each, and the first one's error in alpha weighs what lies behind it.
+    assert np.abs(picture / 255.0 - expected).max() <= 1.5 / 255
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--algorithm", "magic"), "unknown compositing algorithm; found magic"),
+        (("--codec", "magic"), "found magic"),
+        (("--transport", "magic"), "--transport: unknown transport; found magic; allowed auto, messages"),
+        (("--size", "5"), "--size: not a size"),
+        (("--size", "24x17"), "img_0.rgba: not the size of the picture; found 1564 bytes; allowed 1632"),
+        (("--images", "nowhere"), "nowhere/img_0.rgba: cannot be read"),
+        (("--out", "nowhere/o.rgba"), "no file can be made here"),
+    ],
+)
+def test_composite_refuses(
+    options: tuple[str, str], text: str, images: tuple[Path, np.ndarray[Any, Any]], cli: Callable[..., Any]
+) -> None:
+    arguments = {"--images": str(images[0]), "--size": "23x17", "--frames": "1"} | dict([options])
+    outcome = cli("bench", "composite", *[word for pair in arguments.items() for word in pair])
+    assert (outcome.status, outcome.out) == (2, "")
+    assert text in outcome.err

@@ -1,0 +1,127 @@
+"""verify says that all pictures agree when they do, and which one does not, and where, when they do not."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.cli import jobs, verify
+from clusterviz.cli.jobs import job_command
+from clusterviz.cli.verify import Configuration
+
+SCENE = ("field:marschner-lobb:20", "--size", "32x24")
+WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
+    outcome = cli("verify", *SCENE, "--ranks", "1,3", "--algorithms", "tree,direct-send", "--bricks", "7,8", "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    report = json.loads(outcome.out)
+    results = report["results"]
+    assert report["agree"] is True
+    assert len([r for r in results if r["check"] == "picture"]) == 2 * (1 + 2)
+    assert len([r for r in results if r["check"] == "ownership"]) == 2 * 2
+    assert len({r["samples"] for r in results if r["check"] == "ownership"}) == 1
+    assert all(r["max"] <= 1e-5 and r["problem"] == "" for r in results)
+    assert report["reference"]["max"] <= 1e-5
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+@pytest.mark.parametrize("how", ["twice", "missed"])
+def test_a_brick_that_two_ranks_own_or_none(how: str, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(ranks: int, arguments: list[str]) -> list[str]:
+        return [*job_command(ranks, [])[:-2], str(WRONG_OWNER), how, *arguments]
+
+    monkeypatch.setattr(jobs, "job_command", wrong)
+    outcome = cli(
+        "verify", *SCENE, "-D", "cluster.brick=8", "--ranks", "1,2", "--algorithms", "serial", "--no-reference"
+    )
+    assert outcome.status == 1
+    assert "ownership, 2 ranks, serial, brick 8: " in outcome.err
+    assert "samples instead of" in outcome.err
+    assert "the first at row" in outcome.err
+    assert "WRONG at row" in outcome.out
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> dict[int, tuple[Any, int]]:
+    """What `verify` is told that each number of ranks rendered: (picture, samples)."""
+    made = {ranks: (np.full((4, 5, 4), 0.5, np.float32), 100) for ranks in (1, 2, 3)}
+    monkeypatch.setattr(verify, "_render", lambda scene, overrides, configuration, folder: made[configuration.ranks])
+    return made
+
+
+def run_faked(cli: Callable[..., Any]) -> Any:
+    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", "--no-reference")
+
+
+def test_one_wrong_pixel_is_named(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
+    assert run_faked(cli).status == 0
+    pictures[3][0][2, 1, 0] += 2e-5
+    outcome = run_faked(cli)
+    assert outcome.status == 1
+    assert "picture, 3 ranks, tree, brick 64: max 2e-05" in outcome.err
+    assert "row 2, column 1" in outcome.err
+    assert "2 ranks" not in outcome.err
+
+
+def test_one_sample_too_many_is_named(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
+    pictures[2] = (pictures[2][0], 101)
+    outcome = run_faked(cli)
+    assert outcome.status == 1
+    assert outcome.err.count("ownership, 2 ranks, tree, brick 64: 101 samples instead of 100") == 1
+
+
+def test_one_rank_needs_one_algorithm() -> None:
+    found = verify._configurations([1, 2], ["tree", "serial"], [8])
+    assert found == [Configuration(1, "tree", 8), Configuration(2, "tree", 8), Configuration(2, "serial", 8)]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--ranks", "1,x"), "--ranks: not a count; found x"),
+        (("--ranks", "0"), "--ranks: not a count; found 0"),
+        (("--algorithms", "tree,magic"), "--algorithms: unknown name; found magic"),
+        (("--bricks", "1"), "--bricks: not a count; found 1"),
+    ],
+)
+def test_wrong_options(options: tuple[str, ...], text: str, cli: Callable[..., Any]) -> None:
+    outcome = cli("verify", *SCENE, *options)
+    assert (outcome.status, text in outcome.err) == (2, True)
+
+
+def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    outcome = cli("verify", *SCENE)
+    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)
+
+
+@pytest.mark.fresh
+def test_a_job_that_fails_says_why(cli: Callable[..., Any], tmp_path: Path) -> None:
+    outcome = cli("verify", str(tmp_path / "none.npy"), "--ranks", "2")
+    assert outcome.status == 2
+    assert "on 2 ranks: " in outcome.err
+    assert "none.npy: no such file" in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+def test_mpirun_is_the_one_beside_this_python(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert job_command(1, ["info"]) == [sys.executable, "-m", "clusterviz", "info"]
+    for folder in ("venv", "path"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mpirun").touch(mode=0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "venv/python"))
+    monkeypatch.setenv("PATH", str(tmp_path / "path"))
+    assert job_command(2, [])[:3] == [str(tmp_path / "venv/mpirun"), "-n", "2"]
+    (tmp_path / "venv/mpirun").unlink()
+    assert job_command(2, [])[0] == str(tmp_path / "path/mpirun")

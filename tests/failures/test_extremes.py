@@ -1,0 +1,128 @@
+"""Scenes at the edge of sense: they give the right picture on any number of ranks, and no error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from failures.jobs import FIELD, SMALL, render
+
+from clusterviz.comm import run_loopback
+from clusterviz.data.memory import ArraySource
+from clusterviz.frame import Rendered, render_frame
+from clusterviz.image import compare, read_image
+from clusterviz.reference import render_reference
+from clusterviz.scene import Scene, Volume, scene_of_data
+from clusterviz.scene.settings import with_settings
+
+TOLERANCE = 1e-5
+
+
+def draw(scene: Scene, ranks: int, source: Any = None) -> Rendered:
+    """The scene drawn by some ranks of this process."""
+    return run_loopback(ranks, lambda channel: render_frame(scene, channel, source))[0]
+
+
+def check(voxels: Any, ranks: Sequence[int], **settings: Any) -> np.ndarray[Any, Any]:
+    """The picture of an array, equal on all rank counts and to the reference."""
+    source = ArraySource(np.asarray(voxels))
+    settings = {"size": (20, 16), "brick": 4} | settings
+    scene = with_settings(Scene(volumes=(Volume(path="array"),)), settings)
+    pictures = [draw(scene, count, source) for count in ranks]
+    completed = pictures[0].scene
+    with np.errstate(invalid="ignore"):
+        expected = render_reference(completed, source.grid, source.read((0, 0, 0), source.grid.shape_zyx))
+    for rendered in pictures:
+        difference = compare(rendered.image, expected, TOLERANCE)  # type: ignore[arg-type]
+        assert difference.count == 0, difference
+    return expected
+
+
+def noise(*shape: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(1).random(shape, np.float32)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (3, 1)])
+def test_pictures_of_a_few_pixels_on_more_ranks(size: tuple[int, int]) -> None:
+    assert check(noise(9, 9, 9), (1, 2, 5), size=size, opacity=0.5)[..., 3].max() > 0
+
+
+@pytest.mark.gl
+def test_more_ranks_than_bricks() -> None:
+    assert check(noise(5, 5, 9), (1, 3, 5), opacity=0.3)[..., 3].max() > 0
+
+
+@pytest.mark.gl
+def test_not_finite_voxels() -> None:
+    voxels = noise(9, 9, 9)
+    voxels[2, 3, 4], voxels[5, 5, 5], voxels[7, 1, 1] = np.nan, np.inf, -np.inf
+    assert check(voxels, (1, 3), opacity=0.3)[..., 3].max() > 0
+
+
+@pytest.mark.gl
+def test_a_constant_volume() -> None:
+    assert check(np.full((8, 8, 8), 7, np.int16), (1, 3), opacity=0.3)[..., 3].max() > 0
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 8, 8), (8, 1, 8), (8, 8, 1), (2, 2, 2)])
+def test_volumes_without_extent_or_hardly_any(shape: tuple[int, int, int]) -> None:
+    visible = check(noise(*shape), (1, 2), opacity=0.3)[..., 3].max() > 0
+    assert visible == (min(shape) > 1)
+
+
+@pytest.mark.parametrize("voxels", [np.full((6, 6, 6), np.nan), np.full((6, 6, 6), np.inf)], ids=["nan", "inf"])
+def test_nothing_finite_at_all_is_an_empty_picture(voxels: Any) -> None:
+    assert check(voxels, (1, 3)).max() == 0
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_a_transparent_transfer_function_leaves_all_ranks_empty(ranks: int) -> None:
+    rendered = draw(scene_of_data(FIELD, ["volumes.0.opacity=0", "image.size=[12,10]"]), ranks)
+    assert rendered.image is not None
+    assert rendered.image.shape == (10, 12, 4)
+    assert rendered.image.max() == 0
+    assert sum(rank.bricks + rank.samples for rank in rendered.statistics.per_rank) == 0
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_a_scene_without_volumes_is_background(ranks: int) -> None:
+    rendered = draw(with_settings(Scene(), {"size": (12, 10)}), ranks)
+    assert rendered.image is not None
+    assert rendered.image.shape == (10, 12, 4)
+    assert rendered.image.max() == 0
+
+
+@pytest.mark.gl
+def test_a_camera_that_looks_away_sees_nothing() -> None:
+    assert check(noise(9, 9, 9), (1, 3), position=(50, 50, 50), focal_point=(60, 60, 60)).max() == 0
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("position", [(4.1, 4.2, 4.3), (4, 4, 0), (0, 0, 4), (0, 0, 0)])
+def test_a_camera_inside_on_a_face_on_an_edge_at_a_corner(position: tuple[float, float, float]) -> None:
+    picture = check(
+        noise(9, 9, 9), (1, 4), position=position, focal_point=(4.5, 4.6, 4.4), view_up=(0, 1, 0), opacity=0.3
+    )
+    assert picture[..., 3].max() > 0
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    "options",
+    [("--size", "1x1"), ("--size", "1x7"), (*SMALL, "-D", "volumes.0.opacity=0")],
+    ids=["1x1", "1x7", "all-empty"],
+)
+def test_the_same_under_mpirun(options: tuple[str, ...], tmp_path: Path) -> None:
+    pictures = []
+    for ranks in (1, 4):
+        ended = render(ranks, FIELD, "-o", str(tmp_path / "a.npy"), *options)
+        assert (ended.status, ended.err) == (0, "")
+        pictures.append(read_image(tmp_path / "a.npy"))
+    difference = compare(*pictures, TOLERANCE)
+    assert difference.count == 0, difference

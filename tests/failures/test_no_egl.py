@@ -1,0 +1,26 @@
+"""A machine without a working EGL: one message that says what to install."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from failures.jobs import FIELD, SMALL, check_failure, render
+
+# libglvnd, behind every libEGL of today, then finds no driver at all.
+NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_no_driver(ranks: int, tmp_path: Path) -> None:
+    ended = render(ranks, FIELD, "-o", str(tmp_path / "a.png"), *SMALL, environment=NO_DRIVER)
+    check_failure(ended, 1, "apt-get install libegl1", tmp_path)
+
+
+@pytest.mark.fresh
+def test_a_scene_without_anything_to_draw_needs_no_egl(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("volumes: []\nimage: {size: [8, 6]}\n")
+    assert render(1, str(scene), "-o", str(tmp_path / "a.npy"), environment=NO_DRIVER).status == 0
