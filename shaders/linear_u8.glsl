@@ -1,6 +1,6 @@
 // Trilinear, eight 8-bit voxels by four fetches, float32 weights; `linear.glsl` is its plain twin.
 float scalar_at(int brick, vec3 local) {
-    ivec3 cell = clamp(ivec3(local), ivec3(0), frame.slot.xyz - 1);
+    ivec3 cell = min(ivec3(local), frame.slot.xyz - 1);
     vec3 w = local - vec3(cell);
     int word = cell.x / 3, shift = (cell.x - 3 * word) * 8;
     int row = brick + word + cell.y * frame.pitch.x + cell.z * frame.pitch.y;

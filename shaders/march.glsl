@@ -4,6 +4,10 @@ float scalar_at(int brick, vec3 local);
 
 // Runs are short and summed apart, and runs are added with compensation, so that 10^6 faint slabs add up.
 const int LONGEST_RUN = 32;
+const int LONGEST_LEAP = 1 << 20;
+const int GROUP_SHIFT = 3; // groups of 8 cells a side are skipped as one
+// llvmpipe silently leaves every loop of an invocation after 65535 iterations in all, so a dispatch takes on less and the next one goes on.
+const int ITERATIONS = 30000;
 
 struct Sum {
     vec4 high; // premultiplied colour and opacity
@@ -17,52 +21,92 @@ void add(inout Sum sum, vec4 more) {
     sum.high = total;
 }
 
-// How many slabs from here have their midpoints in the brick for certain: at least this one, at most a run.
-int run_length(vec3 local, vec3 slab) {
-    vec3 ahead = mix(local, vec3(frame.cells.w) - local, greaterThanEqual(slab, vec3(0.0)));
+// How many midpoints from `local` on lie in the box [0, size) for certain: at least this one, at most `limit`.
+int slabs_inside(vec3 local, float size, vec3 slab, int limit) {
+    vec3 ahead = mix(local, size - local, greaterThanEqual(slab, vec3(0.0)));
     vec3 slabs = ahead / max(abs(slab), vec3(1e-30));
-    float least = min(min(slabs.x, slabs.y), min(slabs.z, float(LONGEST_RUN)));
-    return clamp(int(least - 1e-3) + 1, 1, LONGEST_RUN);
+    float least = min(min(slabs.x, slabs.y), min(slabs.z, float(limit)));
+    return clamp(int(least - 1e-3) + 1, 1, limit);
 }
 
-// One run of equal slabs inside a brick: premultiplied colour and opacity, as if nothing were in front.
-vec4 run(int brick, vec3 local, vec3 slab, int slabs, float units) {
+struct Place {
+    int brick;  // where its voxels begin; GAP where nothing is visible, OUTSIDE where another box owns the slab
+    vec3 local; // cell coordinates in the brick
+    int slabs;  // how many slabs from here on share this answer
+};
+const int GAP = -1, OUTSIDE = -2;
+
+// Where slab k is, and what is there: a run of a visible group of cells, a group of cells or a whole brick without anything visible.
+Place place_of(Ray ray, int k, vec3 slab) {
+    dvec3 position = midpoint(ray, k);
+    ivec3 cell = cell_of(position);
+    if (!owned(cell)) return Place(OUTSIDE, vec3(0.0), 0);
+    int side = frame.cells.w;
+    // Integer division is slow where there is no hardware for it; this is exact.
+    ivec3 number = ivec3((dvec3(cell) + 0.5LF) * frame.forward.w);
+    ivec3 first = number * side, at = number - frame.bricks_begin.xyz;
+    int brick = (at.z * frame.bricks_count.y + at.y) * frame.bricks_count.x + at.x;
+    vec3 local = vec3(position - dvec3(first));
+    ivec3 group = (cell - first) >> GROUP_SHIFT;
+    int bit = (group.z * frame.groups.y + group.y) * frame.groups.x + group.x;
+    int start = brick_offset[brick];
+    bool visible = start >= 0 && (group_visible[brick * frame.groups.w + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
+    // A visible run may go on to the brick's end; a gap ends with its group of cells, or with its brick.
+    bool whole = visible || start < 0;
+    vec3 corner = whole ? vec3(0.0) : vec3(group << GROUP_SHIFT);
+    float extent = whole ? float(side) : float(1 << GROUP_SHIFT);
+    return Place(visible ? start : GAP, local, slabs_inside(local - corner, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
+}
+
+// One run of whole slabs inside a brick: premultiplied colour and opacity, as if nothing were in front.
+vec4 run(int brick, vec3 local, vec3 slab, int slabs) {
     vec4 sum = vec4(0.0);
     for (int k = 0; k < slabs; ++k) {
         float s = scalar_at(brick, local + float(k) * slab);
-        if (!(s >= frame.buckets.w)) continue; // fully transparent below, and NaN compares false
-        int segment = segment_of(s);
-        float beyond = s - segment_line[segment].x;
-        float a = opacity_in(segment, beyond);
-        if (a == 0.0) continue;
-        float opacity = slab_opacity(a, units);
-        sum += ((1.0 - sum.a) * opacity) * vec4(colour_in(segment, beyond), 1.0);
+        if (s >= frame.buckets.w) { // nothing is visible below, and NaN compares false
+            Segment segment = segment_at(s);
+            sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
+        }
     }
     return sum;
 }
 
-vec4 march(Ray ray, vec4 before, inout uint samples) {
+// The last slab, which the exit may have cut short.
+vec4 last_slab(int brick, vec3 local, float units) {
+    float s = scalar_at(brick, local);
+    if (!(s >= frame.buckets.w)) return vec4(0.0);
+    Segment segment = segment_at(s);
+    return slab_opacity(segment.unit_opacity, units) * vec4(segment.colour, 1.0);
+}
+
+// March on from slab `k`, or until this dispatch has done its share; k is then the slab to go on with, and the number of slabs at the end.
+vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     Sum sum = Sum(before, vec4(0.0));
     vec3 slab = vec3(ray.slab);
-    float residual = frame.optics.y;
-    for (int k = first_owned(ray); k < ray.slabs;) {
-        if (1.0 - sum.high.a <= residual) break;
-        dvec3 position = midpoint(ray, k);
-        ivec3 cell = cell_of(position);
-        if (!owned(cell)) break;
-        ivec3 number = cell / frame.cells.w;
-        ivec3 place = number - frame.bricks_begin.xyz;
-        int brick = brick_offset[(place.z * frame.bricks_count.y + place.y) * frame.bricks_count.x + place.x];
-        vec3 local = vec3(position - dvec3(number * frame.cells.w));
-        bool last = k == ray.slabs - 1;
-        int slabs = last ? 1 : min(run_length(local, slab), ray.slabs - 1 - k);
-        if (brick >= 0) {
-            float units = last ? frame.optics.x * ray.last_share : frame.optics.x;
-            vec4 more = run(brick, local, slab, slabs, units);
-            add(sum, (1.0 - sum.high.a) * more);
-            samples += uint(slabs);
+    int last = ray.slabs - 1, iterations = 0;
+    while (k < last && iterations < ITERATIONS) {
+        Place place;
+        for (;;) {
+            place = place_of(ray, k, slab);
+            if (place.brick != GAP) break;
+            k = min(k + place.slabs, last);
+            if (k == last || ++iterations >= ITERATIONS) break;
         }
+        if (place.brick == OUTSIDE || 1.0 - sum.high.a <= frame.optics.y) k = ray.slabs;
+        if (k >= last || place.brick == GAP) break;
+        int slabs = min(place.slabs, last - k);
+        add(sum, (1.0 - sum.high.a) * run(place.brick, place.local, slab, slabs));
+        samples += uint(slabs);
         k += slabs;
+        iterations += 2 + slabs * (1 + frame.slot.w);
+    }
+    if (k == last) {
+        Place place = place_of(ray, k, slab);
+        if (place.brick >= 0) {
+            add(sum, (1.0 - sum.high.a) * last_slab(place.brick, place.local, frame.optics.x * ray.last_share));
+            ++samples;
+        }
+        k = ray.slabs;
     }
     return sum.high;
 }

@@ -5,6 +5,7 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include <FRAME>
+#include <CONSTANTS>
 #include "buffers.glsl"
 #include "ray.glsl"
 #include "opacity.glsl"
@@ -13,16 +14,23 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include <SCALAR>
 #include "march.glsl"
 
+const int NEVER = 0x7fffffff;
 shared uint samples_of_group;
 
 void main() {
     if (gl_LocalInvocationIndex == 0u) samples_of_group = 0u;
     barrier();
-    ivec2 inside = ivec2(gl_GlobalInvocationID.xy);
+    // Neighbours in a SIMD unit are blocks of 4 x 2 pixels rather than rows, whose rays are more alike.
+    int lane = int(gl_LocalInvocationIndex);
+    ivec2 inside = 8 * ivec2(gl_WorkGroupID.xy) + ivec2((lane & 3) + (lane >> 3 & 1) * 4, (lane >> 2 & 1) + (lane >> 4) * 2);
     if (all(lessThan(inside, frame.rect.zw))) {
         int pixel = inside.y * frame.rect.z + inside.x;
         uint samples = 0u;
-        pixels[pixel] = march(ray_through(inside + frame.rect.xy), pixels[pixel], samples);
+        Ray ray = ray_through(inside + frame.rect.xy);
+        int slab = next_slab[pixel] > 0 ? next_slab[pixel] : first_owned(ray);
+        pixels[pixel] = march(ray, pixels[pixel], slab, samples);
+        next_slab[pixel] = slab < ray.slabs ? slab : NEVER;
+        if (slab < ray.slabs) unfinished = 1u;
         atomicAdd(samples_of_group, samples);
     }
     barrier();

@@ -15,6 +15,7 @@ from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
 
@@ -45,7 +46,8 @@ class Plan:
     view : the camera in index space
     march : the sampling of rays
     encoding : how voxels are stored
-    segments : the transfer function
+    transfer : the transfer function
+    segments : the same as the shader reads it
     layout : the bricks of the volume
     cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that the transfer function makes invisible
     """
@@ -53,6 +55,7 @@ class Plan:
     view: View
     march: March
     encoding: Encoding
+    transfer: TransferFunction
     segments: Segments
     layout: BrickLayout
     cost: NDArray[np.float64]
@@ -78,7 +81,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             scene.quality.early_termination,
         ),
         make_encoding(dtype, transfer.domain),
-        make_segments(transfer),
+        transfer,
+        make_segments(transfer, step_world / transfer.unit_distance),
         layout,
         brick_cost(layout, transfer.is_transparent(summary.minimum, summary.maximum)),
     )

@@ -1,7 +1,8 @@
 """The transfer function as the shader reads it: linear segments between all control points, and buckets to find them.
 
-No table resolution enters: opacity and colour are evaluated on the very segments that the scene gives. Scalars are in units
-of clim (0 at its low end, 1 at its high end).
+Colour and opacity are linear between control points, but the opacity of a slab, 1 − (1 − α)^d, is not. Its segments are cut
+until the chord is as good as float32, so that the shader needs no logarithm a sample and no table resolution enters. Steps in
+the function stay steps. Scalars are in units of clim (0 at its low end, 1 at its high end).
 """
 
 from __future__ import annotations
@@ -12,59 +13,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.plan.encoding import in_units_of_clim
-from clusterviz.scene.transfer import TransferFunction, interpolate
+from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
 
 BUCKETS = 4096
+MOST_CUTS = 1 << 16
+CHORD_ERROR = 3e-8  # of a slab's opacity; half a float32 step at 1
 FAR = float(np.finfo(np.float32).max)
 Floats = NDArray[np.float64]
+
+RECORD = np.dtype(
+    [
+        ("start", "f4"),  # the scalar where the segment starts
+        ("slab_opacity", "f4"),  # of a whole slab, there
+        ("slab_slope", "f4"),
+        ("colour", "f4", 3),  # straight
+        ("colour_slope", "f4", 3),
+        ("unit_opacity", "f4"),  # over one opacity unit distance
+        ("unit_slope", "f4"),
+        ("unused", "f4"),
+    ]
+)
+BUCKET = np.dtype([("next_start", "f4"), ("first", "u4")])
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Piecewise-linear opacity and colour; segment j holds the scalars [start, next start).
+    """Piecewise-linear opacity and colour; a segment holds the scalars from its start to the next one's.
 
     Attributes
     ----------
-    line : float32 (n, 4): start, opacity there (over one opacity unit distance), slope, start of the next segment
-    colour : float32 (2 n, 4): straight colour at the start, and its slope, in turn
-    first : int32 (BUCKETS,): a segment that starts at or before each bucket, and ends in it or behind
-    most_starts : how many segments beyond the first one a scalar of a bucket may lie, at most
+    records : RECORD (n,), ascending starts
+    buckets : BUCKET (BUCKETS,): a segment that starts at or before each bucket, and where the one behind it starts
     low, per_unit : the scalar at the start of bucket 0, and buckets per unit of the scalar
+    further_starts : the largest stride (a power of two, or 0) of a search for later segments of one bucket
     transparent_below : no scalar below this one has any opacity
     """
 
-    line: NDArray[np.float32]
-    colour: NDArray[np.float32]
-    first: NDArray[np.int32]
-    most_starts: int
+    records: NDArray[np.void]
+    buckets: NDArray[np.void]
     low: float
     per_unit: float
+    further_starts: int
     transparent_below: float
 
 
-def make_segments(transfer: TransferFunction) -> Segments:
-    """Cut a transfer function at all of its control points; constant segments lie before the first and behind the last."""
+def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
+    """Cut a transfer function into segments; constant ones lie before the first control point and behind the last.
+
+    Parameters
+    ----------
+    slab_units : length of a slab in opacity unit distances
+    """
     knots = np.unique(np.concatenate([transfer.opacity_values, transfer.colour_values]))
     starts = np.clip(in_units_of_clim(knots, *transfer.domain), -FAR, FAR)
-    opacity, opacity_slope = _pieces(knots, starts, transfer.opacity_values, transfer.opacities[:, None])
-    colour, colour_slope = _pieces(knots, starts, transfer.colour_values, transfer.colours)
-    line = np.column_stack([np.append(-FAR, starts), opacity, opacity_slope, np.append(starts, FAR)])
-    pairs = np.zeros((len(line), 2, 4))
-    pairs[:, 0, :3], pairs[:, 1, :3] = colour, colour_slope
-
-    line32 = line.astype(np.float32)
-    width = max(float(starts[-1] - starts[0]), 1e-30)
-    first = _buckets(line32[:, 0], float(starts[0]), width)
-    opaque = (opacity[:, 0] > 0) | (opacity_slope[:, 0] > 0)
-    return Segments(
-        line32,
-        pairs.reshape(-1, 4).astype(np.float32),
-        first,
-        int(np.diff(first, append=len(line32) - 1).max()),
-        float(starts[0]),
-        BUCKETS / width,
-        float(line32[np.argmax(opaque), 0]) if opaque.any() else FAR,
-    )
+    records = np.zeros(len(knots) + 1, RECORD).astype([(name, "f8", RECORD[name].shape) for name in RECORD.names or ()])
+    records["start"] = np.append(-FAR, starts)
+    for name, values, results in (
+        ("unit", transfer.opacity_values, transfer.opacities[:, None]),
+        ("colour", transfer.colour_values, transfer.colours),
+    ):
+        at_start, slope = _pieces(knots, starts, values, results)
+        opacity = name == "unit"
+        records["unit_opacity" if opacity else "colour"] = at_start[:, 0] if opacity else at_start
+        records[f"{name}_slope"] = slope[:, 0] if opacity else slope
+    return _indexed(_refined(records, slab_units), starts)
 
 
 def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> tuple[Floats, Floats]:
@@ -78,7 +90,51 @@ def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> t
     return np.concatenate([before[:1], after]), slopes
 
 
-def _buckets(starts: NDArray[np.float32], low: float, width: float) -> NDArray[np.int32]:
-    """For each bucket the segment at its lower edge, less a margin for float32 rounding in the shader's division."""
+def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
+    """Cut the inner segments in halves until the chord of a slab's opacity is within CHORD_ERROR of it."""
+
+    def slab(alpha: Floats) -> Floats:
+        opacity: Floats = -np.expm1(slab_units * np.log1p(-np.clip(alpha, 0.0, OPAQUE)))
+        return opacity
+
+    while True:
+        lengths = np.append(np.diff(records["start"]), 0.0)
+        lengths[0] = 0.0
+        ends = records["unit_opacity"] + records["unit_slope"] * lengths
+        at_start, at_end = slab(records["unit_opacity"]), slab(ends)
+        error = np.zeros(len(records))
+        for share in (0.25, 0.5, 0.75):
+            inside = slab(records["unit_opacity"] + share * (ends - records["unit_opacity"]))
+            error = np.maximum(error, np.abs(inside - (at_start + share * (at_end - at_start))))
+        # What float32 cannot tell apart is not cut further.
+        middles = records["start"] + lengths / 2
+        cut = (error > CHORD_ERROR) & (middles.astype(np.float32) > records["start"].astype(np.float32))
+        if not cut.any() or len(records) > MOST_CUTS:
+            records["slab_opacity"] = at_start
+            records["slab_slope"] = (at_end - at_start) / np.maximum(lengths, 1e-30)
+            return records
+        halves = records[cut].copy()
+        halves["start"] = middles[cut]
+        for name, slope in (("unit_opacity", "unit_slope"), ("colour", "colour_slope")):
+            shift = (lengths[cut] / 2).reshape(-1, *[1] * (halves[name].ndim - 1))
+            halves[name] += halves[slope] * shift
+        records = np.insert(records, np.flatnonzero(cut) + 1, halves)
+
+
+def _indexed(records: NDArray[np.void], starts: Floats) -> Segments:
+    """The records in float32, and the buckets over the range of the control points."""
+    with np.errstate(over="ignore"):
+        stored = records.astype(RECORD)
+    for name in RECORD.names or ():
+        stored[name] = np.clip(stored[name], -FAR, FAR)
+    low, width = float(starts[0]), max(float(starts[-1] - starts[0]), 1e-30)
+    # A bucket starts a little early, for the rounding of the shader's division.
     edges = low + width * (np.arange(BUCKETS) - 0.01) / BUCKETS - 1e-6 * max(abs(low), abs(low + width))
-    return (np.searchsorted(starts, edges, side="right") - 1).clip(0).astype(np.int32)
+    buckets = np.zeros(BUCKETS, BUCKET)
+    first = (np.searchsorted(stored["start"], edges, side="right") - 1).clip(0)
+    buckets["first"] = first
+    buckets["next_start"] = np.append(stored["start"], FAR)[first + 1]
+    most = int(np.diff(first, append=len(stored) - 1).max())
+    opaque = (stored["unit_opacity"] > 0) | (stored["unit_slope"] > 0)
+    below = float(stored["start"][np.argmax(opaque)]) if opaque.any() else FAR
+    return Segments(stored, buckets, low, BUCKETS / width, 1 << (most - 1).bit_length() >> 1 if most > 1 else 0, below)

@@ -17,7 +17,7 @@ FRAME = np.dtype(
         ("eye", "f8", 4),  # position in index space
         ("right", "f8", 4),
         ("up", "f8", 4),
-        ("forward", "f8", 4),
+        ("forward", "f8", 4),  # w: bricks per cell, the reciprocal of a brick's cells
         ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
         ("cells", "i4", 4),  # the volume's cells in x, y, z; cells along a brick
@@ -25,8 +25,9 @@ FRAME = np.dtype(
         ("box_end", "i4", 4),
         ("bricks_begin", "i4", 4),  # the bricks of the box
         ("bricks_count", "i4", 4),
-        ("slot", "i4", 4),  # cells that a stored brick has room for; most segments to look at behind a bucket's first
-        ("pitch", "i4", 4),  # words to the next row, to the next slice; integer taken off 16-bit voxels
+        ("slot", "i4", 4),  # cells that a stored brick has room for; loop iterations of the search for a segment
+        ("groups", "i4", 4),  # groups of cells along a brick's x, y, z; words of visibility bits a brick
+        ("pitch", "i4", 4),  # words to the next row, to the next slice; integer taken off 16-bit voxels; last segment
         ("rect", "i4", 4),  # footprint: first pixel in x, y; width, height
         ("scalar", "f4", 4),  # scale and bias from a stored voxel to units of clim
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
@@ -42,6 +43,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     view, layout, segments = plan.view, plan.layout, plan.segments
     for member in ("eye", "right", "up", "forward"):
         record[member][0, :3] = getattr(view, member)
+    record["forward"][0, 3] = 1 / layout.brick
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *(n - 1 for n in layout.shape_zyx[::-1]), plan.march.step_world
     record["cells"] = *layout.cells_zyx[::-1], layout.brick
@@ -50,10 +52,14 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["box_end"][0, :3] = np.minimum(end * layout.brick, layout.cells_zyx[::-1])
     record["bricks_begin"][0, :3] = begin
     record["bricks_count"][0, :3] = end - begin
-    record["slot"] = *slot.cells_zyx[::-1], segments.most_starts
-    record["pitch"] = slot.row_words, slot.slice_words, plan.encoding.base, 0
+    record["slot"] = *slot.cells_zyx[::-1], segments.further_starts.bit_length()
+    record["groups"] = *slot.groups_zyx[::-1], slot.visibility_words
+    record["pitch"] = slot.row_words, slot.slice_words, plan.encoding.base, len(segments.records) - 1
     record["rect"] = rect.x_begin, rect.y_begin, rect.width, rect.height
-    record["scalar"][0, :2] = slot.texel_scale * plan.encoding.scale, plan.encoding.bias
+    encoding = plan.encoding
+    # The texture unit cannot take the base off before it interpolates.
+    bias = encoding.bias - encoding.scale * encoding.base if slot.textured else encoding.bias
+    record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
     record["optics"][0, :2] = plan.march.slab_units, plan.march.residual
     return record

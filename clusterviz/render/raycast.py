@@ -23,6 +23,7 @@ from clusterviz.image.region import EMPTY, Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.plan import Plan
+from clusterviz.plan.segments import RECORD
 from clusterviz.render.chunks import chunks_of
 from clusterviz.render.frame_block import FRAME_BLOCK, frame_block
 from clusterviz.render.residence import Residence, capacity, upload
@@ -32,17 +33,23 @@ TILE = 8  # pixels along the side of a work group, as in raycast.glsl
 Index = tuple[int, int, int]
 
 
-def variant(filter: str, kind: VoxelKind) -> dict[str, str]:
-    """The files that make up the ray caster for one filter and one stored voxel type: what the shader's slots hold."""
+def source_of(filter: str, kind: VoxelKind, further_starts: int) -> ShaderSource:
+    """The assembled shader of a variant.
+
+    Parameters
+    ----------
+    filter : "linear", "nearest" or "hardware"
+    kind : the stored voxel type
+    further_starts : of the plan's segments; a constant, since most transfer functions need no search
+    """
+    constants = f"const int RECORD = {RECORD.itemsize // 8};\nconst int FURTHER_STARTS = {further_starts};\n"
+    voxel, scalar = f"voxel_{kind}.glsl", f"{filter}.glsl"
     if filter == "hardware":
-        return {"FRAME": FRAME_BLOCK, "VOXEL": "atlas.glsl", "SCALAR": "hardware.glsl"}
-    packed = filter == "linear" and kind == "u8"
-    return {"FRAME": FRAME_BLOCK, "VOXEL": f"voxel_{kind}.glsl", "SCALAR": "linear_u8.glsl" if packed else f"{filter}.glsl"}
-
-
-def source_of(filter: str, kind: VoxelKind) -> ShaderSource:
-    """The assembled shader of a variant."""
-    return assemble("raycast.glsl", variant(filter, kind))
+        voxel = "atlas.glsl"
+    elif filter == "linear" and kind == "u8":
+        scalar = "linear_u8.glsl"
+    slots = {"FRAME": FRAME_BLOCK, "CONSTANTS": constants, "VOXEL": voxel, "SCALAR": scalar}
+    return assemble("raycast.glsl", slots)
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,7 @@ class Raycaster:
 
     def __init__(self, context: moderngl.Context, plan: Plan, box: BrickBox, block_bytes: int | None = None) -> None:
         self._context, self._box = context, box
-        self._program = compile_compute(context, source_of(plan.march.filter, plan.encoding.kind))
+        self._program = compile_compute(context, source_of(plan.march.filter, plan.encoding.kind, plan.segments.further_starts))
         self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march.filter == "hardware")
         self._capacity = capacity(context, self._slot, block_bytes)
         self._residences: list[Residence] = []
@@ -114,16 +121,14 @@ class Raycaster:
         with _Buffers(self._context) as buffers:
             pixels = buffers.bind(1, np.zeros((rect.height, rect.width, 4), np.float32))
             samples = buffers.bind(2, np.zeros(groups, np.uint32))
-            buffers.bind(4, segments.first)
-            buffers.bind(5, segments.line)
-            buffers.bind(6, segments.colour)
+            buffers.bind(4, segments.buckets)
+            buffers.bind(5, segments.records)
             # Front to back: each draw adds behind what the pixels hold.
             for residence in self._residences:
                 buffers.make(frame_block(plan, residence.box, rect, self._slot)).bind_to_uniform_block(0)
+                buffers.bind(6, residence.visibility(plan.transfer, self._slot))
                 self._bind(residence)
-                self._program.run(*groups)
-                self._context.memory_barrier()
-            self._context.finish()
+                self._march(buffers, groups, rect)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
             taken = int(np.frombuffer(samples.read(), np.uint32).sum(dtype=np.int64))
@@ -134,6 +139,16 @@ class Raycaster:
         """Give everything back to the driver."""
         self._drop()
         self._program.release()
+
+    def _march(self, buffers: _Buffers, groups: tuple[int, int], rect: Rect) -> None:
+        """Dispatch until every ray has ended; rays of more than some ten thousand slabs take several dispatches."""
+        progress = buffers.bind(8, np.zeros(1 + rect.pixels, np.int32))
+        unfinished = 1
+        while unfinished:
+            progress.write(b"\0\0\0\0")
+            self._program.run(*groups)
+            self._context.memory_barrier()
+            unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
 
     def _bind(self, residence: Residence) -> None:
         residence.offsets.bind_to_storage_buffer(3)

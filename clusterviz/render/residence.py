@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.plan.encoding import Encoding
+from clusterviz.render.emptiness import Ranges, group_ranges, visibility_bits
 from clusterviz.render.storage import Slot
+from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; integers are normalised
@@ -27,6 +29,7 @@ class Residence:
     ----------
     box : the bricks
     offsets : GPU buffer of int32, one a brick of the box: first word (buffer) or slot number (texture), −1 where nothing is stored
+    ranges : extremes of the groups of cells of each stored brick, by its place in the box
     voxels : the buffer of words, or the texture of slots
     bricks : how many are stored
     bytes : GPU memory taken by their voxels
@@ -34,9 +37,17 @@ class Residence:
 
     box: BrickBox
     offsets: moderngl.Buffer
+    ranges: dict[Index, Ranges]
     voxels: moderngl.Buffer | moderngl.Texture3D
     bricks: int
     bytes: int
+
+    def visibility(self, transfer: TransferFunction, slot: Slot) -> NDArray[np.uint32]:
+        """Which groups of cells may show something: uint32, `slot.visibility_words` a brick of the box."""
+        words = np.zeros((*self.box.shape_zyx, slot.visibility_words), np.uint32)
+        for place, ranges in self.ranges.items():
+            words[place] = visibility_bits(ranges, transfer, slot)
+        return words
 
     def release(self) -> None:
         """Give the GPU memory back."""
@@ -73,9 +84,13 @@ def upload(
     place = _into_texture if slot.textured else _into_buffer
     voxels, starts = place(context, packed, len(inside), slot)
     offsets = np.full(box.shape_zyx, -1, np.int32)
+    ranges = {}
     for index, start in zip(inside, starts, strict=True):
-        offsets[tuple(n - b for n, b in zip(index, box.begin_zyx, strict=True))] = start
-    return Residence(box, context.buffer(offsets.tobytes()), voxels, len(inside), len(inside) * slot.bytes)
+        z, y, x = (n - b for n, b in zip(index, box.begin_zyx, strict=True))
+        offsets[z, y, x] = start
+        ranges[z, y, x] = group_ranges(bricks[index], slot)
+    table = context.buffer(offsets.tobytes())
+    return Residence(box, table, ranges, voxels, len(inside), len(inside) * slot.bytes)
 
 
 def _into_buffer(context, packed, count, slot):  # type: ignore[no-untyped-def]

@@ -16,6 +16,7 @@ from clusterviz.data.bricks import BrickLayout
 from clusterviz.plan.encoding import Encoding, VoxelKind
 
 Index = tuple[int, int, int]
+GROUP = 8  # cells along the side of a group, as in march.glsl
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
 
 
@@ -62,6 +63,17 @@ class Slot:
         if self.textured:
             return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
         return 4 * self.words
+
+    @property
+    def groups_zyx(self) -> Index:
+        """Groups of cells that are skipped as one, along each axis."""
+        z, y, x = (-(-cells // GROUP) for cells in self.cells_zyx)
+        return z, y, x
+
+    @property
+    def visibility_words(self) -> int:
+        """Words that hold one bit for each group."""
+        return -(-int(np.prod(self.groups_zyx)) // 32)
 
     @property
     def texel_scale(self) -> float:
