@@ -18,7 +18,18 @@ import numpy as np
 from clusterviz.codec import choose_codec
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
-from clusterviz.composite import binary_swap, binary_tree, direct_send, serial
+from clusterviz.composite import (
+    binary_swap,
+    binary_swap_remainder,
+    binary_swap_telescope,
+    binary_tree,
+    direct_send,
+    parallel_pipeline,
+    pipeline,
+    radix_k,
+    serial,
+    swap_2_3,
+)
 from clusterviz.composite.blend import compile_kernels
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.exchange import run_exchange
@@ -33,9 +44,15 @@ from clusterviz.image.partial import PartialImage
 
 ALGORITHMS: dict[str, Algorithm] = {
     "serial": serial.schedule,
+    "pipeline": pipeline.schedule,
     "tree": binary_tree.schedule,
     "direct-send": direct_send.schedule,
     "binary-swap": binary_swap.schedule,
+    "binary-swap-telescope": binary_swap_telescope.schedule,
+    "binary-swap-remainder": binary_swap_remainder.schedule,
+    "2-3-swap": swap_2_3.schedule,
+    "radix-k": radix_k.schedule,
+    "parallel-pipeline": parallel_pipeline.schedule,
 }
 
 # Above this many ranks the n² messages of direct send cost more than the bytes that it saves.

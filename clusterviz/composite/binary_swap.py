@@ -7,7 +7,7 @@ When not: sparse images, which direct send moves with fewer bytes; n just above 
 whole images first.
 Cost, n = 2^d: d rounds, n·d messages, (n − 1)·P pixels, a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded:
 one round and r messages more, d·2^d messages in the swaps; a rank sends at most P and receives at most (2 − 2^−d)·P.
-Limits: any number of ranks and pixels.
+Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
 Reference: K.-L. Ma, J. S. Painter, C. D. Hansen, M. F. Krogh, "Parallel volume rendering using binary-swap
 compositing", IEEE Computer Graphics and Applications 14(4), 1994. On folding: K. Moreland, "Comparing binary-swap
 algorithms for odd factors of processes", LDAV 2018.
@@ -17,8 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from clusterviz.composite.patch import Patch
-from clusterviz.composite.schedule import Schedule, Stage, Transfer, piece
+from clusterviz.composite.schedule import Indices, Schedule, Stage, borders
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
@@ -26,21 +28,22 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Sched
     rounds = ranks.bit_length() - 1
     folded = ranks - (1 << rounds) if ranks else 0
     # The first 2·folded ranks pair up, so the swappers remain in visibility order.
-    swappers = [*range(0, 2 * folded, 2), *range(2 * folded, ranks)]
-    stages = [Stage.of(Transfer(front + 1, front, 0, pixels) for front in swappers[:folded])] if folded else []
-    stages += [_swap(swappers, round_, pixels) for round_ in range(rounds)]
-    return Schedule(ranks, pixels, tuple(stages))
+    swappers = np.concatenate([np.arange(0, 2 * folded, 2), np.arange(2 * folded, ranks)]).astype(np.int64)
+    front = swappers[:folded]
+    fold = [Stage.of_columns(front + 1, front, np.array(0), np.array(pixels))] if folded else []
+    return Schedule(ranks, pixels, (*fold, *(swap(swappers, round_, pixels) for round_ in range(rounds))))
 
 
-def _swap(swappers: list[int], round_: int, pixels: int) -> Stage:
-    """Round `round_`: pieces of 2^round_ parts are halved between partners at distance 2^round_."""
-    transfers = []
-    for index, rank in enumerate(swappers):
-        partner = index ^ (1 << round_)
-        transfers.append(Transfer(rank, swappers[partner], *piece(_part(partner, round_ + 1), 2 << round_, pixels)))
-    return Stage.of(transfers)
+def swap(swappers: Indices, round_: int, pixels: int) -> Stage:
+    """Round `round_` among 2^d ranks: pieces of 2^round_ parts are halved between partners at distance 2^round_."""
+    partner = np.arange(len(swappers), dtype=np.int64) ^ (1 << round_)
+    cuts, part = borders(2 << round_, pixels), parts(partner, round_ + 1)
+    return Stage.of_columns(swappers, swappers[partner], cuts[part], cuts[part + 1])
 
 
-def _part(index: int, bits: int) -> int:
+def parts(index: Indices, bits: int) -> Indices:
     """Which of 2^bits pieces a swapper holds after `bits` rounds: its lowest bits, first round most significant."""
-    return int(f"{index & ((1 << bits) - 1):0{bits}b}"[::-1], 2)
+    result = np.zeros_like(index)
+    for bit in range(bits):
+        result |= (index >> bit & 1) << (bits - 1 - bit)
+    return result

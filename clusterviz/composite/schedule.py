@@ -23,6 +23,11 @@ def piece(index: int, pieces: int, pixels: int) -> tuple[int, int]:
     return index * pixels // pieces, (index + 1) * pixels // pieces
 
 
+def borders(pieces: int, pixels: int) -> Indices:
+    """Where all pieces begin, and the end of the last: `piece` for whole arrays, exact below 2⁶³ / pieces pixels."""
+    return np.arange(pieces + 1, dtype=np.int64) * pixels // max(pieces, 1)
+
+
 @dataclass(frozen=True)
 class Transfer:
     """Rank `source` hands all that it holds of the pixels [begin, end) to rank `target`, and forgets them."""
@@ -49,6 +54,21 @@ class Stage:
         """A stage of these transfers; those of no pixels are left out."""
         rows = [(t.source, t.target, t.begin, t.end) for t in transfers if t.end > t.begin]
         table = np.array(rows, np.int64).reshape(-1, 4)
+        table.setflags(write=False)
+        return Stage(table)
+
+    @staticmethod
+    def of_columns(source: Indices, target: Indices, begin: Indices, end: Indices) -> Stage:
+        """A stage of these transfers, column by column; those of no pixels, or to oneself, are left out."""
+        table = np.stack(np.broadcast_arrays(source, target, begin, end), axis=-1).reshape(-1, 4).astype(np.int64)
+        table = table[(table[:, 0] != table[:, 1]) & (table[:, 3] > table[:, 2])]
+        table.setflags(write=False)
+        return Stage(table)
+
+    @staticmethod
+    def join(stages: Sequence[Stage]) -> Stage:
+        """All transfers of several stages, at once."""
+        table = np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in stages)])
         table.setflags(write=False)
         return Stage(table)
 

@@ -4,7 +4,8 @@ What: one round; rank 0 receives n − 1 images and blends them front to back.
 When: as the plain variant that the others are compared with; for two or three ranks with small footprints.
 When not: many ranks: one rank blends everything while the others wait.
 Cost: 1 round, n − 1 messages, (n − 1)·P pixels, all received by one rank.
-Limits: any number of ranks and pixels.
+Limits: any number of ranks and pixels. Several partial images a rank: by theory yes, since one rank sorts all; the
+exchange carries one for each rank as yet.
 """
 
 from __future__ import annotations

@@ -147,9 +147,19 @@ class Cluster(Section):
     """How the ranks share the work; no setting here changes the picture."""
 
     mode: Literal["auto", "sort-last"] = Field(default="auto", description="What is divided: data (sort-last).")
-    compositing: Literal["auto", "serial", "tree", "direct-send", "binary-swap"] = Field(
-        default="auto", description="The algorithm that joins the partial images."
-    )
+    compositing: Literal[
+        "auto",
+        "serial",
+        "pipeline",
+        "tree",
+        "direct-send",
+        "binary-swap",
+        "binary-swap-telescope",
+        "binary-swap-remainder",
+        "2-3-swap",
+        "radix-k",
+        "parallel-pipeline",
+    ] = Field(default="auto", description="The algorithm that joins the partial images.")
     codec: Literal["auto", "raw"] = Field(default="auto", description="How pixels are packed for sending.")
     transport: Literal["auto", "messages"] = Field(default="auto", description="How pixels travel.")
     distribution: Literal["auto"] = Field(default="auto", description="How bricks are dealt to ranks.")
@@ -174,7 +184,7 @@ PLANNED: dict[str, tuple[object, ...]] = {
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),
-    "compositing": ("pipeline", "2-3-swap", "radix-k", "parallel-pipeline", "slic"),
+    "compositing": ("slic",),
     "codec": ("lz4", "rle", "active-pixel"),
     "transport": ("shared", "hierarchical"),
     "distribution": ("static", "dynamic"),

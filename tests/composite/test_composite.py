@@ -163,7 +163,7 @@ def test_orders_that_differ_are_refused() -> None:
 
 
 def test_unknown_names_are_refused() -> None:
-    assert "allowed serial, tree, direct-send, binary-swap, auto" in _failures([blank()], [0], "swap")[0]
+    assert f"allowed {', '.join(NAMES)}, auto" in _failures([blank()], [0], "swap")[0]
     with pytest.raises(InputError, match="unknown codec"):
         composite(blank(), [0], LoopbackChannel(), codec="zip")
 
