@@ -28,6 +28,7 @@ from clusterviz.composite import (
     pipeline,
     radix_k,
     serial,
+    slic,
     swap_2_3,
 )
 from clusterviz.composite.blend import compile_kernels
@@ -53,6 +54,7 @@ ALGORITHMS: dict[str, Algorithm] = {
     "2-3-swap": swap_2_3.schedule,
     "radix-k": radix_k.schedule,
     "parallel-pipeline": parallel_pipeline.schedule,
+    "slic": slic.schedule,
 }
 
 # Above this many ranks the n² messages of direct send cost more than the bytes that it saves.

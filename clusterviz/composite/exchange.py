@@ -6,6 +6,7 @@ one target, and messages are merged as they arrive. It knows nothing of algorith
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
@@ -94,9 +95,10 @@ class _Stage:
     def _send(self, held: tuple[Fragment, ...]) -> StageCounters:
         started = perf_counter()
         pixels = bytes_raw = bytes_sent = 0
+        starts = _starts([fragment.patch for fragment in held])
         # Begin with the next rank behind, and go round.
         for message in sorted(self._traffic.sends, key=lambda m: (m.peer < self._position, m.peer)):
-            parts = [_part(held, patch).pixels for patch in message.patches]
+            parts = [_part(held, starts, patch).pixels for patch in message.patches]
             payload: NDArray[Any] = parts[0] if len(parts) == 1 else np.concatenate(parts)
             data = pack(payload, self._codec)
             self._channel.isend(data, self._order[message.peer], self._tag)
@@ -107,21 +109,27 @@ class _Stage:
 
     def _chains(self, held: tuple[Fragment, ...]) -> list[Chain]:
         """One chain for each patch that this rank keeps."""
-        chains = []
-        for kept, result in zip(self._traffic.kept, self._traffic.held, strict=True):
-            sources = [m.peer for m in self._traffic.receives if any(_inside(p, result) for p in m.patches)]
-            chains.append(Chain(self._position, _part(held, kept), result, sources))
-        return chains
+        traffic = self._traffic
+        sources: list[list[int]] = [[] for _ in traffic.held]
+        starts = _starts(traffic.held)
+        for message in traffic.receives:
+            for index in {bisect_right(starts, patch.begin) - 1 for patch in message.patches}:
+                sources[index].append(message.peer)
+        begins = _starts([fragment.patch for fragment in held])
+        return [
+            Chain(self._position, _part(held, begins, kept), result, peers)
+            for kept, result, peers in zip(traffic.kept, traffic.held, sources, strict=True)
+        ]
 
 
-def _inside(patch: Patch, other: Patch) -> bool:
-    """Whether a patch's range lies in the other's."""
-    return other.begin <= patch.begin and patch.end <= other.end
+def _starts(patches: Sequence[Patch]) -> list[int]:
+    """Where the ranges of patches begin, which lie one after the other."""
+    return [patch.begin for patch in patches]
 
 
-def _part(held: Sequence[Fragment], patch: Patch) -> Fragment:
+def _part(held: Sequence[Fragment], starts: list[int], patch: Patch) -> Fragment:
     """The part of what this rank holds that a patch names."""
-    return next(fragment for fragment in held if _inside(patch, fragment.patch)).cut(patch)
+    return held[bisect_right(starts, patch.begin) - 1].cut(patch)
 
 
 def _fragments(message: Message, data: Bytes, dtype: np.dtype[np.float32] | np.dtype[np.uint8]) -> list[Fragment]:
@@ -136,7 +144,9 @@ def _fragments(message: Message, data: Bytes, dtype: np.dtype[np.float32] | np.d
 
 def _merge(chains: Sequence[Chain], message: Message, fragments: Sequence[Fragment]) -> None:
     """Give each chain its fragments of a message."""
-    for chain in chains:
-        mine = [fragment for fragment in fragments if _inside(fragment.patch, chain.result)]
-        if mine:
-            chain.add(message.peer, mine)
+    starts = _starts([chain.result for chain in chains])
+    mine: dict[int, list[Fragment]] = {}
+    for fragment in fragments:
+        mine.setdefault(bisect_right(starts, fragment.patch.begin) - 1, []).append(fragment)
+    for index, found in mine.items():
+        chains[index].add(message.peer, found)

@@ -7,6 +7,7 @@ sent nor waited for.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -67,16 +68,15 @@ def _concerned(schedule: Schedule, rank: int) -> list[set[int]]:
 
 
 def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held]) -> StageTraffic:
-    leaving = [(t.target, _find(held[rank], t.begin, t.end)) for t in stage.sent_by(rank)]
-    coming = [(t.source, _find(held[t.source], t.begin, t.end)) for t in stage.received_by(rank)]
+    received = stage.received_by(rank)
+    starts = {r: [patch.begin for patch in held[r]] for r in {rank, *(t.source for t in received)}}
+    leaving = [(t.target, _find(held[rank], starts[rank], t.begin, t.end)) for t in stage.sent_by(rank)]
+    coming = [(t.source, _find(held[t.source], starts[t.source], t.begin, t.end)) for t in received]
     kept = _cut_out(held[rank], [patch for _, patch in leaving], [patch for _, patch in coming])
-    merged = (
-        unite(p.begin, p.end, [p, *(c for _, c in coming if p.begin <= c.begin and c.end <= p.end)]) for p in kept
-    )
-    return StageTraffic(_messages(leaving), _messages(coming), kept, tuple(merged))
+    return StageTraffic(_messages(leaving), _messages(coming), kept, _merged(kept, [patch for _, patch in coming]))
 
 
-def _find(held: Held, begin: int, end: int) -> Patch:
+def _find(held: Held, starts: list[int], begin: int, end: int) -> Patch:
     """The range [begin, end) of what a rank holds.
 
     Raises
@@ -84,10 +84,21 @@ def _find(held: Held, begin: int, end: int) -> Patch:
     ValueError
         The range is not inside one patch: no algorithm may ask for that.
     """
-    for patch in held:
-        if patch.begin <= begin and end <= patch.end:
-            return patch.cut(begin, end)
-    raise ValueError(f"pixels [{begin}, {end}) are not held in one piece")
+    index = bisect_right(starts, begin) - 1
+    if index < 0 or end > held[index].end:
+        raise ValueError(f"pixels [{begin}, {end}) are not held in one piece")
+    return held[index].cut(begin, end)
+
+
+def _merged(kept: Held, received: Sequence[Patch]) -> Held:
+    """What is held when all that was received is blended in: each kept patch with what lies in its range."""
+    coming = sorted(received, key=lambda patch: patch.begin)
+    starts = [patch.begin for patch in coming]
+    merged = []
+    for patch in kept:
+        inside = coming[bisect_left(starts, patch.begin) : bisect_left(starts, patch.end)]
+        merged.append(unite(patch.begin, patch.end, [patch, *inside]) if inside else patch)
+    return tuple(merged)
 
 
 def _messages(patches: Sequence[tuple[int, Patch]]) -> tuple[Message, ...]:
@@ -101,13 +112,15 @@ def _messages(patches: Sequence[tuple[int, Patch]]) -> tuple[Message, ...]:
 
 def _cut_out(held: Held, sent: Sequence[Patch], received: Sequence[Patch]) -> Held:
     """What a rank keeps: its patches without what it sends, cut where a run of received ranges begins or ends."""
-    gone = {(patch.begin, patch.end) for patch in sent}
-    borders = {border for span in gone for border in span} | _run_borders(received)
+    gone = sorted((patch.begin, patch.end) for patch in sent)
+    starts = [begin for begin, _ in gone]
+    borders = sorted({border for span in gone for border in span} | _run_borders(received))
     kept = []
     for patch in held:
-        cuts = sorted({patch.begin, patch.end} | {border for border in borders if patch.begin < border < patch.end})
-        for begin, end in pairwise(cuts):
-            if not any(b <= begin and end <= e for b, e in gone):
+        inside = borders[bisect_right(borders, patch.begin) : bisect_left(borders, patch.end)]
+        for begin, end in pairwise([patch.begin, *inside, patch.end]):
+            index = bisect_right(starts, begin) - 1
+            if index < 0 or end > gone[index][1]:
                 kept.append(patch.cut(begin, end))
     return tuple(kept)
 

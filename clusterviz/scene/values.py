@@ -159,6 +159,7 @@ class Cluster(Section):
         "2-3-swap",
         "radix-k",
         "parallel-pipeline",
+        "slic",
     ] = Field(default="auto", description="The algorithm that joins the partial images.")
     codec: Literal["auto", "raw"] = Field(default="auto", description="How pixels are packed for sending.")
     transport: Literal["auto", "messages"] = Field(default="auto", description="How pixels travel.")
@@ -184,7 +185,6 @@ PLANNED: dict[str, tuple[object, ...]] = {
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),
-    "compositing": ("slic",),
     "codec": ("lz4", "rle", "active-pixel"),
     "transport": ("shared", "hierarchical"),
     "distribution": ("static", "dynamic"),

@@ -51,7 +51,7 @@ def _theory(algorithm: str, n: int, p: int) -> Counts:
         return Counts(n - 2 + batches, batches * (n - 1), all_pixels, p, p)
     if algorithm == "tree":
         return Counts(_ceil_log2(n), n - 1, all_pixels, p, _ceil_log2(n) * p)
-    if algorithm == "direct-send":
+    if algorithm in ("direct-send", "slic"):
         return Counts(1, n * (n - 1), all_pixels, p - smallest, (n - 1) * largest)
     if algorithm == "parallel-pipeline":
         return Counts(n - 1, n * (n - 1), all_pixels, p - smallest, ANY)
