@@ -28,6 +28,7 @@ from clusterviz.image.files import Pixels
 from clusterviz.scene import Cluster, Scene, open_scene
 
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
+USUAL = "serial,tree,direct-send,binary-swap"
 FAINT = "1e-6"
 """Opacity of the scene that shows who owns what: after 10⁴ slabs, 99 % of the light still gets through."""
 FAINT_TOLERANCE = 1e-4
@@ -72,7 +73,7 @@ class Result:
 def command(
     scene: SceneArgument,
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,3,4,7",
-    algorithms: Annotated[str, typer.Option(metavar="A,A,…", help="Compositing algorithms.")] = ",".join(ALGORITHMS),
+    algorithms: Annotated[str, typer.Option(metavar="A,A,…", help="Compositing algorithms, or all.")] = USUAL,
     bricks: Annotated[str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's.")] = None,
     define: Define = None,
     size: Size = None,
@@ -87,7 +88,7 @@ def command(
     opened = open_scene(scene, overrides)
     configurations = _configurations(
         parse_counts(ranks, 1, "--ranks"),
-        parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
+        ALGORITHMS if algorithms == "all" else parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
         parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
     )
     results = run_all(scene, overrides, configurations, tolerance, ownership and bool(opened.volumes))
@@ -192,7 +193,9 @@ def _print_table(results: list[Result], witness: Witness | None, scene: Scene) -
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("check", "ranks", "algorithm", "brick", "max", "rms", "samples", "", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
+    for name in ("check", "ranks", "algorithm", "brick", "max", "rms", "samples", ""):
+        table.add_column(name, no_wrap=True)
     for result in results:
         where = "ok" if not result.problem else "WRONG"
         if result.first_wrong_pixel:
