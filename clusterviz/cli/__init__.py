@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("clusterviz.cli.render", "Render a scene or a data file into a picture; under mpirun, on all ranks."),
     "verify": ("clusterviz.cli.verify", "Render a scene on several rank counts, and compare the pictures."),
     "bench": ("clusterviz.cli.bench", "Measure one part: compositing, ray casting, kernels, the network."),
+    "simulate": ("clusterviz.cli.simulate", "Count and predict compositing on up to 65,536 ranks, without MPI."),
     "info": ("clusterviz.cli.info", "Show what a data file holds."),
     "schema": ("clusterviz.cli.schema", "Print the JSON Schema of scene files."),
     "samples": ("clusterviz.cli.samples", "List real data that can be fetched, or fetch one and print its path."),

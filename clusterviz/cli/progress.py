@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TextIO
 
 from clusterviz.cli.failure import launched_rank
@@ -36,12 +38,25 @@ def show_progress(steps: Sequence[str]) -> Iterator[Callable[[str], None]]:
 
 
 def _terminal(stack: ExitStack) -> TextIO | None:
-    """Where the user looks, if that is a terminal: under mpirun stderr is a pipe, and the terminal has another name."""
+    """Where the user looks, if that is a terminal. Under mpirun stderr is a pipe, whose other end a parent holds."""
     if sys.stderr.isatty():
         return sys.stderr
     if launched_rank() is None:
         return None
     try:
-        return stack.enter_context(open("/dev/tty", "w"))
-    except OSError:
+        return stack.enter_context(open(_terminal_of_launcher(), "w"))
+    except (OSError, ValueError):
         return None
+
+
+def _terminal_of_launcher() -> str:
+    """The terminal on which the nearest parent whose stderr is no pipe writes; Linux tells, others raise OSError."""
+    pid = os.getppid()
+    while pid > 1:
+        place = os.readlink(f"/proc/{pid}/fd/2")
+        if not place.startswith("pipe:"):
+            if place.startswith(("/dev/pts/", "/dev/tty")):
+                return place
+            break
+        pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    raise OSError("the launcher writes to no terminal")

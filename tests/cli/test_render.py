@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from clusterviz.cli.costs import print_costs, summary
-from clusterviz.cli.jobs import run_job
+from clusterviz.cli.jobs import job_command, run_job
 from clusterviz.image import compare, read_image
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 
@@ -83,9 +83,10 @@ def test_a_launcher_of_another_mpi_is_warned_of_loudly(tmp_path: Path) -> None:
 
 @pytest.mark.fresh
 @pytest.mark.gl
-def test_a_terminal_sees_a_progress_bar_and_gets_its_cursor_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_terminal_sees_a_progress_bar_and_gets_its_cursor_back(ranks: int, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "clusterviz", "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL]
+    command = job_command(ranks, ["render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL])
     environment = os.environ | {"TERM": "xterm-256color"}
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=theirs, timeout=60, env=environment, check=True)
     os.close(theirs)

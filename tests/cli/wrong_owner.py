@@ -10,7 +10,6 @@ from clusterviz import frame
 from clusterviz.cli import run
 from clusterviz.partition import BrickBox, BspTree, Leaf, Node, build_tree
 
-
 _trees: list[BspTree] = []
 
 
