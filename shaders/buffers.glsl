@@ -3,6 +3,5 @@ layout(std430, binding = 1) buffer PixelsBlock { vec4 pixels[]; };              
 layout(std430, binding = 2) buffer SamplesBlock { uint group_samples[]; };            // samples taken by each work group
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; };     // where a brick's voxels begin; -1: nothing to draw
 layout(std430, binding = 4) readonly buffer BucketsBlock { double bucket_record[]; }; // where the next segment starts, and the first segment
-layout(std430, binding = 5) readonly buffer SegmentsBlock { double segment_record[]; }; // RECORD words a segment, as in transfer.glsl
 layout(std430, binding = 6) readonly buffer GroupsBlock { uint group_visible[]; };    // a bit for each group of cells, brick by brick
-layout(std430, binding = 8) buffer ProgressBlock { uint unfinished; int next_slab[]; }; // where each pixel's ray goes on; 0: not begun
+layout(std430, binding = 8) buffer ProgressBlock { uint unfinished; int next_slab[]; }; // where each pixel's ray goes on

@@ -5,7 +5,6 @@ float scalar_at(int brick, vec3 local);
 // Runs are short and summed apart, and runs are added with compensation, so that 10^6 faint slabs add up.
 const int LONGEST_RUN = 32;
 const int LONGEST_LEAP = 1 << 20;
-const int GROUP_SHIFT = 3; // groups of 8 cells a side are skipped as one
 // llvmpipe silently leaves every loop of an invocation after 65535 iterations in all, so a dispatch takes on less and the next one goes on.
 const int ITERATIONS = 30000;
 
@@ -41,20 +40,19 @@ Place place_of(Ray ray, int k, vec3 slab) {
     dvec3 position = midpoint(ray, k);
     ivec3 cell = cell_of(position);
     if (!owned(cell)) return Place(OUTSIDE, vec3(0.0), 0);
-    int side = frame.cells.w;
     // Integer division is slow where there is no hardware for it; this is exact.
-    ivec3 number = ivec3((dvec3(cell) + 0.5LF) * frame.forward.w);
-    ivec3 first = number * side, at = number - frame.bricks_begin.xyz;
-    int brick = (at.z * frame.bricks_count.y + at.y) * frame.bricks_count.x + at.x;
+    ivec3 number = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
+    ivec3 first = number * BRICK, at = number - bricks_begin;
+    int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
     vec3 local = vec3(position - dvec3(first));
     ivec3 group = (cell - first) >> GROUP_SHIFT;
-    int bit = (group.z * frame.groups.y + group.y) * frame.groups.x + group.x;
+    int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
     int start = brick_offset[brick];
-    bool visible = start >= 0 && (group_visible[brick * frame.groups.w + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
+    bool visible = start >= 0 && (group_visible[brick * VISIBILITY_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
     // A visible run may go on to the brick's end; a gap ends with its group of cells, or with its brick.
     bool whole = visible || start < 0;
     vec3 corner = whole ? vec3(0.0) : vec3(group << GROUP_SHIFT);
-    float extent = whole ? float(side) : float(1 << GROUP_SHIFT);
+    float extent = whole ? float(BRICK) : float(1 << GROUP_SHIFT);
     return Place(visible ? start : GAP, local, slabs_inside(local - corner, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 
@@ -63,7 +61,7 @@ vec4 run(int brick, vec3 local, vec3 slab, int slabs) {
     vec4 sum = vec4(0.0);
     for (int k = 0; k < slabs; ++k) {
         float s = scalar_at(brick, local + float(k) * slab);
-        if (s >= frame.buckets.w) { // nothing is visible below, and NaN compares false
+        if (s >= buckets.w) { // nothing is visible below, and NaN compares false
             Segment segment = segment_at(s);
             sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
         }
@@ -74,7 +72,7 @@ vec4 run(int brick, vec3 local, vec3 slab, int slabs) {
 // The last slab, which the exit may have cut short.
 vec4 last_slab(int brick, vec3 local, float units) {
     float s = scalar_at(brick, local);
-    if (!(s >= frame.buckets.w)) return vec4(0.0);
+    if (!(s >= buckets.w)) return vec4(0.0);
     Segment segment = segment_at(s);
     return slab_opacity(segment.unit_opacity, units) * vec4(segment.colour, 1.0);
 }
@@ -98,7 +96,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
         add(sum, (1.0 - sum.high.a) * run(place.brick, place.local, slab, slabs));
         samples += uint(slabs);
         k += slabs;
-        iterations += 2 + slabs * (1 + frame.slot.w);
+        iterations += 2 + slabs * (1 + SEARCH_ITERATIONS);
     }
     if (k == last) {
         Place place = place_of(ray, k, slab);

@@ -14,7 +14,7 @@ float optical_depth(float a) {
 
 // 1 - exp(-depth) for depth >= 0: exp = 2^-n (1 + q) with |remainder| <= ln(2) / 2, so that nothing cancels for small depths (n = 0).
 float absorbed(float depth) {
-    float d = min(depth, 100.0);
+    float d = min(depth, 80.0); // beyond, exp is below float32's last bit of 1, and 2^-n would leave its range
     float n = floor(d * 1.44269504 + 0.5);
     float r = fma(n, 0.693359375, -d);
     r = fma(n, -2.12194440e-4, r);

@@ -49,11 +49,11 @@ dvec3 midpoint(Ray ray, int k) {
 
 // The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.
 ivec3 cell_of(dvec3 position) {
-    return clamp(ivec3(floor(position)), ivec3(0), frame.cells.xyz - 1);
+    return clamp(ivec3(floor(position)), ivec3(0), last_cell);
 }
 
 bool owned(ivec3 cell) {
-    return all(greaterThanEqual(cell, frame.box_begin.xyz)) && all(lessThan(cell, frame.box_end.xyz));
+    return all(greaterThanEqual(cell, box_begin)) && all(lessThan(cell, box_end));
 }
 
 // The first slab that this box owns, or the number of slabs where it owns none. The estimate is within two of the truth; the test is exact.
@@ -61,7 +61,7 @@ int first_owned(Ray ray) {
     double enter = 0.0LF;
     for (int axis = 0; axis < 3; ++axis) {
         if (ray.slab[axis] == 0.0LF) continue;
-        double face = ray.slab[axis] > 0.0LF ? double(frame.box_begin[axis]) : double(frame.box_end[axis]);
+        double face = ray.slab[axis] > 0.0LF ? double(box_begin[axis]) : double(box_end[axis]);
         enter = max(enter, (face - ray.first[axis]) / ray.slab[axis]);
     }
     if (enter > double(ray.slabs)) return ray.slabs;

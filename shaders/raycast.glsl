@@ -4,12 +4,20 @@
 // in every box, and positions inside a brick are brick-local, so neither bricks nor ranks leave a seam.
 layout(local_size_x = 8, local_size_y = 8) in;
 
-#include <FRAME>
 #include <CONSTANTS>
+#include <FRAME>
 #include "buffers.glsl"
+
+// Read once: in a loop, a driver may fetch a block's member again each time.
+vec4 buckets = frame.buckets;
+vec2 scalar = frame.scalar.xy;
+ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
+ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
+
 #include "ray.glsl"
 #include "opacity.glsl"
 #include "transfer.glsl"
+#include <RECORDS>
 #include <VOXEL>
 #include <SCALAR>
 #include "march.glsl"
@@ -27,8 +35,10 @@ void main() {
         int pixel = inside.y * frame.rect.z + inside.x;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);
-        int slab = next_slab[pixel] > 0 ? next_slab[pixel] : first_owned(ray);
-        pixels[pixel] = march(ray, pixels[pixel], slab, samples);
+        bool begins = frame.first_dispatch != 0;
+        vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
+        int slab = begins ? first_owned(ray) : next_slab[pixel];
+        pixels[pixel] = march(ray, before, slab, samples);
         next_slab[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;
         atomicAdd(samples_of_group, samples);

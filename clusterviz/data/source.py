@@ -1,9 +1,9 @@
 """The contract of every data format: a source knows its grid and reads any box of samples.
 
 One file a format; each offers `open_<format>(path, ...) -> Source`. Opening reads the header only, checks it against
-the file (size, magic, dtype) and raises `DataError` with what, where, found and allowed. Reading is lazy: `read` touches
-the bytes of its box where the format allows that, and streams forward through the file where it does not (compressed
-data), so that asking for boxes in order of increasing z costs one pass over the file.
+the file (size, magic, dtype) and raises `DataError` with what, where, found and allowed. Reading is lazy: `read`
+touches the bytes of its box where the format allows that, and streams forward through the file where it does not
+(compressed data), so that asking for boxes in order of increasing z costs one pass over the file.
 """
 
 from __future__ import annotations

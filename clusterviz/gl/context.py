@@ -7,13 +7,15 @@ Khronos Group, EGL_EXT_platform_device and EGL_EXT_device_enumeration.
 
 from __future__ import annotations
 
+from typing import Any
+
 import moderngl
 
 from clusterviz.errors import ClustervizError, DeviceError
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.gl.shader import ShaderSource
 
-HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a GPU driver with EGL"
+HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a driver with EGL"
 
 
 def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Context:
@@ -31,7 +33,8 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
     """
     try:
         index = choose_device(egl_devices(), local_rank, device)
-        context = moderngl.create_context(standalone=True, backend="egl", device_index=index, require=430)
+        settings: dict[str, Any] = {"backend": "egl", "device_index": index}
+        context = moderngl.create_context(require=430, standalone=True, **settings)
     except ClustervizError:
         raise
     except Exception as error:

@@ -1,7 +1,7 @@
 """One truth for layouts: a NumPy dtype makes the GLSL block that a shader reads.
 
-Members are 16-byte or 32-byte columns (vec4, dvec4, ivec4, uvec4) or end the block as single 4-byte scalars, so that std140's
-rules agree with a packed C struct and no padding has to be guessed.
+Members are 16-byte or 32-byte columns (vec4, dvec4, ivec4, uvec4) or end the block as single 4-byte scalars, so that
+std140's rules agree with a packed C struct and no padding has to be guessed.
 """
 
 from __future__ import annotations
@@ -34,4 +34,6 @@ def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:
         return COLUMNS[key]
     if kind.shape == () and key in SCALARS:
         return SCALARS[key]
-    raise ValueError(f"member {member}: {kind} at byte {offset} has no GLSL twin; allowed: 4-columns on their own size, scalars")
+    raise ValueError(
+        f"member {member}: {kind} at byte {offset} has no GLSL twin; allowed: 4-columns on their own size, scalars"
+    )

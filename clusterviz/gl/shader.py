@@ -1,8 +1,8 @@
 """The include assembler: shader files become one source whose complaints still name the file and the line.
 
-A top-level shader may say `#include "name.glsl"`; included files may not include further, so that the order of the parts is
-read off one file. `#include <NAME>` stands for a text or a file that the caller chooses by variant. Every part is preceded
-by a `#line` with a source number, and a driver's message is translated back to file names.
+A top-level shader may say `#include "name.glsl"`; included files may not include further, so that the order of the
+parts is read off one file. `#include <NAME>` stands for a text or a file that the caller chooses by variant. Every part
+is preceded by a `#line` with a source number, and a driver's message is translated back to file names.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from clusterviz.errors import DeviceError
 
 INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<slot>\w+)>)\s*$')
 # Mesa writes "0:12(3): error: …", NVIDIA "0(12) : error …", others "ERROR: 0:12: …".
-PLACE = re.compile(r"^(?P<lead>(?:ERROR: |WARNING: )?)(?P<source>\d+)(?::(?P<mesa>\d+)|\((?P<nvidia>\d+)\))", re.MULTILINE)
+PLACE = re.compile(
+    r"^(?P<lead>(?:ERROR: |WARNING: )?)(?P<source>\d+)(?::(?P<mesa>\d+)|\((?P<nvidia>\d+)\))", re.MULTILINE
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,9 @@ def shader_folder() -> Path:
     for folder in (package / "shaders", package.parent / "shaders"):
         if folder.is_dir():
             return folder
-    raise DeviceError(f"the shader files are missing: neither {package / 'shaders'} nor {package.parent / 'shaders'} exists")
+    raise DeviceError(
+        f"the shader files are missing: neither {package / 'shaders'} nor {package.parent / 'shaders'} exists"
+    )
 
 
 def assemble(name: str, slots: Mapping[str, str] | None = None) -> ShaderSource:

@@ -1,7 +1,7 @@
 """How voxels are stored for drawing, and the scalar that the shader sees: 0 at the low end of clim, 1 at the high end.
 
-8- and 16-bit integers keep their size. Every other type becomes float32 in units of clim, by way of float64, so that a field
-of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function can tell apart.
+8- and 16-bit integers keep their size. Every other type becomes float32 in units of clim, by way of float64, so that a
+field of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function can tell apart.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Encoding:
     bias: float = 0.0
 
     def encode(self, voxels: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
-        """Voxels of the source's dtype, any shape, as they are stored: uint8, uint16, or float32 in units of clim, NaN where not finite."""
+        """Voxels of the source's dtype, any shape, as stored; float32 is in units of clim, NaN where not finite."""
         if self.kind == "u8":
             return voxels.view(np.uint8) ^ np.uint8(self.shift)
         if self.kind == "u16":
@@ -64,7 +64,7 @@ def make_encoding(dtype: np.dtype[Any], clim: tuple[float, float]) -> Encoding:
 
 
 def in_units_of_clim(values: ArrayLike, low: float, high: float) -> NDArray[np.float64]:
-    """(value − low) / (high − low) in float64, for ranges from denormals to the largest floats; what overflows is infinite."""
+    """(value − low) / (high − low) in float64, from denormals to the largest floats; what overflows is infinite."""
     exponent = -int(np.frexp(max(abs(low), abs(high)))[1])
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.ldexp(np.asarray(values, np.float64), exponent)

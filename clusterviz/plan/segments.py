@@ -1,8 +1,8 @@
 """The transfer function as the shader reads it: linear segments between all control points, and buckets to find them.
 
-Colour and opacity are linear between control points, but the opacity of a slab, 1 − (1 − α)^d, is not. Its segments are cut
-until the chord is as good as float32, so that the shader needs no logarithm a sample and no table resolution enters. Steps in
-the function stay steps. Scalars are in units of clim (0 at its low end, 1 at its high end).
+Colour and opacity are linear between control points, but the opacity of a slab, 1 − (1 − α)^d, is not. Its segments are
+cut until the chord is as good as float32, so that the shader needs no logarithm a sample and no table resolution
+enters. Steps in the function stay steps. Scalars are in units of clim (0 at its low end, 1 at its high end).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
 
 BUCKETS = 4096
 MOST_CUTS = 1 << 16
-CHORD_ERROR = 3e-8  # of a slab's opacity; half a float32 step at 1
+# Of a slab's opacity, so that what adds up along a ray stays below 1e-6: its share of the opacity, and of a length.
+CHORD_ERROR, CHORD_FLOOR = 5e-7, 3e-8
 FAR = float(np.finfo(np.float32).max)
 Floats = NDArray[np.float64]
 
@@ -91,7 +92,7 @@ def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> t
 
 
 def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
-    """Cut the inner segments in halves until the chord of a slab's opacity is within CHORD_ERROR of it."""
+    """Cut the inner segments in halves until the chord of a slab's opacity is as good as CHORD_ERROR asks."""
 
     def slab(alpha: Floats) -> Floats:
         opacity: Floats = -np.expm1(slab_units * np.log1p(-np.clip(alpha, 0.0, OPAQUE)))
@@ -103,12 +104,13 @@ def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
         ends = records["unit_opacity"] + records["unit_slope"] * lengths
         at_start, at_end = slab(records["unit_opacity"]), slab(ends)
         error = np.zeros(len(records))
+        allowed = CHORD_ERROR * np.minimum(at_start, at_end) + CHORD_FLOOR * min(1.0, slab_units)
         for share in (0.25, 0.5, 0.75):
             inside = slab(records["unit_opacity"] + share * (ends - records["unit_opacity"]))
             error = np.maximum(error, np.abs(inside - (at_start + share * (at_end - at_start))))
         # What float32 cannot tell apart is not cut further.
         middles = records["start"] + lengths / 2
-        cut = (error > CHORD_ERROR) & (middles.astype(np.float32) > records["start"].astype(np.float32))
+        cut = (error > allowed) & (middles.astype(np.float32) > records["start"].astype(np.float32))
         if not cut.any() or len(records) > MOST_CUTS:
             records["slab_opacity"] = at_start
             records["slab_slope"] = (at_end - at_start) / np.maximum(lengths, 1e-30)

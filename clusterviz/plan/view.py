@@ -1,7 +1,7 @@
 """The camera in index space: where the ray of a pixel starts and runs, and what a box of cells covers on the screen.
 
-Index space has sample i at coordinate i, so its unit is a voxel; ray parameters stay world lengths, because the map from
-the world is affine. All in float64.
+Index space has sample i at coordinate i, so its unit is a voxel; ray parameters stay world lengths, because the map
+from the world is affine. All in float64.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class View:
     size : (width, height) in pixels
     eye : the camera's position
     right, up, forward : the camera's axes
-    pixel : distance of neighbouring pixel centres: on the plane one world unit in front of the eye (perspective), or in world units
+    pixel : distance of neighbouring pixel centres, in world units; in perspective on the plane one unit in front of
+        the eye
     parallel : parallel projection; rays start on the plane through `eye`
     """
 
@@ -78,11 +79,20 @@ def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
     right = _unit(np.cross(forward, _unit(up_hint)))
     up = np.cross(right, forward)
     parallel = camera.parallel_scale is not None
-    half_height = camera.parallel_scale if camera.parallel_scale is not None else np.tan(np.radians(camera.view_angle) / 2)
+    half_height = (
+        camera.parallel_scale if camera.parallel_scale is not None else np.tan(np.radians(camera.view_angle) / 2)
+    )
     index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
     eye = index_from_world @ (position - np.array(grid.origin))
-    vectors = (eye, *(index_from_world @ axis for axis in (right, up, forward)))
-    return View(size, *(_triple(v) for v in vectors), pixel=float(2 * half_height / size[1]), parallel=parallel)
+    return View(
+        size,
+        _triple(eye),
+        _triple(index_from_world @ right),
+        _triple(index_from_world @ up),
+        _triple(index_from_world @ forward),
+        float(2 * half_height / size[1]),
+        parallel,
+    )
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """Which small groups of cells have nothing to show: what lets rays leap, exact by construction.
 
-A group is skipped only if the transfer function is fully transparent on the whole range of its samples, those on its far
-faces included, so skipping leaves out nothing but zeros. The ranges depend on the voxels alone; they are kept, and a new
-transfer function needs no voxels again.
+A group is skipped only if the transfer function is fully transparent on the whole range of its samples, those on its
+far faces included, so skipping leaves out nothing but zeros. The ranges depend on the voxels alone; they are kept, and
+a new transfer function needs no voxels again.
 
 References
 ----------

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_block
 from clusterviz.image.region import Rect
-from clusterviz.partition.bsp import BrickBox
+from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.render.storage import Slot
@@ -17,44 +17,45 @@ FRAME = np.dtype(
         ("eye", "f8", 4),  # position in index space
         ("right", "f8", 4),
         ("up", "f8", 4),
-        ("forward", "f8", 4),  # w: bricks per cell, the reciprocal of a brick's cells
+        ("forward", "f8", 4),
         ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
-        ("cells", "i4", 4),  # the volume's cells in x, y, z; cells along a brick
+        ("cells", "i4", 4),  # the volume's cells in x, y, z
         ("box_begin", "i4", 4),  # the cells that this draw owns
         ("box_end", "i4", 4),
         ("bricks_begin", "i4", 4),  # the bricks of the box
         ("bricks_count", "i4", 4),
-        ("slot", "i4", 4),  # cells that a stored brick has room for; loop iterations of the search for a segment
-        ("groups", "i4", 4),  # groups of cells along a brick's x, y, z; words of visibility bits a brick
-        ("pitch", "i4", 4),  # words to the next row, to the next slice; integer taken off 16-bit voxels; last segment
         ("rect", "i4", 4),  # footprint: first pixel in x, y; width, height
         ("scalar", "f4", 4),  # scale and bias from a stored voxel to units of clim
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
         ("optics", "f4", 4),  # a slab in opacity unit distances; residual transmittance that ends a ray
+        ("last_segment", "i4"),
+        ("base", "i4"),  # integer taken off 16-bit voxels
+        ("first_box", "i4"),  # 1: no pixel holds anything yet
+        ("first_dispatch", "i4"),  # 1: no ray has begun in this box
     ]
 )
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
 def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:
-    """The record for drawing one box of bricks into one rectangle of pixels; `FRAME` (1,)."""
+    """The record for drawing one box of bricks into one rectangle of pixels; `FRAME` (1,).
+
+    The caller sets what changes between dispatches.
+    """
     record = np.zeros(1, FRAME)
     view, layout, segments = plan.view, plan.layout, plan.segments
     for member in ("eye", "right", "up", "forward"):
         record[member][0, :3] = getattr(view, member)
-    record["forward"][0, 3] = 1 / layout.brick
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *(n - 1 for n in layout.shape_zyx[::-1]), plan.march.step_world
-    record["cells"] = *layout.cells_zyx[::-1], layout.brick
+    record["cells"][0, :3] = layout.cells_zyx[::-1]
     begin, end = np.array(box.begin_zyx[::-1]), np.array(box.end_zyx[::-1])
     record["box_begin"][0, :3] = begin * layout.brick
     record["box_end"][0, :3] = np.minimum(end * layout.brick, layout.cells_zyx[::-1])
     record["bricks_begin"][0, :3] = begin
     record["bricks_count"][0, :3] = end - begin
-    record["slot"] = *slot.cells_zyx[::-1], segments.further_starts.bit_length()
-    record["groups"] = *slot.groups_zyx[::-1], slot.visibility_words
-    record["pitch"] = slot.row_words, slot.slice_words, plan.encoding.base, len(segments.records) - 1
+    record["last_segment"], record["base"] = len(segments.records) - 1, plan.encoding.base
     record["rect"] = rect.x_begin, rect.y_begin, rect.width, rect.height
     encoding = plan.encoding
     # The texture unit cannot take the base off before it interpolates.

@@ -2,7 +2,8 @@
 
 References
 ----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 3.3.1 and 5.3.3.
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 3.3.1 and
+5.3.3.
 """
 
 from __future__ import annotations
@@ -17,39 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import EMPTY, Rect
 from clusterviz.partition import BrickBox
-from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.plan import Plan
-from clusterviz.plan.segments import RECORD
 from clusterviz.render.chunks import chunks_of
-from clusterviz.render.frame_block import FRAME_BLOCK, frame_block
+from clusterviz.render.frame_block import frame_block
 from clusterviz.render.residence import Residence, capacity, upload
 from clusterviz.render.storage import Slot, make_slot
+from clusterviz.render.variant import variant_of
 
 TILE = 8  # pixels along the side of a work group, as in raycast.glsl
 Index = tuple[int, int, int]
-
-
-def source_of(filter: str, kind: VoxelKind, further_starts: int) -> ShaderSource:
-    """The assembled shader of a variant.
-
-    Parameters
-    ----------
-    filter : "linear", "nearest" or "hardware"
-    kind : the stored voxel type
-    further_starts : of the plan's segments; a constant, since most transfer functions need no search
-    """
-    constants = f"const int RECORD = {RECORD.itemsize // 8};\nconst int FURTHER_STARTS = {further_starts};\n"
-    voxel, scalar = f"voxel_{kind}.glsl", f"{filter}.glsl"
-    if filter == "hardware":
-        voxel = "atlas.glsl"
-    elif filter == "linear" and kind == "u8":
-        scalar = "linear_u8.glsl"
-    slots = {"FRAME": FRAME_BLOCK, "CONSTANTS": constants, "VOXEL": voxel, "SCALAR": scalar}
-    return assemble("raycast.glsl", slots)
 
 
 @dataclass(frozen=True)
@@ -84,8 +64,9 @@ class Raycaster:
 
     def __init__(self, context: moderngl.Context, plan: Plan, box: BrickBox, block_bytes: int | None = None) -> None:
         self._context, self._box = context, box
-        self._program = compile_compute(context, source_of(plan.march.filter, plan.encoding.kind, plan.segments.further_starts))
         self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march.filter == "hardware")
+        self._variant = variant_of(plan, self._slot, int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
+        self._program = compile_compute(context, self._variant.source)
         self._capacity = capacity(context, self._slot, block_bytes)
         self._residences: list[Residence] = []
 
@@ -119,16 +100,19 @@ class Raycaster:
         groups = (-(-rect.width // TILE), -(-rect.height // TILE))
         segments = plan.segments
         with _Buffers(self._context) as buffers:
-            pixels = buffers.bind(1, np.zeros((rect.height, rect.width, 4), np.float32))
+            pixels = buffers.reserve(1, 16 * rect.pixels)
             samples = buffers.bind(2, np.zeros(groups, np.uint32))
+            progress = buffers.reserve(8, 4 + 4 * rect.pixels)
             buffers.bind(4, segments.buckets)
-            buffers.bind(5, segments.records)
+            records = buffers.make(_padded(segments.records, self._variant.block_bytes))
+            records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             # Front to back: each draw adds behind what the pixels hold.
-            for residence in self._residences:
-                buffers.make(frame_block(plan, residence.box, rect, self._slot)).bind_to_uniform_block(0)
+            for number, residence in enumerate(self._residences):
                 buffers.bind(6, residence.visibility(plan.transfer, self._slot))
                 self._bind(residence)
-                self._march(buffers, groups, rect)
+                block = frame_block(plan, residence.box, rect, self._slot)
+                block["first_box"] = number == 0
+                self._march(buffers, block, progress, groups)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
             taken = int(np.frombuffer(samples.read(), np.uint32).sum(dtype=np.int64))
@@ -140,15 +124,20 @@ class Raycaster:
         self._drop()
         self._program.release()
 
-    def _march(self, buffers: _Buffers, groups: tuple[int, int], rect: Rect) -> None:
+    def _march(
+        self, buffers: _Buffers, block: NDArray[np.void], progress: moderngl.Buffer, groups: tuple[int, int]
+    ) -> None:
         """Dispatch until every ray has ended; rays of more than some ten thousand slabs take several dispatches."""
-        progress = buffers.bind(8, np.zeros(1 + rect.pixels, np.int32))
-        unfinished = 1
+        frame = buffers.make(block)
+        frame.bind_to_uniform_block(0)
+        unfinished, block["first_dispatch"] = 1, 1
         while unfinished:
+            frame.write(block)
             progress.write(b"\0\0\0\0")
             self._program.run(*groups)
             self._context.memory_barrier()
             unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
+            block["first_dispatch"] = 0
 
     def _bind(self, residence: Residence) -> None:
         residence.offsets.bind_to_storage_buffer(3)
@@ -175,6 +164,12 @@ class _Buffers:
         buffer.bind_to_storage_buffer(binding)
         return buffer
 
+    def reserve(self, binding: int, size: int) -> moderngl.Buffer:
+        buffer = self._context.buffer(reserve=size)
+        buffer.bind_to_storage_buffer(binding)
+        self._made.append(buffer)
+        return buffer
+
     def make(self, data: NDArray[Any]) -> moderngl.Buffer:
         buffer = self._context.buffer(data.tobytes())
         self._made.append(buffer)
@@ -186,6 +181,13 @@ class _Buffers:
     def __exit__(self, *_: object) -> None:
         for buffer in self._made:
             buffer.release()
+
+
+def _padded(records: NDArray[np.void], size: int) -> NDArray[np.uint8]:
+    """Bytes of an array, with zeros up to a size: a uniform block has the size that its program declares."""
+    data = np.zeros(max(size, records.nbytes), np.uint8)
+    data[: records.nbytes] = records.view(np.uint8)
+    return data
 
 
 def _footprint(plan: Plan, box: BrickBox) -> Rect:

@@ -1,8 +1,8 @@
-"""Bricks in GPU memory: one buffer or one texture for a box of bricks, and the table that says where each brick begins."""
+"""Bricks in GPU memory: one buffer or one texture for a box of bricks, and the table of where each brick begins."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ class Residence:
     Attributes
     ----------
     box : the bricks
-    offsets : GPU buffer of int32, one a brick of the box: first word (buffer) or slot number (texture), −1 where nothing is stored
+    offsets : GPU buffer of int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
     ranges : extremes of the groups of cells of each stored brick, by its place in the box
     voxels : the buffer of words, or the texture of slots
     bricks : how many are stored
@@ -81,8 +81,8 @@ def upload(
     """
     inside = [i for i in bricks if all(b <= n < e for b, n, e in zip(box.begin_zyx, i, box.end_zyx, strict=True))]
     packed = (slot.pack(bricks[i], encoding) for i in inside)
-    place = _into_texture if slot.textured else _into_buffer
-    voxels, starts = place(context, packed, len(inside), slot)
+    voxels: moderngl.Buffer | moderngl.Texture3D
+    voxels, starts = (_into_texture if slot.textured else _into_buffer)(context, packed, len(inside), slot)
     offsets = np.full(box.shape_zyx, -1, np.int32)
     ranges = {}
     for index, start in zip(inside, starts, strict=True):
@@ -93,14 +93,20 @@ def upload(
     return Residence(box, table, ranges, voxels, len(inside), len(inside) * slot.bytes)
 
 
-def _into_buffer(context, packed, count, slot):  # type: ignore[no-untyped-def]
+def _into_buffer(
+    context: moderngl.Context, packed: Iterable[NDArray[Any]], count: int, slot: Slot
+) -> tuple[moderngl.Buffer, list[int]]:
+    """One after the other; where each begins, in words."""
     buffer = context.buffer(reserve=max(1, count) * slot.bytes)
     for number, words in enumerate(packed):
         buffer.write(words, offset=number * slot.bytes)
     return buffer, [number * slot.words for number in range(count)]
 
 
-def _into_texture(context, packed, count, slot):  # type: ignore[no-untyped-def]
+def _into_texture(
+    context: moderngl.Context, packed: Iterable[NDArray[Any]], count: int, slot: Slot
+) -> tuple[moderngl.Texture3D, list[int]]:
+    """Side by side along x, then y, then z; the number of each slot."""
     side = int(context.info["GL_MAX_3D_TEXTURE_SIZE"])
     z, y, x = slot.samples_zyx
     across, down = min(count, side // x), side // y

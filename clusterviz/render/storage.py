@@ -1,7 +1,8 @@
 """How a brick lies in GPU memory: the words of its slot, the same for every brick of a volume.
 
-Buffers rather than textures hold voxels for the exact filters: a software renderer reads them at half the cost, and no 3-D
-texture limit applies. 8-bit voxels are stored four to a word with one repeated, so that a cell needs four fetches, not eight.
+Buffers rather than textures hold voxels for the exact filters: a software renderer reads them at half the cost, and no
+3-D texture limit applies. 8-bit voxels are stored four to a word with one repeated, so that a cell needs four fetches,
+not eight.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ class Slot:
         z, y, x = self.samples_zyx
         row = x if self.textured else {"u8": 3 * self.row_words + 1, "u16": 2 * self.row_words, "f32": x}[self.kind]
         missing = [(0, n - have) for n, have in zip((z, y, row), stored.shape, strict=True)]
-        stored = np.ascontiguousarray(np.pad(stored, missing, mode="edge") if any(m != (0, 0) for m in missing) else stored)
+        stored = np.ascontiguousarray(
+            np.pad(stored, missing, mode="edge") if any(m != (0, 0) for m in missing) else stored
+        )
         if self.textured or self.kind == "f32":
             return stored
         if self.kind == "u16":

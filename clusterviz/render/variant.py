@@ -1,0 +1,90 @@
+"""Which shader a plan needs: the files that make it up, and the integers that it is compiled with.
+
+Everything that stays the same while a volume is shown is a constant of the program: the layout of bricks above all,
+which the compiler then folds into the addresses of every fetch. What changes from frame to frame is in the frame block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.segments import RECORD
+from clusterviz.render.frame_block import FRAME_BLOCK
+from clusterviz.render.storage import GROUP, Slot
+
+PART_BYTES = 16  # a vec4
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One program of the ray caster.
+
+    Attributes
+    ----------
+    filter : how the field is reconstructed
+    slot : how a brick is stored
+    brick : cells along the side of a brick
+    further_starts : of the plan's segments; most transfer functions need no search in a bucket
+    block_bytes : size of the uniform block for the transfer function's records; 0 where they are too many for one
+    """
+
+    filter: Literal["linear", "nearest", "hardware"]
+    slot: Slot
+    brick: int
+    further_starts: int
+    block_bytes: int
+
+    @property
+    def source(self) -> ShaderSource:
+        """The assembled shader."""
+        voxel, scalar = f"voxel_{self.slot.kind}.glsl", f"{self.filter}.glsl"
+        if self.filter == "hardware":
+            voxel = "atlas.glsl"
+        elif self.filter == "linear" and self.slot.kind == "u8":
+            scalar = "linear_u8.glsl"
+        records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
+        slots = {
+            "FRAME": FRAME_BLOCK,
+            "CONSTANTS": self.constants,
+            "RECORDS": records,
+            "VOXEL": voxel,
+            "SCALAR": scalar,
+        }
+        return assemble("raycast.glsl", slots)
+
+    @property
+    def constants(self) -> str:
+        """GLSL text that declares the program's constants."""
+        z, y, x = self.slot.cells_zyx
+        gz, gy, gx = self.slot.groups_zyx
+        lines = [
+            f"const int BRICK = {self.brick}; // cells along its side",
+            f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
+            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // that a stored brick has room for",
+            f"const int ROW_WORDS = {self.slot.row_words};",
+            f"const int SLICE_WORDS = {self.slot.slice_words};",
+            f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
+            f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
+            f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
+            f"const int PARTS = {RECORD.itemsize // PART_BYTES}; // vec4s in a record of the transfer function",
+            f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
+            f"const int FURTHER_STARTS = {self.further_starts};",
+            f"const int SEARCH_ITERATIONS = {self.further_starts.bit_length()};",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
+    """The program that a plan needs.
+
+    Parameters
+    ----------
+    uniform_bytes : the largest uniform block that the driver offers
+    """
+    fits = plan.segments.records.nbytes <= uniform_bytes
+    return Variant(
+        plan.march.filter, slot, plan.layout.brick, plan.segments.further_starts, uniform_bytes if fits else 0
+    )

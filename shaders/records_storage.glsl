@@ -1,0 +1,6 @@
+// The transfer function's records where they are too many for a uniform block.
+layout(std430, binding = 5) readonly buffer RecordsBlock { vec4 record_part[]; };
+
+vec4 part_of(int segment, int part) {
+    return record_part[PARTS * segment + part];
+}
