@@ -31,11 +31,22 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owner
     InputError
         There are more owners than ranks, or none.
     """
-    owners = ranks if owners is None else owners
-    if not min(ranks, 1) <= owners <= ranks:
-        raise InputError("wrong number of owners for direct send", found=owners, allowed=f"1 to {ranks}")
+    owners = choose_owners(ranks, owners)
     if ranks < 2:
         return Schedule(ranks, pixels, ())
     source, piece = np.arange(ranks, dtype=np.int64)[:, None], np.arange(owners, dtype=np.int64)
     cuts = borders(owners, pixels)
     return Schedule(ranks, pixels, (Stage.of_columns(source, piece * ranks // owners, cuts[piece], cuts[piece + 1]),))
+
+
+def choose_owners(ranks: int, owners: int | None) -> int:
+    """How many ranks own a piece: all, unless told otherwise.
+
+    Raises
+    ------
+    InputError
+        There are more owners than ranks, or none.
+    """
+    if owners is not None and not min(ranks, 1) <= owners <= ranks:
+        raise InputError("wrong number of owners for direct send", found=owners, allowed=f"1 to {ranks}")
+    return ranks if owners is None else owners

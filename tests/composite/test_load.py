@@ -1,0 +1,110 @@
+"""Loads in closed form and of sparse images equal those of the schedule, and of what the exchange really sends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from composite.images import random_rect
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clusterviz.composite import ALGORITHMS, direct_send
+from clusterviz.composite.closed_forms import direct_send_dense, direct_send_sparse, parallel_pipeline_dense
+from clusterviz.composite.cubes import cube_footprints
+from clusterviz.composite.flow import count_sparse
+from clusterviz.composite.load import Load, count_dense
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.rectangles import Rectangles
+from clusterviz.composite.traffic import plan_traffic
+from clusterviz.image.region import Rect
+
+WIDTH, HEIGHT = 13, 11
+PIXELS = WIDTH * HEIGHT
+
+
+def _columns(load: Load) -> dict[str, list[int]]:
+    return {name: np.atleast_1d(column).tolist() for name, column in vars(load).items()}
+
+
+def _some_patches(rng: np.random.Generator, ranks: int) -> list[Patch]:
+    """Footprints, none of them empty."""
+    rects = [random_rect(rng, (WIDTH, HEIGHT)) for _ in range(ranks)]
+    return [Patch(WIDTH, 0, PIXELS, rect if rect.pixels else Rect(0, 0, WIDTH, HEIGHT)) for rect in rects]
+
+
+@pytest.mark.parametrize("pixels", [0, 1, 7, 1000, 64 * 63])
+def test_closed_forms_equal_the_schedules(pixels: int) -> None:
+    for ranks in range(1, 65):
+        direct = _columns(direct_send_dense(ranks, pixels))
+        assert direct == _columns(count_dense(ALGORITHMS["direct-send"](ranks, pixels, ())))
+        assert direct == _columns(count_dense(ALGORITHMS["slic"](ranks, pixels, ())))
+        pipeline = _columns(parallel_pipeline_dense(ranks, pixels))
+        assert pipeline == _columns(count_dense(ALGORITHMS["parallel-pipeline"](ranks, pixels, ())))
+
+
+@pytest.mark.parametrize("owners", [1, 3, 7, 20])
+def test_closed_forms_with_few_owners_equal_the_schedules(owners: int) -> None:
+    patches = _some_patches(np.random.default_rng(owners), 20)
+    schedule = direct_send.schedule(20, PIXELS, owners=owners)
+    assert _columns(direct_send_dense(20, PIXELS, owners)) == _columns(count_dense(schedule))
+    rectangles = Rectangles.of_patches(patches)
+    assert _columns(direct_send_sparse(rectangles, owners)) == _columns(count_sparse(schedule, rectangles))
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_sparse_loads_are_what_the_exchange_sends(algorithm: str, ranks: int, seed: int) -> None:
+    patches = _some_patches(np.random.default_rng(seed), ranks)
+    schedule = ALGORITHMS[algorithm](ranks, PIXELS, patches)
+    views = [plan_traffic(schedule, rank, patches) for rank in range(ranks)]
+    load = count_sparse(schedule, Rectangles.of_patches(patches))
+    assert load.messages_sent.tolist() == [sum(len(stage.sends) for stage in view) for view in views]
+    assert load.messages_received.tolist() == [sum(len(stage.receives) for stage in view) for view in views]
+    sent = [sum(message.pixels for stage in view for message in stage.sends) for view in views]
+    received = [sum(message.pixels for stage in view for message in stage.receives) for view in views]
+    assert load.pixels_sent.tolist() == sent
+    assert load.pixels_received.tolist() == received
+    if algorithm == "direct-send":
+        assert _columns(direct_send_sparse(Rectangles.of_patches(patches))) == _columns(load)
+    if algorithm == "slic":
+        assert _columns(count_dense(schedule)) == _columns(load)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_rectangles_count_and_cut_as_patches_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    patches = _some_patches(rng, 6)
+    cuts = np.sort(rng.integers(0, PIXELS + 1, (6, 2)), axis=1)
+    cut = Rectangles.of_patches(patches).cut(cuts[:, 0], cuts[:, 1])
+    wanted = [patch.cut(begin, end) for patch, (begin, end) in zip(patches, cuts.tolist(), strict=True)]
+    assert cut.count().tolist() == [patch.count for patch in wanted]
+    sides = zip(*(column.tolist() for column in cut.columns()[2:]), strict=True)
+    assert [Rect(*rect) for rect in sides] == [patch.rect for patch in wanted]
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 7, 64, 1000])
+def test_cubes_fill_the_picture(ranks: int) -> None:
+    cubes = cube_footprints(ranks, (640, 480))
+    assert len(cubes) == ranks
+    assert (cubes.count() > 0).all()
+    assert (cubes.x_begin.min(), cubes.y_begin.min()) == (0, 0)
+    assert (cubes.x_end.max(), cubes.y_end.max()) == (cubes.width, cubes.height)
+    assert cubes.height == 480
+    assert cubes.width == pytest.approx(480 * np.sqrt(3) / 2, abs=2)
+
+
+@pytest.mark.parametrize(("algorithm", "factor"), [("direct-send", 1.0), ("binary-swap", 2.43), ("radix-k", 1.75)])
+def test_cubes_move_what_theory_says_within_a_factor_of_two(algorithm: str, factor: float) -> None:
+    """A brick covers about P·n^(−2/3) pixels, so that direct send moves about n^(1/3)·P."""
+    for ranks in (64, 512, 4096):
+        cubes = cube_footprints(ranks, (1024, 1024))
+        pixels = cubes.canvas_pixels
+        load = (
+            direct_send_sparse(cubes)
+            if algorithm == "direct-send"
+            else count_sparse(ALGORITHMS[algorithm](ranks, pixels, ()), cubes)
+        )
+        moved = load.pixels_sent.sum() / (pixels * ranks ** (1 / 3))
+        assert factor / 2 <= moved <= factor * 1.1

@@ -1,0 +1,162 @@
+"""The simulator counts what schedules count, predicts by its formula, and refuses what it cannot do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from clusterviz.composite import ALGORITHMS, pipeline
+from clusterviz.composite.drawing import MOST_RANKS as MOST_DRAWN
+from clusterviz.composite.drawing import write_drawing
+from clusterviz.composite.load import count_dense
+from clusterviz.composite.network import Network, open_network, shipped_networks
+from clusterviz.composite.simulate import Options, simulate
+from clusterviz.errors import InputError
+
+PLAIN = Network("plain", "made up", 1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("footprints", ["dense", "cubes"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_algorithm_can_be_simulated(algorithm: str, footprints: str) -> None:
+    for ranks in (1, 2, 13, 64):
+        made = simulate(algorithm, ranks, (96, 80), PLAIN, footprints=footprints, bytes_per_pixel=4)
+        counts = ALGORITHMS[algorithm](ranks, 96 * 80, ()).counts()
+        assert made.bytes_sent == 4 * made.pixels_sent
+        assert made.seconds == made.rounds
+        if footprints == "dense":
+            assert (made.messages_sent, made.pixels_sent, made.rounds) == (
+                counts.messages,
+                counts.pixels,
+                counts.rounds,
+            )
+        else:
+            assert made.pixels_sent <= counts.pixels
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_65536_ranks(algorithm: str) -> None:
+    made = simulate(algorithm, 65_536, (4096, 4096), PLAIN)
+    assert made.pixels_sent == 65_535 * 4096 * 4096
+    if algorithm in ("direct-send", "slic", "parallel-pipeline"):
+        assert made.messages_sent == 65_536 * 65_535
+
+
+def test_each_constant_of_the_time_model_counts_what_it_should() -> None:
+    load = count_dense(ALGORITHMS["tree"](5, 100, ()))
+    for index, wanted in enumerate((3.0, 3.0, 300 * 4.0, 300.0)):
+        constants = [float(index == number) for number in range(4)]
+        assert Network("", "", *constants).seconds(load, 4) == wanted
+
+
+def test_the_worst_rank_of_a_serial_gather_is_the_root() -> None:
+    made = simulate("serial", 9, (10, 10), open_network("laptop"))
+    assert (made.worst_rank, made.worst_rank_messages_received, made.worst_rank_pixels_received) == (0, 8, 800)
+
+
+def test_options_reach_their_algorithms() -> None:
+    assert simulate("radix-k", 12, (50, 50), PLAIN, options=Options(factors=(3, 4))).rounds == 2
+    assert simulate("direct-send", 12, (50, 50), PLAIN, options=Options(owners=3)).messages_sent == 3 * 11
+    assert simulate("pipeline", 12, (50, 50), PLAIN, options=Options(batches=7)).messages_sent == 7 * 11
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("swap", 4, (8, 8)), "unknown compositing algorithm"),
+        (("tree", 0, (8, 8)), "so many ranks; found 0; allowed 1 to 65536"),
+        (("tree", 65_537, (8, 8)), "so many ranks"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(arguments: tuple[str, int, tuple[int, int]], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        simulate(*arguments, PLAIN)
+
+
+def test_sparse_pipelines_and_spans_on_too_many_ranks_are_refused() -> None:
+    for algorithm in ("slic", "parallel-pipeline", "pipeline"):
+        with pytest.raises(InputError, match="of sparse images"):
+            simulate(algorithm, 4096, (64, 64), PLAIN, footprints="cubes")
+    with pytest.raises(InputError, match="unknown footprints"):
+        simulate("tree", 4, (64, 64), PLAIN, footprints="balls")
+
+
+@pytest.mark.parametrize("options", [Options(factors=(2, 2)), Options(owners=2), Options(batches=2)])
+def test_options_of_another_algorithm_are_refused(options: Options) -> None:
+    with pytest.raises(InputError, match="does not have"):
+        simulate("tree", 4, (64, 64), PLAIN, options=options)
+
+
+def test_wrong_options_are_refused_where_counts_need_no_schedule() -> None:
+    for footprints in ("dense", "cubes"):
+        with pytest.raises(InputError, match="owners"):
+            simulate("direct-send", 4, (64, 64), PLAIN, footprints=footprints, options=Options(owners=5))
+
+
+def test_shipped_networks_say_where_their_constants_come_from() -> None:
+    assert shipped_networks() == ["ethernet-10g", "infiniband-200g", "laptop"]
+    for name in shipped_networks():
+        network = open_network(name)
+        assert len(network.source) > 100
+        assert min(list(asdict(network).values())[2:]) > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"latency_seconds": -1}, "latency_seconds: not a time; found -1"),
+        ({"latency_seconds": "1"}, "not a time"),
+        ({"latency_seconds": float("nan")}, "not a time"),
+        ({"overhead_seconds": True}, "not a time"),
+        ({"speed": 1}, "wrong keys"),
+    ],
+)
+def test_a_faulty_network_file_is_refused(tmp_path: Path, change: dict[str, object], text: str) -> None:
+    path = tmp_path / "n.json"
+    path.write_text(json.dumps({**asdict(open_network("laptop")), **change}))
+    with pytest.raises(InputError, match=text):
+        open_network(str(path))
+
+
+def test_a_network_file_that_is_missing_or_no_json_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such network file"):
+        open_network(str(tmp_path / "n.json"))
+    (tmp_path / "n.json").write_text("latency: 1")
+    with pytest.raises(InputError, match="not a JSON file"):
+        open_network(str(tmp_path / "n.json"))
+    (tmp_path / "n.json").write_text("[1]")
+    with pytest.raises(InputError, match="wrong keys"):
+        open_network(str(tmp_path / "n.json"))
+
+
+def test_a_drawing_has_a_line_for_each_transfer(tmp_path: Path) -> None:
+    schedule = ALGORITHMS["2-3-swap"](7, 1000, ())
+    write_drawing(schedule, str(tmp_path / "s.svg"), "2 < 3")
+    root = ElementTree.parse(tmp_path / "s.svg").getroot()
+    drawn = [line[0].text for line in root.iter("{http://www.w3.org/2000/svg}line")]
+    assert len(drawn) == len(set(drawn)) == sum(len(stage) for stage in schedule.stages) == 28
+    assert drawn[0] is not None
+    assert drawn[0].startswith("round 1: ")
+
+
+def test_a_drawing_as_png_is_a_picture_with_lines(tmp_path: Path) -> None:
+    from PIL import Image
+
+    write_drawing(ALGORITHMS["tree"](8, 100, ()), str(tmp_path / "s.png"), "tree")
+    pixels = np.asarray(Image.open(tmp_path / "s.png"))
+    assert (pixels < 250).any(axis=-1).sum() > 500
+
+
+def test_drawings_that_nobody_could_read_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="such a file"):
+        write_drawing(ALGORITHMS["tree"](2, 100, ()), str(tmp_path / "s.pdf"), "")
+    with pytest.raises(InputError, match="too many ranks"):
+        write_drawing(ALGORITHMS["tree"](MOST_DRAWN + 1, 100, ()), str(tmp_path / "s.svg"), "")
+    with pytest.raises(InputError, match="too many transfers"):
+        write_drawing(pipeline.schedule(64, 10**6, batches=200), str(tmp_path / "s.svg"), "")
+    assert list(tmp_path.iterdir()) == []
