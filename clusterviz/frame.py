@@ -28,6 +28,7 @@ from clusterviz.image.compare import compare
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.partition import BspTree, bricks_of, build_tree, front_to_back
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
+from clusterviz.report.machine import memory
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.scene.complete import VolumeFacts, complete_scene
 from clusterviz.scene.values import Scene
@@ -35,6 +36,7 @@ from clusterviz.scene.values import Scene
 Voxels = NDArray[Any]
 Image = NDArray[np.float32]
 CHECK_TOLERANCE = 1e-5
+HELD_SHARE_OF_MEMORY = 0.4
 STEPS = (
     *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
     *("kernels", "composite", "collect", "check", "write"),
@@ -172,12 +174,17 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> Share:
 
 def _summarise(run: Run, source: Source, layout: BrickLayout) -> tuple[dict[Index, Voxels], VolumeSummary]:
     """Read an equal share of the bricks, and learn together what the volume holds; the share is kept for drawing."""
+    with run.together("read", "load"):
+        most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
     with run.alone("read", "load"):
         cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
         share = [_index(i) for i in bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)]
-        held = dict(read_bricks(source, layout, share))
+        fits = len(share) * (layout.brick + 1) ** 3 * source.dtype.itemsize <= most_bytes
+        held = dict(read_bricks(source, layout, share)) if fits else {}
     with run.together("summarise", "load"):
-        return held, summarise(source.dtype, layout, lambda: iter(held.items()), run.channel.allgather)
+        # A share larger than the memory is read again for each pass; of it only what is visible is ever held.
+        again = (lambda: iter(held.items())) if fits else (lambda: read_bricks(source, layout, share))
+        return held, summarise(source.dtype, layout, again, run.channel.allgather)
 
 
 def _draw(run: Run, share: Share) -> tuple[PartialImage, RankFrame]:
@@ -198,7 +205,6 @@ def _draw(run: Run, share: Share) -> tuple[PartialImage, RankFrame]:
     with run.alone("upload", "load"):
         if caster:
             caster.load(plan, bricks)
-            bricks.clear()
     run.options.progress("render")
     with agree(run.channel, 0, "render"):
         if not caster or not context:

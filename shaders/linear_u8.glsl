@@ -1,12 +1,13 @@
 // Trilinear, eight 8-bit voxels by four fetches, float32 weights; `linear.glsl` is its plain twin.
-float scalar_at(int brick, vec3 local) {
-    ivec3 cell = min(ivec3(local), SLOT_CELLS - 1);
-    vec3 w = local - vec3(cell);
-    int word = cell.x / 3, shift = (cell.x - 3 * word) * 8;
-    int row = brick + word + cell.y * ROW_WORDS + cell.z * SLICE_WORDS;
-    uvec4 rows = uvec4(voxels[row], voxels[row + ROW_WORDS], voxels[row + SLICE_WORDS],
+float scalar_at(int brick, ivec3 cell, vec3 beyond) {
+    // Rounding may put a sample a last digit outside of its brick.
+    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(0), SLOT_CELLS - 1);
+    vec3 w = beyond - vec3(at - cell);
+    int word = third(at.x), shift = (at.x - 3 * word) * 8;
+    int row = brick + word + at.y * ROW_WORDS + at.z * SLICE_WORDS;
+    ivec4 rows = ivec4(voxels[row], voxels[row + ROW_WORDS], voxels[row + SLICE_WORDS],
                        voxels[row + ROW_WORDS + SLICE_WORDS]) >> shift;
-    vec4 near = vec4(rows & 255u), far = vec4((rows >> 8) & 255u);
+    vec4 near = vec4(rows & 255), far = vec4((rows >> 8) & 255);
     vec4 x = near + (far - near) * w.x;
     vec2 y = x.xz + (x.yw - x.xz) * w.y;
     return fma(y.x + (y.y - y.x) * w.z, scalar.x, scalar.y);

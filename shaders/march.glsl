@@ -1,6 +1,7 @@
 // The one march loop. It goes from brick to brick; inside a brick, runs of slabs are taken with brick-local float positions.
-// `float scalar_at(int brick, vec3 local)` is the variant's: the field at brick-local cell coordinates, NaN where a voxel is invalid.
-float scalar_at(int brick, vec3 local);
+// `float scalar_at(int brick, ivec3 cell, vec3 beyond)` is the variant's: the field `beyond` the corner of a cell of the brick, NaN where a
+// voxel is invalid. Both are kept apart because their sum would lose as many digits as the cell's number has.
+float scalar_at(int brick, ivec3 cell, vec3 beyond);
 
 // Runs are short and summed apart, and runs are added with compensation, so that 10^6 faint slabs add up.
 const int LONGEST_RUN = 32;
@@ -29,9 +30,10 @@ int slabs_inside(vec3 local, float size, vec3 slab, int limit) {
 }
 
 struct Place {
-    int brick;  // where its voxels begin; GAP where nothing is visible, OUTSIDE where another box owns the slab
-    vec3 local; // cell coordinates in the brick
-    int slabs;  // how many slabs from here on share this answer
+    int brick;   // where its voxels begin; GAP where nothing is visible, OUTSIDE where another box owns the slab
+    ivec3 cell;  // in the brick
+    vec3 beyond; // the cell's corner
+    int slabs;   // how many slabs from here on share this answer
 };
 const int GAP = -1, OUTSIDE = -2;
 
@@ -39,28 +41,29 @@ const int GAP = -1, OUTSIDE = -2;
 Place place_of(Ray ray, int k, vec3 slab) {
     dvec3 position = midpoint(ray, k);
     ivec3 cell = cell_of(position);
-    if (!owned(cell)) return Place(OUTSIDE, vec3(0.0), 0);
+    if (!owned(cell)) return Place(OUTSIDE, ivec3(0), vec3(0.0), 0);
     // Integer division is slow where there is no hardware for it; this is exact.
     ivec3 number = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
     ivec3 first = number * BRICK, at = number - bricks_begin;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
-    vec3 local = vec3(position - dvec3(first));
-    ivec3 group = (cell - first) >> GROUP_SHIFT;
+    vec3 beyond = vec3(position - dvec3(cell));
+    cell -= first;
+    ivec3 group = cell >> GROUP_SHIFT;
     int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
     int start = brick_offset[brick];
     bool visible = start >= 0 && (group_visible[brick * VISIBILITY_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
     // A visible run may go on to the brick's end; a gap ends with its group of cells, or with its brick.
     bool whole = visible || start < 0;
-    vec3 corner = whole ? vec3(0.0) : vec3(group << GROUP_SHIFT);
+    vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
     float extent = whole ? float(BRICK) : float(1 << GROUP_SHIFT);
-    return Place(visible ? start : GAP, local, slabs_inside(local - corner, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
+    return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 
 // One run of whole slabs inside a brick: premultiplied colour and opacity, as if nothing were in front.
-vec4 run(int brick, vec3 local, vec3 slab, int slabs) {
+vec4 run(Place place, vec3 slab, int slabs) {
     vec4 sum = vec4(0.0);
     for (int k = 0; k < slabs; ++k) {
-        float s = scalar_at(brick, local + float(k) * slab);
+        float s = scalar_at(place.brick, place.cell, place.beyond + float(k) * slab);
         if (s >= buckets.w) { // nothing is visible below, and NaN compares false
             Segment segment = segment_at(s);
             sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
@@ -70,8 +73,8 @@ vec4 run(int brick, vec3 local, vec3 slab, int slabs) {
 }
 
 // The last slab, which the exit may have cut short.
-vec4 last_slab(int brick, vec3 local, float units) {
-    float s = scalar_at(brick, local);
+vec4 last_slab(Place place, float units) {
+    float s = scalar_at(place.brick, place.cell, place.beyond);
     if (!(s >= buckets.w)) return vec4(0.0);
     Segment segment = segment_at(s);
     return slab_opacity(segment.unit_opacity, units) * vec4(segment.colour, 1.0);
@@ -93,7 +96,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
         if (place.brick == OUTSIDE || 1.0 - sum.high.a <= frame.optics.y) k = ray.slabs;
         if (k >= last || place.brick == GAP) break;
         int slabs = min(place.slabs, last - k);
-        add(sum, (1.0 - sum.high.a) * run(place.brick, place.local, slab, slabs));
+        add(sum, (1.0 - sum.high.a) * run(place, slab, slabs));
         samples += uint(slabs);
         k += slabs;
         iterations += 2 + slabs * (1 + SEARCH_ITERATIONS);
@@ -101,7 +104,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     if (k == last) {
         Place place = place_of(ray, k, slab);
         if (place.brick >= 0) {
-            add(sum, (1.0 - sum.high.a) * last_slab(place.brick, place.local, frame.optics.x * ray.last_share));
+            add(sum, (1.0 - sum.high.a) * last_slab(place, frame.optics.x * ray.last_share));
             ++samples;
         }
         k = ray.slabs;

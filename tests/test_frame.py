@@ -129,3 +129,15 @@ def test_what_one_rank_finds_wrong_is_raised_on_all() -> None:
 
     run_loopback(3, render)
     assert raised == dict.fromkeys(range(3), "rank 1, frame 0, read: a.npy: ends early")
+
+
+@pytest.mark.gl
+def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plain = draw(2)[0]
+    monkeypatch.setattr(frame, "HELD_SHARE_OF_MEMORY", 0.0)
+    again = draw(2)[0]
+    assert plain.image is not None
+    assert again.image is not None
+    np.testing.assert_array_equal(again.image, plain.image)

@@ -8,7 +8,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import MutableMapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -80,8 +80,8 @@ class Raycaster:
         """GPU memory taken by voxels."""
         return sum(residence.bytes for residence in self._residences)
 
-    def load(self, plan: Plan, bricks: Mapping[Index, NDArray[Any]]) -> None:
-        """Upload the visible bricks of this rank's box; samples (z, y, x) by brick index."""
+    def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
+        """Upload the visible bricks of this rank's box: samples (z, y, x) by index, taken out as they are stored."""
         self._drop()
         self._residences = [
             upload(self._context, chunk, bricks, self._slot, plan.encoding)

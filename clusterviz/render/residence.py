@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,26 +71,43 @@ def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = No
 
 
 def upload(
-    context: moderngl.Context, box: BrickBox, bricks: Mapping[Index, NDArray[Any]], slot: Slot, encoding: Encoding
+    context: moderngl.Context,
+    box: BrickBox,
+    bricks: MutableMapping[Index, NDArray[Any]],
+    slot: Slot,
+    encoding: Encoding,
 ) -> Residence:
     """Store the bricks that lie in a box.
 
     Parameters
     ----------
-    bricks : samples (z, y, x) by brick index; bricks outside of the box are passed over, absent ones are not drawn
+    bricks : samples (z, y, x) by brick index; bricks outside of the box are passed over, absent ones are not drawn.
+        What is stored is taken out, so that no brick is held twice for long.
     """
     inside = [i for i in bricks if all(b <= n < e for b, n, e in zip(box.begin_zyx, i, box.end_zyx, strict=True))]
-    packed = (slot.pack(bricks[i], encoding) for i in inside)
+    ranges: dict[Index, Ranges] = {}
+    packed = (_packed(bricks.pop(i), slot, encoding, ranges, _within(box, i)) for i in inside)
     voxels: moderngl.Buffer | moderngl.Texture3D
     voxels, starts = (_into_texture if slot.textured else _into_buffer)(context, packed, len(inside), slot)
     offsets = np.full(box.shape_zyx, -1, np.int32)
-    ranges = {}
     for index, start in zip(inside, starts, strict=True):
-        z, y, x = (n - b for n, b in zip(index, box.begin_zyx, strict=True))
-        offsets[z, y, x] = start
-        ranges[z, y, x] = group_ranges(bricks[index], slot)
+        offsets[_within(box, index)] = start
     table = context.buffer(offsets.tobytes())
     return Residence(box, table, ranges, voxels, len(inside), len(inside) * slot.bytes)
+
+
+def _within(box: BrickBox, index: Index) -> Index:
+    """A brick's place in a box."""
+    z, y, x = (n - b for n, b in zip(index, box.begin_zyx, strict=True))
+    return z, y, x
+
+
+def _packed(
+    voxels: NDArray[Any], slot: Slot, encoding: Encoding, ranges: dict[Index, Ranges], place: Index
+) -> NDArray[Any]:
+    """One brick as its slot keeps it; its ranges are noted on the way."""
+    ranges[place] = group_ranges(voxels, slot)
+    return slot.pack(voxels, encoding)
 
 
 def _into_buffer(

@@ -88,7 +88,9 @@ class FrameStatistics:
         }
 
 
-def statistics_file(size: tuple[int, int], frames: Sequence[FrameStatistics], startup: dict[str, float]) -> dict[str, Any]:
+def statistics_file(
+    size: tuple[int, int], frames: Sequence[FrameStatistics], startup: dict[str, float]
+) -> dict[str, Any]:
     """What `--stats` writes.
 
     Parameters
