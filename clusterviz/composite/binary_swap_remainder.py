@@ -5,7 +5,7 @@ each rank of the last pair and drops out. Then those that hold one half go on am
 When: rank counts that are no power of two; no round more than binary swap, and no whole image goes to one rank.
 When not: a power of two (it is binary swap then); sparse images, which direct send moves with fewer bytes.
 Cost: ⌊log₂ n⌋ rounds; M(m) = m − (m mod 2) + 2(m mod 2) + 2·M(⌊m/2⌋) messages with M(1) = 0; (n − 1)·P pixels; a rank
-sends at most P, and only one that drops out in the first round sends it all.
+that drops out sends P in all, the others less.
 Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
 Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018.
 """

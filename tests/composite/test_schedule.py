@@ -24,7 +24,7 @@ def _ceil_log2(n: int) -> int:
 
 
 ANY = -1
-# Messages of 2-3 swap, from counting its tree by hand in another program.
+# Messages of 2-3 swap where every piece has pixels, from a simulation that shares no code with this one.
 SWAP_2_3 = {
     2: 2, 3: 6, 4: 8, 5: 16, 6: 18, 7: 28, 8: 24, 9: 40, 10: 42, 11: 54, 12: 48, 13: 70, 14: 70, 15: 78, 16: 64, 17: 96,
     24: 120, 31: 228, 32: 160, 48: 288, 63: 534, 64: 384, 100: 864, 127: 1356, 128: 896, 1000: 13400, 1024: 10240,
