@@ -130,13 +130,15 @@ def _indexed(records: NDArray[np.void], starts: Floats) -> Segments:
     for name in RECORD.names or ():
         stored[name] = np.clip(stored[name], -FAR, FAR)
     low, width = float(starts[0]), max(float(starts[-1] - starts[0]), 1e-30)
-    # A bucket starts a little early, for the rounding of the shader's division.
-    edges = low + width * (np.arange(BUCKETS) - 0.01) / BUCKETS - 1e-6 * max(abs(low), abs(low + width))
+    # A bucket starts a little early and ends a little late, for the rounding of the shader's division.
+    margin = 0.01 * width / BUCKETS + 1e-6 * max(abs(low), abs(low + width))
+    edges = low + width * np.arange(BUCKETS) / BUCKETS - margin
     buckets = np.zeros(BUCKETS, BUCKET)
     first = (np.searchsorted(stored["start"], edges, side="right") - 1).clip(0)
     buckets["first"] = first
     buckets["next_start"] = np.append(stored["start"], FAR)[first + 1]
-    most = int(np.diff(first, append=len(stored) - 1).max())
+    last = np.searchsorted(stored["start"], edges + width / BUCKETS + 2 * margin, side="right") - 1
+    most = int((last - first).max())
     opaque = (stored["unit_opacity"] > 0) | (stored["unit_slope"] > 0)
     below = float(stored["start"][np.argmax(opaque)]) if opaque.any() else FAR
     return Segments(stored, buckets, low, BUCKETS / width, 1 << (most - 1).bit_length() >> 1 if most > 1 else 0, below)

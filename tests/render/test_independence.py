@@ -1,0 +1,95 @@
+"""The picture does not depend on who draws which part of it, nor in how many pieces."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, whole
+
+from clusterviz.data.grid import Grid
+from clusterviz.partition import build_tree, front_to_back
+from clusterviz.reference import over
+from clusterviz.scene.values import Scene
+
+pytestmark = pytest.mark.gl
+
+GRID = Grid(SHAPE)
+FAINT = ((0.0, 0.001), (1.0, 0.02))
+BOUND = 1e-6
+# The texture unit rounds weights to 8 bits; where a weight is half-way, a brick's place in the texture decides.
+HARDWARE_BOUND = 0.01
+
+
+def in_parts(context: moderngl.Context, scene: Scene, prepared: Prepared, parts: int) -> tuple[np.ndarray, int]:
+    """The boxes of a tree drawn apart and composited in float64, and the samples that they took together."""
+    plan = prepared.plan
+    tree = build_tree(plan.cost, parts)
+    eye = None if plan.view.parallel else plan.view.eye
+    order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
+    drawn = [draw(context, prepared, tree.leaves[rank].trimmed) for rank in order if tree.leaves[rank].cost > 0]
+    layers = [whole(part.partial, scene.image.size) for part in drawn]
+    return over(layers), sum(part.samples for part in drawn)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_parts_drawn_apart_make_the_whole_and_take_each_sample_once(context: moderngl.Context, camera: str) -> None:
+    voxels = noise(dtype="uint8")
+    for step in (1.0, 0.3):
+        scene = scene_of(voxels, camera_at(camera, GRID), opacity=FAINT, step=step)
+        prepared = prepare(scene, voxels, brick=7)
+        drawn = draw(context, prepared)
+        picture = whole(drawn.partial, scene.image.size)
+        assert picture[..., 3].max() > 0.01
+        for parts in (2, 3, 5):
+            found, samples = in_parts(context, scene, prepared, parts)
+            assert np.abs(found - picture).max() <= BOUND, f"step {step}, {parts} parts"
+            assert samples == drawn.samples, f"step {step}, {parts} parts"
+
+
+def test_parts_of_an_opaque_volume_make_the_whole(context: moderngl.Context) -> None:
+    voxels = noise(dtype="int16")
+    scene = scene_of(voxels, camera_at("inside", GRID), opacity=0.9)
+    prepared = prepare(scene, voxels, brick=5)
+    picture = whole(draw(context, prepared).partial, scene.image.size)
+    for parts in (1, 2, 4, 7):
+        assert np.abs(in_parts(context, scene, prepared, parts)[0] - picture).max() <= BOUND
+
+
+@pytest.mark.parametrize("step", [0.02, 1e-3])
+def test_short_slabs_at_the_faces_of_bricks_are_taken_once(context: moderngl.Context, step: float) -> None:
+    """Where a slab is as short as the rounding of a position, faces between boxes are the hard case."""
+    voxels = noise((5, 6, 60), np.float32)
+    grid = Grid(voxels.shape)
+    scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT, step=step, size=(5, 4))
+    prepared = prepare(scene, voxels, brick=29)
+    drawn = draw(context, prepared)
+    for parts in (2, 3):
+        found, samples = in_parts(context, scene, prepared, parts)
+        assert samples == drawn.samples
+        assert np.abs(found - whole(drawn.partial, scene.image.size)).max() <= BOUND
+
+
+@pytest.mark.parametrize("brick", [16, 33, 64])
+def test_brick_size_changes_neither_picture_nor_samples(context: moderngl.Context, brick: int) -> None:
+    voxels = noise((40, 35, 70), np.uint16)
+    grid = Grid(voxels.shape)
+    scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT)
+    one = draw(context, prepare(scene, voxels, grid, 70))
+    other = draw(context, prepare(scene, voxels, grid, brick))
+    assert other.samples == one.samples
+    assert np.abs(whole(other.partial, (24, 20)) - whole(one.partial, (24, 20))).max() <= BOUND
+
+
+@pytest.mark.parametrize("filter", ["exact", "hardware"])
+@pytest.mark.parametrize("camera", ["outside", "inside", "parallel", "on-a-face"])
+def test_little_memory_for_bricks_changes_nothing(context: moderngl.Context, camera: str, filter: str) -> None:
+    voxels = noise(dtype="uint8")
+    scene = scene_of(voxels, camera_at(camera, GRID), filter=filter)
+    prepared = prepare(scene, voxels, brick=7)
+    plenty = draw(context, prepared)
+    for block_bytes in (1, 2000, 6000):
+        little = draw(context, prepared, block_bytes=block_bytes)
+        assert little.bricks == plenty.bricks
+        difference = whole(little.partial, (24, 20)) - whole(plenty.partial, (24, 20))
+        assert np.abs(difference).max() <= (BOUND if filter == "exact" else HARDWARE_BOUND), block_bytes

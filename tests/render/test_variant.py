@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
+
+from clusterviz.data.grid import Grid
+from clusterviz.gl.context import compile_compute
+from clusterviz.render.storage import Slot
+from clusterviz.render.variant import Variant, variant_of
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("block_bytes", [0, 16384], ids=["records-in-storage", "records-in-a-block"])
+@pytest.mark.parametrize("further_starts", [0, 1, 512])
+@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
+@pytest.mark.parametrize("filter", ["linear", "nearest", "hardware"])
+def test_every_variant_compiles(
+    context: moderngl.Context, filter: str, kind: str, further_starts: int, block_bytes: int
+) -> None:
+    slot = Slot((15, 16, 33), kind, filter == "hardware")
+    compile_compute(context, Variant(filter, slot, 33, further_starts, block_bytes).source).release()
+
+
+@pytest.mark.parametrize(
+    ("dtype", "interpolation", "filter", "parts"),
+    [
+        ("uint8", "linear", "exact", {"voxel_u8.glsl", "linear_u8.glsl"}),
+        ("int16", "linear", "exact", {"voxel_u16.glsl", "linear.glsl"}),
+        ("float64", "linear", "exact", {"voxel_f32.glsl", "linear.glsl"}),
+        ("uint8", "nearest", "exact", {"voxel_u8.glsl", "nearest.glsl"}),
+        ("uint8", "linear", "hardware", {"atlas.glsl", "hardware.glsl"}),
+        ("uint8", "nearest", "hardware", {"voxel_u8.glsl", "nearest.glsl"}),  # a nearest voxel needs no weights
+    ],
+)
+def test_plan_chooses_the_parts(dtype: str, interpolation: str, filter: str, parts: set[str]) -> None:
+    voxels = noise(dtype=np.dtype(dtype))
+    scene = scene_of(voxels, camera_at("outside", Grid(SHAPE)), interpolation=interpolation, filter=filter)
+    plan = prepare(scene, voxels).plan
+    slot = Slot((16, 16, 16), plan.encoding.kind, plan.march.filter == "hardware")
+    names = set(variant_of(plan, slot, 1 << 16).source.names)
+    chosen = {name for name in names if name.startswith(("voxel", "atlas", "linear", "nearest", "hardware"))}
+    assert chosen == parts
+
+
+def test_records_that_do_not_fit_in_a_block_go_into_storage() -> None:
+    voxels = noise(dtype=np.uint8)
+    plan = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE))), voxels).plan
+    slot = Slot((16, 16, 16), "u8", False)
+    size = plan.segments.records.nbytes
+    assert "records_uniform.glsl" in variant_of(plan, slot, size).source.names
+    assert "records_storage.glsl" in variant_of(plan, slot, size - 1).source.names
