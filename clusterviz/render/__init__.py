@@ -2,7 +2,9 @@
 
 - raycast.py      volumes by single-pass ray casting
 - frame_block.py  the constants of a draw, shared with the shaders
+- variant.py      which shader files and constants a plan needs
 - storage.py      how a brick lies in GPU memory
+- emptiness.py    which groups of cells have nothing to show
 - residence.py    bricks in GPU memory
 - chunks.py       more bricks than one buffer holds
 """
