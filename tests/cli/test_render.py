@@ -85,7 +85,10 @@ def test_a_launcher_of_another_mpi_is_warned_of_loudly(tmp_path: Path) -> None:
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_terminal_sees_a_progress_bar_and_gets_its_cursor_back(ranks: int, tmp_path: Path) -> None:
-    ours, theirs = pty.openpty()
+    try:
+        ours, theirs = pty.openpty()
+    except OSError as error:  # a root without /dev/pts
+        pytest.skip(f"no terminal can be opened here: {error}")
     command = job_command(ranks, ["render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL])
     environment = os.environ | {"TERM": "xterm-256color"}
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=theirs, timeout=60, env=environment, check=True)

@@ -28,6 +28,8 @@ def fail(*_: Any, **__: Any) -> NoReturn:
 
 def main() -> int:
     """Put `fail` in its place, then do what the command line says."""
+    # A shell that runs the tests in its background has them, and their children, ignore ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rank, place = int(sys.argv[1]), sys.argv[2]
     if rank == (launched_rank() or 0):
         module, _, name = place.partition(":")
