@@ -18,7 +18,6 @@ int segment_of(float s) {
 }
 
 struct Segment {
-    float beyond;       // how far the scalar lies behind the segment's start
     float opacity;      // of a whole slab
     float unit_opacity; // over one opacity unit distance
     vec3 colour;        // straight
@@ -29,6 +28,6 @@ Segment segment_at(float s) {
     int segment = segment_of(s);
     vec4 a = part_of(segment, 0), b = part_of(segment, 1), c = part_of(segment, 2);
     float beyond = s - a.x;
-    return Segment(beyond, clamp(a.y + a.z * beyond, 0.0, 1.0), clamp(c.y + c.z * beyond, 0.0, 1.0 - 5.9604645e-8),
+    return Segment(clamp(a.y + a.z * beyond, 0.0, 1.0), clamp(c.y + c.z * beyond, 0.0, 1.0 - 5.9604645e-8),
                    vec3(a.w, b.xy) + vec3(b.zw, c.x) * beyond);
 }

@@ -28,7 +28,7 @@ def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
 
 
 def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:
-    """The GLSL type of one member, checked to lie where std430 puts it."""
+    """The GLSL type of one member, checked to lie where std140 puts it."""
     key = (kind.base.kind, kind.base.itemsize)
     if kind.shape == (4,) and key in COLUMNS and offset % kind.itemsize == 0:
         return COLUMNS[key]
