@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -34,7 +35,6 @@ def sampled(name: str, n: int = 256) -> np.ndarray:
     "name", ["viridis", "bone", "gray", "coolwarm", "jet", "hot", "plasma", "RdBu", "Set1", "tab10"]
 )
 def test_names_give_matplotlibs_colours(name: str) -> None:
-    matplotlib = pytest.importorskip("matplotlib")
     middles = (np.arange(matplotlib.colormaps[name].N) + 0.5) / matplotlib.colormaps[name].N
     ours = interpolate(middles, *named_points(name))
     theirs = matplotlib.colormaps[name](np.arange(len(middles)))[:, :3]
@@ -73,7 +73,6 @@ def test_an_rgb_preset_is_exact_and_spreads_over_clim(tmp_path: Path) -> None:
 
 def test_a_diverging_preset_is_morelands_cool_to_warm(tmp_path: Path) -> None:
     """Two ends in Msh space give the published table, which matplotlib's coolwarm holds at 33 points."""
-    matplotlib = pytest.importorskip("matplotlib")
     places, colours, _ = read_preset(preset(tmp_path, ColorSpace="Diverging", RGBPoints=COOL + WARM))
     ours = interpolate(np.linspace(0, 1, 33), places, colours)
     theirs = matplotlib.colormaps["coolwarm"](np.linspace(0, 1, 33))[:, :3]
