@@ -39,15 +39,25 @@ def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
 
 
 def visibility_bits(ranges: Ranges, transfer: TransferFunction, slot: Slot) -> NDArray[np.uint32]:
-    """One bit a group, x fastest; 1 where something may be visible; uint32 (slot.visibility_words,)."""
+    """One bit a group; 1 where something may be visible.
+
+    Parameters
+    ----------
+    ranges : low and high of n bricks, each (n, *slot.groups_zyx)
+
+    Returns
+    -------
+    words : uint32 (n, slot.visibility_words), x fastest, the lowest bit first
+    """
     low, high = (values.astype(np.float64) for values in ranges)
     # The shader classifies in float32: a range is widened by more than its rounding.
     margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
     known = ~(np.isnan(low) | np.isnan(high))
     visible = known & ~transfer.is_transparent(low - margin, high + margin)
-    bits = np.zeros(32 * slot.visibility_words, np.uint8)
-    bits[: visible.size] = visible.ravel()
-    return np.packbits(bits, bitorder="little").view("<u4")
+    groups = visible.reshape(len(visible), -1)
+    bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
+    bits[:, : groups.shape[1]] = groups
+    return np.packbits(bits, axis=1, bitorder="little").view("<u4")
 
 
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:

@@ -127,7 +127,7 @@ class Raycaster:
     def _march(
         self, buffers: _Buffers, block: NDArray[np.void], progress: moderngl.Buffer, groups: tuple[int, int]
     ) -> None:
-        """Dispatch until every ray has ended; rays of more than some ten thousand slabs take several dispatches."""
+        """Dispatch until every ray has ended; rays of more than some thousand slabs take several dispatches."""
         frame = buffers.make(block)
         frame.bind_to_uniform_block(0)
         unfinished, block["first_dispatch"] = 1, 1

@@ -29,7 +29,8 @@ class Residence:
     ----------
     box : the bricks
     offsets : GPU buffer of int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
-    ranges : extremes of the groups of cells of each stored brick, by its place in the box
+    places : int (n, 3), where each stored brick lies in the box, (z, y, x)
+    ranges : lowest and highest sample of the groups of cells of each, (n, *slot.groups_zyx)
     voxels : the buffer of words, or the texture of slots
     bricks : how many are stored
     bytes : GPU memory taken by their voxels
@@ -37,7 +38,8 @@ class Residence:
 
     box: BrickBox
     offsets: moderngl.Buffer
-    ranges: dict[Index, Ranges]
+    places: NDArray[np.intp]
+    ranges: Ranges
     voxels: moderngl.Buffer | moderngl.Texture3D
     bricks: int
     bytes: int
@@ -45,8 +47,7 @@ class Residence:
     def visibility(self, transfer: TransferFunction, slot: Slot) -> NDArray[np.uint32]:
         """Which groups of cells may show something: uint32, `slot.visibility_words` a brick of the box."""
         words = np.zeros((*self.box.shape_zyx, slot.visibility_words), np.uint32)
-        for place, ranges in self.ranges.items():
-            words[place] = visibility_bits(ranges, transfer, slot)
+        words[tuple(self.places.T)] = visibility_bits(self.ranges, transfer, slot)
         return words
 
     def release(self) -> None:
@@ -85,28 +86,21 @@ def upload(
         What is stored is taken out, so that no brick is held twice for long.
     """
     inside = [i for i in bricks if all(b <= n < e for b, n, e in zip(box.begin_zyx, i, box.end_zyx, strict=True))]
-    ranges: dict[Index, Ranges] = {}
-    packed = (_packed(bricks.pop(i), slot, encoding, ranges, _within(box, i)) for i in inside)
+    places = np.array(inside, np.intp).reshape(-1, 3) - box.begin_zyx
+    ranges: list[Ranges] = []
+    packed = (_packed(bricks.pop(index), slot, encoding, ranges) for index in inside)
     voxels: moderngl.Buffer | moderngl.Texture3D
     voxels, starts = (_into_texture if slot.textured else _into_buffer)(context, packed, len(inside), slot)
     offsets = np.full(box.shape_zyx, -1, np.int32)
-    for index, start in zip(inside, starts, strict=True):
-        offsets[_within(box, index)] = start
+    offsets[tuple(places.T)] = starts
+    low, high = (np.array([pair[side] for pair in ranges]).reshape(-1, *slot.groups_zyx) for side in (0, 1))
     table = context.buffer(offsets.tobytes())
-    return Residence(box, table, ranges, voxels, len(inside), len(inside) * slot.bytes)
+    return Residence(box, table, places, (low, high), voxels, len(inside), len(inside) * slot.bytes)
 
 
-def _within(box: BrickBox, index: Index) -> Index:
-    """A brick's place in a box."""
-    z, y, x = (n - b for n, b in zip(index, box.begin_zyx, strict=True))
-    return z, y, x
-
-
-def _packed(
-    voxels: NDArray[Any], slot: Slot, encoding: Encoding, ranges: dict[Index, Ranges], place: Index
-) -> NDArray[Any]:
+def _packed(voxels: NDArray[Any], slot: Slot, encoding: Encoding, ranges: list[Ranges]) -> NDArray[Any]:
     """One brick as its slot keeps it; its ranges are noted on the way."""
-    ranges[place] = group_ranges(voxels, slot)
+    ranges.append(group_ranges(voxels, slot))
     return slot.pack(voxels, encoding)
 
 
