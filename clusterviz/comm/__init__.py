@@ -3,10 +3,13 @@
 channel.py   the contract of a channel
 mpi.py       over MPI; the only module that imports mpi4py
 loopback.py  all ranks in one process, and the single rank without MPI
+window.py    the contract of memory that the ranks of a node share; mpi_window.py, loopback_window.py: the two kinds
+nodes.py     which ranks share a node, or pretend to
 patience.py  waiting without taking the cores of others away
 open.py      which of them a program gets
 place.py     nodes, cores, threads, and launchers that do not match
 agree.py     one failure, one message, every rank
+agreed.py    the mark of an error that all ranks raise
 library.py   which MPI, and which launcher
 """
 
@@ -17,11 +20,14 @@ from clusterviz.comm.channel import Channel
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import open_channel
 from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
+from clusterviz.comm.window import SharedWindow, WindowError
 
 __all__ = [
     "Channel",
     "LoopbackChannel",
     "NodePlace",
+    "SharedWindow",
+    "WindowError",
     "abort_on_failure",
     "agree",
     "launch_warning",

@@ -13,22 +13,13 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from clusterviz.comm.agreed import is_agreed, mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.errors import ClustervizError, RankError
 
-_MARK = "_raised_on_every_rank"
+__all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
+
 INTERRUPTED_STATUS = 130
-
-
-def mark_agreed(error: ClustervizError) -> ClustervizError:
-    """Say that every rank raises this very error, so that nobody needs to be aborted for it."""
-    setattr(error, _MARK, True)
-    return error
-
-
-def is_agreed(error: BaseException) -> bool:
-    """Whether every rank raises this error."""
-    return getattr(error, _MARK, False) is True
 
 
 def describe(error: BaseException) -> str:

@@ -6,8 +6,9 @@ rank works on one message while others travel. Messages from one source with one
 they were sent; only one receive at a time may be pending for a source and a tag. A sent buffer must stay as it is
 until `wait_sends` returns. A message may be shorter than the buffer posted for it, never longer.
 
-Collective calls (`allgather`, `broadcast`, `gather`, `maximum`, `barrier`, `place`) are made by every rank in the same
-order. They carry small Python objects; pixels travel point to point.
+Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
+`window`) are made by every rank in the same order. They carry small Python objects, or few numbers; pixels travel point
+to point, or lie in a window that the ranks of a node share.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.nodes import Nodes
 from clusterviz.comm.place import NodePlace
+from clusterviz.comm.window import Numbers, SharedWindow
 
 T = TypeVar("T")
 Buffer = NDArray[Any]
@@ -60,6 +63,10 @@ class Channel(Protocol):
         """One value from each rank, on each rank."""
         ...
 
+    def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
+        """Few numbers from each rank, on each rank: int64 (k,), the same k everywhere, gives int64 (size, k)."""
+        ...
+
     def gather(self, value: T, root: int = 0) -> list[T] | None:
         """One value from each rank, on the root; None elsewhere."""
         ...
@@ -78,6 +85,30 @@ class Channel(Protocol):
 
     def place(self) -> NodePlace:
         """Where this rank runs, and with whom it shares the node."""
+        ...
+
+    def nodes(self) -> Nodes:
+        """The ranks of each node, ascending, nodes by their first ranks.
+
+        CLUSTERVIZ_RANKS_PER_NODE=m cuts every node into pretended ones of m ranks; `place` goes on telling the truth.
+
+        Raises
+        ------
+        InputError
+            On every rank: the variable's value is no positive integer.
+        """
+        ...
+
+    def window(self, bytes_per_rank: int) -> SharedWindow:
+        """Memory that the ranks of each of these nodes share, so many bytes for each rank (none is allowed).
+
+        Raises
+        ------
+        InputError
+            On every rank: a negative size, or sizes that differ.
+        WindowError
+            On every rank: there is no such memory on some node.
+        """
         ...
 
     def abort(self, status: int) -> None:

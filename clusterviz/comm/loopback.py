@@ -16,7 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.channel import Buffer, Pending, as_bytes
+from clusterviz.comm.loopback_window import LoopbackWindow, empty_boards
+from clusterviz.comm.nodes import Nodes, group_by_node
 from clusterviz.comm.place import NodePlace, single_place
+from clusterviz.comm.window import Numbers, check_sizes
 
 T = TypeVar("T")
 
@@ -40,6 +43,7 @@ class _World:
 
     size: int
     timeout_seconds: float
+    ranks_per_node: int | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
     sent: dict[tuple[int, int, int], deque[NDArray[np.uint8]]] = field(default_factory=dict)
     unread: list[int] = field(default_factory=list)
@@ -133,6 +137,10 @@ class LoopbackChannel:
                 del world.offered[call], world.taken[call]
         return [offered[rank] for rank in range(world.size)]
 
+    def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
+        """Few numbers from each rank."""
+        return np.stack(self.allgather(np.array(values, np.int64)))
+
     def gather(self, value: T, root: int = 0) -> list[T] | None:
         """One value from each rank, on the root."""
         values = self.allgather(value)
@@ -154,12 +162,30 @@ class LoopbackChannel:
         """All ranks share one node."""
         return single_place(self._rank, self.size)
 
+    def nodes(self) -> Nodes:
+        """One node, or pretended ones as `run_loopback` was told."""
+        return group_by_node([0] * self.size, self._world.ranks_per_node)
+
+    def window(self, bytes_per_rank: int) -> LoopbackWindow:
+        """Each rank brings its own part; the boards are those of the node's first member."""
+        check_sizes(self.allgather(bytes_per_rank))
+        members = next(node for node in self.nodes() if self._rank in node)
+        brought = self.allgather((np.zeros(bytes_per_rank, np.uint8), empty_boards(len(members))))
+        parts = [brought[member][0] for member in members]
+        return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
+
     def abort(self, status: int) -> None:
         """Nothing: the error itself ends the ranks, which share this process."""
 
 
-def run_loopback(ranks: int, function: Callable[[LoopbackChannel], T], *, timeout_seconds: float = 30.0) -> list[T]:
-    """Run a function on each of `ranks` ranks, one thread each.
+def run_loopback(
+    ranks: int,
+    function: Callable[[LoopbackChannel], T],
+    *,
+    timeout_seconds: float = 30.0,
+    ranks_per_node: int | None = None,
+) -> list[T]:
+    """Run a function on each of `ranks` ranks, one thread each, on pretended nodes of `ranks_per_node` ranks.
 
     Returns
     -------
@@ -170,7 +196,7 @@ def run_loopback(ranks: int, function: Callable[[LoopbackChannel], T], *, timeou
     Exception
         The error of the lowest rank that failed; TimeoutError where ranks wait for each other without end.
     """
-    world = _World(ranks, timeout_seconds, unread=[0] * ranks)
+    world = _World(ranks, timeout_seconds, ranks_per_node, unread=[0] * ranks)
     results: list[Any] = [None] * ranks
     errors: dict[int, BaseException] = {}
 

@@ -20,9 +20,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.agreed import mark_agreed
 from clusterviz.comm.channel import Buffer, Pending, as_bytes
+from clusterviz.comm.mpi_window import MpiWindow
+from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
 from clusterviz.comm.patience import ask_until
 from clusterviz.comm.place import NodePlace, core_share, granted_cores
+from clusterviz.comm.window import Numbers, WindowError, check_sizes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -69,6 +73,7 @@ class MpiChannel:
         self._chunk_bytes = chunk_bytes
         self._sends: list[Any] = []
         self._place: NodePlace | None = None
+        self._nodes: Nodes | None = None
 
     @property
     def rank(self) -> int:
@@ -136,6 +141,13 @@ class MpiChannel:
         parts = np.split(everything, np.cumsum(sizes)[:-1])
         return [cast(T, pickle.loads(part.tobytes())) for part in parts]
 
+    def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
+        """Few numbers from each rank: one call, no pickle."""
+        mine = np.ascontiguousarray(values, np.int64)
+        everything = np.empty((self.size, mine.size), np.int64)
+        self._finish([self._comm.Iallgather(mine, everything)])
+        return everything
+
     def gather(self, value: T, root: int = 0) -> list[T] | None:
         """One value from each rank, on the root."""
         values = self.allgather(value)
@@ -171,6 +183,37 @@ class MpiChannel:
             self._place = NodePlace(host, node.rank, node.size, firsts.index(first), len(firsts), cores)
             node.Free()
         return self._place
+
+    def nodes(self) -> Nodes:
+        """Found by splitting the communicator; collective on the first call. Rank 0's environment counts for all."""
+        if self._nodes is None:
+            ranks_each = ranks_per_node(self.broadcast(os.environ.get(RANKS_PER_NODE_VARIABLE)))
+            node = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED, self.rank)
+            first = node.bcast(self.rank)
+            node.Free()
+            self._nodes = group_by_node(self.allgather_numbers([first])[:, 0].tolist(), ranks_each)
+        return self._nodes
+
+    def window(self, bytes_per_rank: int) -> MpiWindow:
+        """An MPI-3 window on each node."""
+        check_sizes(self.allgather_numbers([bytes_per_rank])[:, 0].tolist())
+        number, members = next((i, node) for i, node in enumerate(self.nodes()) if self.rank in node)
+        node = self._comm.Split(number, self.rank)
+        window: MpiWindow | None = None
+        fault = ""
+        try:
+            window = MpiWindow(self._mpi, node, members, bytes_per_rank)
+            window.touch()
+        except (self._mpi.Exception, OSError) as error:
+            fault = (str(error) or type(error).__name__).splitlines()[0]
+        # Also the barrier after which all boards are zero.
+        reports = self.allgather((window is not None, fault))
+        faults = [f"rank {rank}: {text}" for rank, (_, text) in enumerate(reports) if text]
+        if window is None or faults:
+            if window is not None and all(reports[member][0] for member in members):
+                window.free()
+            raise mark_agreed(WindowError(faults[0]))
+        return window
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

@@ -1,0 +1,142 @@
+"""An MPI-3 shared-memory window: the parts of a node's ranks, and the board through which they exchange small numbers.
+
+Each rank's segment lies by itself (`alloc_shared_noncontig`) and is touched first by its owner, so that its pages lie
+in the memory next to the owner's cores. The board lies in front of the part of the node's first member.
+
+Memory order. MPI_Win_sync is a full memory barrier in the processor, on ARM too. One stands between what a member
+writes and its ticket, and one between the last ticket seen and what is read. A ticket is one aligned word, which
+arrives whole.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm.patience import ask_until
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, check_numbers
+
+_EAGER_LOOKS = 100
+
+
+class MpiWindow:
+    """The memory of one node, seen by one rank.
+
+    Parameters
+    ----------
+    mpi : the MPI module
+    comm : the ranks of the node
+    members : their ranks in the channel
+    bytes_per_rank : of each part
+
+    Raises
+    ------
+    MPI.Exception
+        No memory, or none that can be shared.
+    """
+
+    def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], bytes_per_rank: int) -> None:
+        self._comm = comm
+        self._members = members
+        self._index = int(comm.rank)
+        board_bytes = BOARDS * len(members) * ROW_NUMBERS * 8
+        sizes = [
+            _whole_pages(bytes_per_rank) + (0 if index else _whole_pages(board_bytes)) for index in range(comm.size)
+        ]
+        # Where a library does not begin segments at a page, the first page is given up.
+        info = mpi.Info.Create({"alloc_shared_noncontig": "true"})
+        self._window = mpi.Win.Allocate_shared(sizes[self._index] + mmap.PAGESIZE, 1, info, comm)
+        info.Free()
+        # Win_sync belongs into an epoch.
+        self._window.Lock_all(mpi.MODE_NOCHECK)
+        segments = [self._segment(index)[:size] for index, size in enumerate(sizes)]
+        self._parts = [segment[segment.size - _whole_pages(bytes_per_rank) :][:bytes_per_rank] for segment in segments]
+        self._boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
+        self._tickets = [[memoryview(row[:1]) for row in board] for board in self._boards]
+        self._round = 0
+        self._sync = self._window.Sync
+        self._mine = segments[self._index]
+
+    def touch(self) -> None:
+        """Fill my memory with zeros, before anybody's first `exchange`.
+
+        Raises
+        ------
+        OSError
+            There is no room for it.
+        """
+        _zero(self._mine)
+
+    def _segment(self, index: int) -> NDArray[np.uint8]:
+        """A member's segment from its first whole page on."""
+        memory, _ = self._window.Shared_query(index)
+        data = np.frombuffer(memory, np.uint8)
+        return data[-data.ctypes.data % mmap.PAGESIZE :]
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """The channel's ranks on this node."""
+        return self._members
+
+    @property
+    def index(self) -> int:
+        """Which of them this rank is."""
+        return self._index
+
+    def part(self, index: int) -> NDArray[np.uint8]:
+        """A member's part."""
+        return self._parts[index]
+
+    def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
+        """Write my row, raise my ticket, wait for the tickets of all, copy all rows."""
+        count = len(numbers)
+        check_numbers(count)
+        self._round = ticket = self._round + 1
+        rows, tickets = self._boards[ticket % BOARDS], self._tickets[ticket % BOARDS]
+        rows[self._index, 1 : 1 + count] = numbers
+        self._sync()
+        tickets[self._index][0] = ticket
+        for raised in tickets:
+            if raised[0] != ticket:
+                self._wait(raised, ticket)
+        self._sync()
+        seen: Numbers = rows[:, 1 : 1 + count].copy()
+        return seen
+
+    def _wait(self, seen: memoryview, ticket: int) -> None:
+        """Wait for one member's ticket."""
+        for _ in range(_EAGER_LOOKS):
+            if seen[0] == ticket:
+                return
+        ask_until(lambda: seen[0] == ticket or self._progress())
+
+    def _progress(self) -> bool:
+        """Let MPI work on messages under way, for which the member that is waited for may itself be waiting."""
+        self._comm.Iprobe()
+        return False
+
+    def free(self) -> None:
+        """Give the memory back."""
+        self._parts.clear()
+        self._window.Unlock_all()
+        self._window.Free()
+
+
+def _whole_pages(size: int) -> int:
+    return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+
+
+def _zero(memory: NDArray[np.uint8]) -> None:
+    """Touch all pages and fill them with zeros.
+
+    The system writes them, since it reports memory that is not there as an error, where a write of our own would end
+    the process: an MPI library may well promise more pages than /dev/shm has left.
+    """
+    with open("/dev/zero", "rb", buffering=0) as zeros:
+        done = 0
+        while done < memory.size:
+            done += zeros.readinto(memory[done:].data)
