@@ -25,6 +25,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.errors import ClustervizError
 from clusterviz.image.compare import compare
+from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.partition import BspTree, bricks_of, build_tree, front_to_back
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
@@ -226,6 +227,8 @@ def _draw(run: Run, share: Share) -> tuple[PartialImage, RankFrame]:
 
 def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame) -> tuple[Image | None, RankFrame]:
     """From partial images to the picture on rank 0."""
+    if share.plan is not None and share.plan.look.operator != "over":
+        return _project(run, share, share.plan, partial), counts
     cluster, size, channel = share.scene.cluster, share.scene.image.size, run.channel
     with run.together("kernels", "kernels"):
         compile_kernels(channel)
@@ -242,6 +245,18 @@ def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame)
         _check(run, share, partial, image)
     sent = replace(counts, bytes_raw=total.bytes_raw, bytes_sent=total.bytes_sent, messages_sent=total.messages_sent)
     return image, sent
+
+
+def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image | None:
+    """A picture that is not composited: its parts are merged on rank 0, one after the other."""
+    from clusterviz.render.projection import finish_projection
+
+    with run.together("composite", "collect"):
+        parts = run.channel.gather(partial)
+        if parts is None:
+            return None
+        ordered = (parts[rank] for rank in share.order)
+        return finish_projection(plan, merge_partials(ordered, share.scene.image.size, plan.look.operator))
 
 
 def _check(run: Run, share: Share, partial: PartialImage, image: Image | None) -> None:

@@ -1,5 +1,5 @@
 // What a draw reads and writes, beside the frame's constants and the voxels (binding 7).
-layout(std430, binding = 1) buffer PixelsBlock { vec4 pixels[]; };                    // premultiplied, row by row of frame.rect
+layout(std430, binding = 1) buffer PixelsBlock { vec4 pixels[]; };                    // row by row of frame.rect; all zeros: nothing yet
 layout(std430, binding = 2) buffer SamplesBlock { uint group_samples[]; };            // samples taken by each work group
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; };     // where a brick's voxels begin; -1: nothing to draw
 layout(std430, binding = 4) readonly buffer BucketsBlock { double bucket_record[]; }; // where the next segment starts, and the first segment

@@ -11,7 +11,7 @@ const int LONGEST_LEAP = 1 << 20;
 const int ITERATIONS = 4000;
 
 struct Sum {
-    vec4 high; // premultiplied colour and opacity
+    vec4 high; // what a pixel keeps: with most looks premultiplied colour and opacity
     vec4 low;  // what rounding has taken from `high` (Kahan)
 };
 
@@ -61,26 +61,12 @@ Place place_of(Ray ray, int k, vec3 slab) {
     return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 
-// One run of whole slabs inside a brick: premultiplied colour and opacity, as if nothing were in front.
-vec4 run(Place place, vec3 slab, int slabs) {
-    vec4 sum = vec4(0.0);
-    for (int k = 0; k < slabs; ++k) {
-        float s = scalar_at(place.brick, place.cell, place.beyond + float(k) * slab);
-        if (s >= buckets.w) { // nothing is visible below, and NaN compares false
-            Segment segment = segment_at(s);
-            sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
-        }
-    }
-    return sum;
-}
-
-// The last slab, which the exit may have cut short.
-vec4 last_slab(Place place, float units) {
-    float s = scalar_at(place.brick, place.cell, place.beyond);
-    if (!(s >= buckets.w)) return vec4(0.0);
-    Segment segment = segment_at(s);
-    return slab_opacity(segment.unit_opacity, units) * vec4(segment.colour, 1.0);
-}
+// The look's: what a run of whole slabs inside a brick comes to, as if nothing were in front; the same for the last slab, which the exit
+// may have cut to a share; how a run is added behind what the ray has gathered; and whether nothing behind can matter.
+vec4 run_of(Place place, vec3 slab, int slabs);
+vec4 last_of(Place place, vec3 slab, float share);
+void add_run(inout Sum sum, vec4 run);
+bool is_done(Sum sum);
 
 // March on from slab `k`, or until this dispatch has done its share; k is then the slab to go on with, and the number of slabs at the end.
 vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
@@ -95,10 +81,10 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
             k = min(k + place.slabs, last);
             if (k == last || ++iterations >= ITERATIONS) break;
         }
-        if (place.brick == OUTSIDE || 1.0 - sum.high.a <= frame.optics.y) k = ray.slabs;
+        if (place.brick == OUTSIDE || is_done(sum)) k = ray.slabs;
         if (k >= last || place.brick == GAP) break;
         int slabs = min(place.slabs, last - k);
-        add(sum, (1.0 - sum.high.a) * run(place, slab, slabs));
+        add_run(sum, run_of(place, slab, slabs));
         samples += uint(slabs);
         k += slabs;
         iterations += 2 + slabs * (1 + SEARCH_ITERATIONS);
@@ -106,7 +92,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     if (k == last) {
         Place place = place_of(ray, k, slab);
         if (place.brick >= 0) {
-            add(sum, (1.0 - sum.high.a) * last_slab(place, frame.optics.x * ray.last_share));
+            add_run(sum, last_of(place, slab, ray.last_share));
             ++samples;
         }
         k = ray.slabs;

@@ -21,6 +21,8 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <VOXEL>
 #include <SCALAR>
 #include "march.glsl"
+#include "samples.glsl"
+#include <BLENDING>
 
 const int NEVER = 0x7fffffff;
 shared uint samples_of_group;

@@ -2,6 +2,7 @@
 
 - plan.py      the plan, and how it is made
 - view.py      the camera in index space; footprints
+- look.py      what becomes of the samples along a ray
 - encoding.py  how voxels are stored
 - segments.py  the transfer function as the shader reads it
 """
@@ -9,8 +10,21 @@
 from __future__ import annotations
 
 from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.look import Look, make_look
 from clusterviz.plan.plan import March, Plan, make_plan
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 
-__all__ = ["Encoding", "March", "Plan", "Segments", "View", "make_encoding", "make_plan", "make_segments", "make_view"]
+__all__ = [
+    "Encoding",
+    "Look",
+    "March",
+    "Plan",
+    "Segments",
+    "View",
+    "make_encoding",
+    "make_look",
+    "make_plan",
+    "make_segments",
+    "make_view",
+]

@@ -12,6 +12,7 @@ from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.look import Look, make_look
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.complete import transfer_function
@@ -45,15 +46,17 @@ class Plan:
     ----------
     view : the camera in index space
     march : the sampling of rays
+    look : what becomes of the samples
     encoding : how voxels are stored
     transfer : the transfer function
     segments : the same as the shader reads it
     layout : the bricks of the volume
-    cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that the transfer function makes invisible
+    cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that have nothing to show
     """
 
     view: View
     march: March
+    look: Look
     encoding: Encoding
     transfer: TransferFunction
     segments: Segments
@@ -71,6 +74,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     """
     volume = scene.volumes[0]
     transfer = transfer_function(volume)
+    look = make_look(volume, transfer.domain)
     step_world = scene.quality.step * min(grid.spacing)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
@@ -80,11 +84,12 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
         ),
+        look,
         make_encoding(dtype, transfer.domain),
         transfer,
         make_segments(transfer, step_world / transfer.unit_distance),
         layout,
-        brick_cost(layout, transfer.is_transparent(summary.minimum, summary.maximum)),
+        brick_cost(layout, look.hides(transfer, summary.minimum, summary.maximum)),
     )
 
 

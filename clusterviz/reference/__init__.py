@@ -1,9 +1,11 @@
 """The witness room: plain float64 twins of the fast paths, which stay for ever and are compared in tests.
 
-- rays.py     pixels to rays, rays to the box
-- sample.py   trilinear and nearest look-up
-- raycast.py  the picture of a scene
-- over.py     layers to one picture
+- rays.py         pixels to rays, rays to the box
+- slabs.py        rays to slabs
+- sample.py       trilinear and nearest look-up
+- projections.py  maximum, minimum, local maximum, average, sum
+- raycast.py      the picture of a scene
+- over.py         layers to one picture
 """
 
 from __future__ import annotations

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
-from clusterviz.reference.rays import Floats, Rays, camera_rays, inside, to_index_space
+from clusterviz.reference.projections import projection_of
+from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
 from clusterviz.reference.sample import nearest, trilinear
+from clusterviz.reference.slabs import slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Scene, Volume
 
 RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: cache, not memory
 DARK = 2.0**-60
@@ -33,7 +35,8 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. Its scalar is interpolated at its midpoint and then classified; a slab of length d
-    adds T · c · (1 − e^{−κd}) and multiplies the transmittance T by e^{−κd}. Next to NaN and infinite voxels (in the
+    adds T · c · (1 − e^{−κd}) and multiplies the transmittance T by e^{−κd}; other blendings are said in
+    `projections.py`. Next to NaN and infinite voxels (in the
     cells that they touch; for `nearest`, where they are the nearest) the volume is transparent.
 
     Parameters
@@ -70,31 +73,36 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
             part = slice(begin, begin + RAYS_AT_ONCE)
             some = Rays(rays.start[part], rays.direction[part])
-            rgba[part] = _march(some, voxels, length, classify, sample)
+            if scene.volumes[0].blending == "composite":
+                rgba[part] = _march(some, voxels, length, classify, sample)
+            else:
+                rgba[part] = _project(some, voxels, length, scene.volumes[0], sample)
     return rgba.reshape(height, width, 4)
 
 
 def _march(rays: Rays, voxels: NDArray[Any], length: float, classify: TransferFunction, sample: Any) -> Floats:
     """The colours of some rays, (n, 4): slab after slab, for all rays that are still inside and still see something."""
-    entry, leave = inside(rays, np.array(voxels.shape[::-1], np.float64) - 1)
-    rgba = np.zeros((len(entry), 4))
-    transmittance = np.ones(len(entry))
-    alive = np.flatnonzero(leave > entry)
-    slab = 0
-    while alive.size:
-        begin = entry[alive] + slab * length
-        end = np.minimum(entry[alive] + (slab + 1) * length, leave[alive])
-        point = rays.start[alive] + (begin + (end - begin) / 2)[:, None] * rays.direction[alive]
-        scalar, valid = sample(voxels, *point.T)
-        depth = np.where(valid, classify.extinction(scalar), 0) * (end - begin)
+    rgba = np.zeros((len(rays.direction), 4))
+    transmittance = np.ones(len(rgba))
+    for slab in slabs(rays, voxels.shape, length, lambda: transmittance > DARK):
+        scalar, valid = sample(voxels, *slab.point.T)
+        depth = np.where(valid, classify.extinction(scalar), 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
-        weight = transmittance[alive] * -np.expm1(-depth)
-        rgba[alive, :3] += weight[:, None] * np.where(valid[:, None], classify.colour(scalar), 0)
-        rgba[alive, 3] += weight
-        transmittance[alive] *= np.exp(-depth)
-        slab += 1
-        alive = alive[(entry[alive] + slab * length < leave[alive]) & (transmittance[alive] > DARK)]
+        weight = transmittance[slab.rays] * -np.expm1(-depth)
+        rgba[slab.rays, :3] += weight[:, None] * np.where(valid[:, None], classify.colour(scalar), 0)
+        rgba[slab.rays, 3] += weight
+        transmittance[slab.rays] *= np.exp(-depth)
     return rgba
+
+
+def _project(rays: Rays, voxels: NDArray[Any], length: float, volume: Volume, sample: Any) -> Floats:
+    """The colours of some rays, (n, 4), of a blending that is not `composite`."""
+    classify = transfer_function(volume)
+    projection = projection_of(volume, len(rays.direction), classify)
+    for slab in slabs(rays, voxels.shape, length, lambda: True):
+        scalar, valid = sample(voxels, *slab.point.T)
+        projection.take(slab.rays, scalar, valid, slab.end - slab.begin)
+    return projection.finish(classify)
 
 
 def _slab_length(step: float, grid: Grid) -> float:

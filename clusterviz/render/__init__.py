@@ -7,4 +7,5 @@
 - emptiness.py    which groups of cells have nothing to show
 - residence.py    bricks in GPU memory
 - chunks.py       more bricks than one buffer holds
+- projection.py   from merged scalars and sums to colours
 """

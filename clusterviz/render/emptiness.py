@@ -1,8 +1,8 @@
 """Which small groups of cells have nothing to show: what lets rays leap, exact by construction.
 
-A group is skipped only if the transfer function is fully transparent on the whole range of its samples, those on its
-far faces included, so skipping leaves out nothing but zeros. The ranges depend on the voxels alone; they are kept, and
-a new transfer function needs no voxels again.
+A group is skipped only if the look hides the whole range of its samples, those on its far faces included: with
+most looks, if the transfer function is fully transparent there. So skipping leaves out nothing but zeros. The ranges
+depend on the voxels alone; they are kept, and a new transfer function needs no voxels again.
 
 References
 ----------
@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, Slot
-from clusterviz.scene.transfer import TransferFunction
 
 Ranges = tuple[NDArray[Any], NDArray[Any]]
 
@@ -38,7 +38,7 @@ def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
     return _reduced(voxels, slot, np.fmin), _reduced(voxels, slot, np.fmax)
 
 
-def visibility_bits(ranges: Ranges, transfer: TransferFunction, slot: Slot) -> NDArray[np.uint32]:
+def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
     """One bit a group; 1 where something may be visible.
 
     Parameters
@@ -53,7 +53,7 @@ def visibility_bits(ranges: Ranges, transfer: TransferFunction, slot: Slot) -> N
     # The shader classifies in float32: a range is widened by more than its rounding.
     margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
     known = ~(np.isnan(low) | np.isnan(high))
-    visible = known & ~transfer.is_transparent(low - margin, high + margin)
+    visible = known & ~plan.look.hides(plan.transfer, low - margin, high + margin)
     groups = visible.reshape(len(visible), -1)
     bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
     bits[:, : groups.shape[1]] = groups

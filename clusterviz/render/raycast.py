@@ -38,7 +38,7 @@ class Drawn:
 
     Attributes
     ----------
-    partial : float32, premultiplied
+    partial : float32; `image/merge.py` says what four floats are, by the operator of the plan's look
     samples : field samples taken
     bricks : bricks drawn
     seconds_render, seconds_readback : until the GPU was done, and until the pixels were here
@@ -108,7 +108,7 @@ class Raycaster:
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             # Front to back: each draw adds behind what the pixels hold.
             for number, residence in enumerate(self._residences):
-                buffers.bind(6, residence.visibility(plan.transfer, self._slot))
+                buffers.bind(6, residence.visibility(plan, self._slot))
                 self._bind(residence)
                 block = frame_block(plan, residence.box, rect, self._slot)
                 block["first_box"] = number == 0

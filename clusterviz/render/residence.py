@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.plan.encoding import Encoding
+from clusterviz.plan.plan import Plan
 from clusterviz.render.emptiness import Ranges, group_ranges, visibility_bits
 from clusterviz.render.storage import Slot
-from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; integers are normalised
@@ -44,10 +44,10 @@ class Residence:
     bricks: int
     bytes: int
 
-    def visibility(self, transfer: TransferFunction, slot: Slot) -> NDArray[np.uint32]:
+    def visibility(self, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
         """Which groups of cells may show something: uint32, `slot.visibility_words` a brick of the box."""
         words = np.zeros((*self.box.shape_zyx, slot.visibility_words), np.uint32)
-        words[tuple(self.places.T)] = visibility_bits(self.ranges, transfer, slot)
+        words[tuple(self.places.T)] = visibility_bits(self.ranges, plan, slot)
         return words
 
     def release(self) -> None:

@@ -10,12 +10,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
+BLENDING_FILES: dict[Blending, str] = {
+    "composite": "composite.glsl",
+    "maximum": "extreme.glsl",
+    "minimum": "extreme.glsl",
+    "average": "sum.glsl",
+    "additive": "sum.glsl",
+    "local-maximum": "local_maximum.glsl",
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +38,7 @@ class Variant:
     brick : cells along the side of a brick
     further_starts : of the plan's segments; most transfer functions need no search in a bucket
     block_bytes : size of the uniform block for the transfer function's records; 0 where they are too many for one
+    blending : what becomes of the samples
     """
 
     filter: Literal["linear", "nearest", "hardware"]
@@ -36,6 +46,7 @@ class Variant:
     brick: int
     further_starts: int
     block_bytes: int
+    blending: Blending = "composite"
 
     @property
     def source(self) -> ShaderSource:
@@ -52,6 +63,7 @@ class Variant:
             "RECORDS": records,
             "VOXEL": voxel,
             "SCALAR": scalar,
+            "BLENDING": BLENDING_FILES[self.blending],
         }
         return assemble("raycast.glsl", slots)
 
@@ -74,6 +86,8 @@ class Variant:
             f"const int FURTHER_STARTS = {self.further_starts};",
             f"const int SEARCH_ITERATIONS = {self.further_starts.bit_length()};",
         ]
+        if self.blending in ("maximum", "minimum"):
+            lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"
 
 
@@ -86,5 +100,10 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     """
     fits = plan.segments.records.nbytes <= uniform_bytes
     return Variant(
-        plan.march.filter, slot, plan.layout.brick, plan.segments.further_starts, uniform_bytes if fits else 0
+        plan.march.filter,
+        slot,
+        plan.layout.brick,
+        plan.segments.further_starts,
+        uniform_bytes if fits else 0,
+        plan.look.blending,
     )

@@ -72,6 +72,8 @@ def complete_volume(volume: Volume, facts: VolumeFacts) -> Volume:
         found["opacity"] = _default_opacity(cmap, clim)
     if volume.opacity_unit_distance is None:
         found["opacity_unit_distance"] = default_unit_distance(facts.shape_zyx, facts.spacing)
+    if volume.blending == "local-maximum" and volume.threshold is None:
+        found["threshold"] = clim[0] / 2 + clim[1] / 2
     return volume.model_copy(update=found)
 
 

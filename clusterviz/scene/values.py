@@ -85,7 +85,16 @@ class Volume(Section):
         description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
     )
     interpolation: Literal["linear", "nearest"] = Field(default="linear", description="How voxels become a field.")
-    blending: Literal["composite"] = Field(default="composite", description="How the samples along a ray are combined.")
+    blending: Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum"] = Field(
+        default="composite",
+        description="How the samples along a ray are combined: composite (emission and absorption); maximum, minimum "
+        "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey).",
+    )
+    threshold: Number | None = Field(
+        default=None,
+        description="local-maximum shows the largest scalar of the first stretch of a ray that is not below this data "
+        "value; default: the middle of clim.",
+    )
     shade: Literal[False] = Field(default=False, description="Light the volume by its gradient.")
     ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
     diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
@@ -180,7 +189,7 @@ class Scene(Section):
 
 
 PLANNED: dict[str, tuple[object, ...]] = {
-    "blending": ("maximum", "minimum", "average", "additive", "isosurface"),
+    "blending": ("isosurface",),
     "shade": (True,),
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),

@@ -56,9 +56,13 @@ def scene_of(
     unit: float = 8.0,
     interpolation: str = "linear",
     size: tuple[int, int] = (24, 20),
+    look: Any = None,
     **quality: Any,
 ) -> Scene:
-    """One volume, seen by a camera; control points are given in units of clim, by default the middle of the values."""
+    """One volume, seen by a camera; control points are given in units of clim, by default the middle of the values.
+
+    `look` holds further keys of the volume.
+    """
     if clim is None:
         low, high = float(voxels.min()), float(voxels.max())
         clim = (low + 0.1 * (high - low), high - 0.1 * (high - low))
@@ -70,6 +74,7 @@ def scene_of(
         opacity=spread(opacity) if isinstance(opacity, tuple) else opacity,
         opacity_unit_distance=unit,
         interpolation=interpolation,
+        **(look or {}),
     )
     return Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality))
 

@@ -1,0 +1,105 @@
+"""The witness of pictures in which light is not blended: maximum, minimum, local maximum, average, sum."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.reference.rays import Floats
+from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.values import Volume
+
+Flags = NDArray[np.bool_]
+
+
+class Extreme:
+    """Maximum and minimum: the colour and the opacity of the ray's largest or smallest scalar.
+
+    Parameters
+    ----------
+    rays : how many
+    sign : 1 for the largest, −1 for the smallest
+    """
+
+    def __init__(self, rays: int, sign: int) -> None:
+        self.sign, self.found = sign, np.full(rays, -np.inf)
+
+    def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, _: Floats) -> None:
+        """The next samples of some rays."""
+        self.found[rays] = np.maximum(self.found[rays], np.where(valid, self.sign * scalar, -np.inf))
+
+    def finish(self, classify: TransferFunction) -> Floats:
+        """rgba, float64 (rays, 4)."""
+        return _classified(self.sign * self.found, np.isfinite(self.found), classify)
+
+
+class LocalMaximum:
+    """The largest scalar of the ray's first stretch of samples not below a threshold, else of the whole ray."""
+
+    def __init__(self, rays: int, threshold: float) -> None:
+        self.threshold = threshold
+        self.largest, self.first = np.full(rays, -np.inf), np.full(rays, -np.inf)
+        self.ended = np.zeros(rays, bool)
+
+    def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, _: Floats) -> None:
+        """The next samples of some rays; an invalid one is none."""
+        rays, scalar = rays[valid], scalar[valid]
+        self.largest[rays] = np.maximum(self.largest[rays], scalar)
+        above = scalar >= self.threshold
+        self.ended[rays] |= ~above & (self.first[rays] > -np.inf)
+        grows = above & ~self.ended[rays]
+        self.first[rays[grows]] = np.maximum(self.first[rays[grows]], scalar[grows])
+
+    def finish(self, classify: TransferFunction) -> Floats:
+        """rgba, float64 (rays, 4)."""
+        scalar = np.where(self.first > -np.inf, self.first, self.largest)
+        return _classified(scalar, np.isfinite(scalar), classify)
+
+
+class Sum:
+    """Average and sum: of opacity × scalar, in grey.
+
+    Parameters
+    ----------
+    rays : how many
+    classify : scalars are cut to its domain and count 0 … 1 in it
+    divisor : None for the mean over the ray's way through valid voxels, or the length that counts as 1
+    """
+
+    def __init__(self, rays: int, classify: TransferFunction, divisor: float | None) -> None:
+        self.classify, self.divisor = classify, divisor
+        self.total, self.way = np.zeros(rays), np.zeros(rays)
+
+    def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, length: Floats) -> None:
+        """The next samples of some rays."""
+        low, high = self.classify.domain
+        share = np.clip(scalar / (high - low) - low / (high - low), 0, 1)
+        self.total[rays] += np.where(valid, self.classify.opacity(scalar) * share * length, 0)
+        self.way[rays] += np.where(valid, length, 0)
+
+    def finish(self, _: TransferFunction) -> Floats:
+        """rgba, float64 (rays, 4); opaque wherever the ray met valid voxels."""
+        hit = self.way > 0
+        grey = self.total / np.where(hit, self.way if self.divisor is None else self.divisor, 1)
+        rgba = np.repeat(np.clip(grey, 0, 1)[:, None], 4, axis=1)
+        rgba[:, 3] = 1
+        return np.where(hit[:, None], rgba, 0)
+
+
+Projection = Extreme | LocalMaximum | Sum
+
+
+def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Projection:
+    """What a completed volume's blending asks for."""
+    if volume.blending == "local-maximum":
+        return LocalMaximum(rays, float(volume.threshold))  # type: ignore[arg-type]
+    if volume.blending in ("maximum", "minimum"):
+        return Extreme(rays, 1 if volume.blending == "maximum" else -1)
+    return Sum(rays, classify, None if volume.blending == "average" else classify.unit_distance)
+
+
+def _classified(scalar: Floats, known: Flags, classify: TransferFunction) -> Floats:
+    """Premultiplied colour of scalars, with the opacity as it is given, for no length."""
+    scalar = np.where(known, scalar, 0)
+    alpha = classify.opacity(scalar)[:, None]
+    return np.where(known[:, None], np.append(classify.colour(scalar) * alpha, alpha, axis=1), 0)

@@ -1,0 +1,46 @@
+"""The last step of pictures that are not composited: from merged scalars or sums to colours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.merge import EXISTS
+from clusterviz.plan.plan import Plan
+
+Pixels = NDArray[np.float32]
+
+
+def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
+    """The picture of merged pixels.
+
+    Maximum, minimum and local maximum get the colour and the opacity of their scalar, not corrected for any length.
+    An average is the mean of opacity × scalar over the ray's way through valid voxels, a sum is that times the way's
+    length in opacity unit distances; both are grey and opaque, and scalars are cut to the range of clim. So does VTK.
+
+    Parameters
+    ----------
+    merged : float32 (h, w, 4), as `image/merge.py` describes it
+
+    Returns
+    -------
+    rgba : float32 (h, w, 4), premultiplied; composited pixels are returned as they are
+    """
+    blending = plan.look.blending
+    if plan.look.operator == "over":
+        return merged
+    rgba = np.zeros(merged.shape, np.float32)
+    hit = merged[..., 3] > 0
+    pixels = merged[hit].astype(np.float64)
+    if blending in ("average", "additive"):
+        grey = pixels[:, 0] * plan.march.slab_units if blending == "additive" else pixels[:, 0] / pixels[:, 3]
+        rgba[hit] = np.append(np.repeat(np.clip(grey, 0, 1)[:, None], 3, axis=1), np.ones((len(grey), 1)), axis=1)
+        return rgba
+    units = pixels[:, 0]
+    if blending == "local-maximum":
+        units = np.where(pixels[:, 2].astype(int) & EXISTS, units, pixels[:, 1])
+    low, high = plan.transfer.domain
+    scalars = low * (1 - units) + high * units
+    alpha = plan.transfer.opacity(scalars)[:, None]
+    rgba[hit] = np.append(plan.transfer.colour(scalars) * alpha, alpha, axis=1)
+    return rgba

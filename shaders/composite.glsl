@@ -1,0 +1,21 @@
+// Emission and absorption: premultiplied colour and opacity, front to back.
+void take(inout vec4 sum, float s, Place place, vec3 beyond) {
+    if (s >= buckets.w) { // nothing is visible below, and NaN compares false
+        Segment segment = segment_at(s);
+        sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
+    }
+}
+
+void take_last(inout vec4 sum, float s, Place place, float share) {
+    if (!(s >= buckets.w)) return;
+    Segment segment = segment_at(s);
+    sum = slab_opacity(segment.unit_opacity, frame.optics.x * share) * vec4(segment.colour, 1.0);
+}
+
+void add_run(inout Sum sum, vec4 run) {
+    add(sum, (1.0 - sum.high.a) * run);
+}
+
+bool is_done(Sum sum) {
+    return 1.0 - sum.high.a <= frame.optics.y;
+}

@@ -1,0 +1,18 @@
+// The largest or the smallest scalar of a ray: it, 0, 0, 1, or all zeros where there is none.
+void take(inout vec4 sum, float s, Place place, vec3 beyond) {
+    bool further = LARGEST ? s > sum.x : s < sum.x;
+    // NaN compares false.
+    if (further || (sum.w == 0.0 && abs(s) <= 3e38)) sum = vec4(s, 0.0, 0.0, 1.0);
+}
+
+void take_last(inout vec4 sum, float s, Place place, float share) {
+    take(sum, s, place, vec3(0.0));
+}
+
+void add_run(inout Sum sum, vec4 run) {
+    if (run.w != 0.0) take(sum.high, run.x, Place(0, ivec3(0), vec3(0.0), 0), vec3(0.0));
+}
+
+bool is_done(Sum sum) {
+    return false;
+}

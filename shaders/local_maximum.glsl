@@ -1,0 +1,33 @@
+// The largest scalar of the first stretch of a ray that is not below a threshold; how parts merge is said in image/merge.py, which this
+// function follows: the stretch's largest scalar, the largest of all, what is known of the stretch, 1.
+const int STARTS = 1, CLOSED = 2, EXISTS = 4;
+
+vec4 merged(vec4 front, vec4 behind) {
+    if (front.w == 0.0) return behind;
+    if (behind.w == 0.0) return front;
+    int ahead = int(front.z), after = int(behind.z);
+    vec4 both = vec4(0.0, max(front.y, behind.y), 0.0, 1.0);
+    bool goes_on = (ahead & CLOSED) == 0 && (after & STARTS) != 0;
+    if ((ahead & EXISTS) == 0) both.xz = vec2(behind.x, float(after & ~STARTS));
+    else if (goes_on) both.xz = vec2(max(front.x, behind.x), float(ahead | (after & CLOSED)));
+    else both.xz = vec2(front.x, float(ahead | CLOSED));
+    return both;
+}
+
+void take(inout vec4 sum, float s, Place place, vec3 beyond) {
+    if (!(abs(s) <= 3e38)) return; // NaN compares false
+    bool above = s >= frame.optics.z;
+    sum = merged(sum, vec4(above ? s : 0.0, s, above ? float(STARTS | EXISTS) : 0.0, 1.0));
+}
+
+void take_last(inout vec4 sum, float s, Place place, float share) {
+    take(sum, s, place, vec3(0.0));
+}
+
+void add_run(inout Sum sum, vec4 run) {
+    sum.high = merged(sum.high, run);
+}
+
+bool is_done(Sum sum) {
+    return (int(sum.high.z) & CLOSED) != 0;
+}

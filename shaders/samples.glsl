@@ -1,0 +1,19 @@
+// Runs of slabs that are sampled at their midpoints; how a sample is taken is the blending's.
+void take(inout vec4 sum, float s, Place place, vec3 beyond);
+// The last slab of a ray, of which the exit may have left a share only.
+void take_last(inout vec4 sum, float s, Place place, float share);
+
+vec4 run_of(Place place, vec3 slab, int slabs) {
+    vec4 sum = vec4(0.0);
+    for (int k = 0; k < slabs; ++k) {
+        vec3 beyond = place.beyond + float(k) * slab;
+        take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
+    }
+    return sum;
+}
+
+vec4 last_of(Place place, vec3 slab, float share) {
+    vec4 sum = vec4(0.0);
+    take_last(sum, scalar_at(place.brick, place.cell, place.beyond), place, share);
+    return sum;
+}

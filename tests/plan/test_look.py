@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clusterviz.image.merge import MERGES
+from clusterviz.plan.look import OPERATORS, Look, make_look
+from clusterviz.scene import TransferFunction
+from clusterviz.scene.values import Volume
+
+BAND = TransferFunction(
+    np.array([0.0]), np.ones((1, 3)), np.array([2.0, 3.0, 4.0, 5.0]), np.array([0, 1, 1, 0.0]), 1.0, (0.0, 10.0)
+)
+LOW, HIGH = np.array([0.0, 1.0, 6.0, 0.0, np.inf]), np.array([1.5, 3.0, 8.0, 9.0, -np.inf])
+
+
+@pytest.mark.parametrize(
+    ("blending", "hidden"),
+    [
+        ("composite", [True, False, True, False, True]),
+        ("maximum", [True, False, False, False, True]),
+        ("minimum", [False, False, True, False, True]),
+        ("average", [False, False, False, False, True]),
+        ("additive", [False, False, False, False, True]),
+        ("local-maximum", [False, False, False, False, True]),
+    ],
+)
+def test_only_what_cannot_matter_is_hidden(blending: str, hidden: list[bool]) -> None:
+    assert Look(blending).hides(BAND, LOW, HIGH).tolist() == hidden
+
+
+def test_threshold_is_in_units_of_clim() -> None:
+    volume = Volume(path="a", blending="local-maximum", threshold=5.0)
+    assert make_look(volume, (1.0, 9.0)).threshold == 0.5
+    assert make_look(Volume(path="a"), (1.0, 9.0)).operator == "over"
+
+
+def test_every_blending_has_an_operator_that_merges() -> None:
+    assert set(OPERATORS.values()) == set(MERGES)
