@@ -36,6 +36,7 @@ from compositors import (
 )
 
 GOALS = {"shared": 0.5, "messages": 1.0}  # of IceT's time; what is not named has the second
+CHOICES = ("auto/auto/shared", "auto/auto/shared/copy", "auto/auto/messages")
 AUTO_WITHIN = 1.15  # of the best fixed choice
 HEAD = ("images | ranks | pixels", "MPI", "ours", "IceT, best", "ms", "ms (median)", "ratio", "ratio (median)")
 HEAD_MORE = ("IceT error", "error", "IceT MB", "MB")
@@ -184,7 +185,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    options.choices = options.choices or [parse_choice(f"auto/auto/{name}") for name in GOALS]
+    options.choices = options.choices or [parse_choice(text) for text in CHOICES]
     return options
 
 

@@ -54,20 +54,26 @@ class Images:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `clusterviz bench composite` is told; written ALGORITHM/CODEC/TRANSPORT."""
+    """What `clusterviz bench composite` is told; written ALGORITHM/CODEC/TRANSPORT, or with /copy behind.
+
+    With `copy`, shared memory is written within the time; else images lie in it already, as a read-back leaves them.
+    """
 
     algorithm: str
     codec: str
     transport: str
+    copy: bool = False
 
     def __str__(self) -> str:
-        return "/".join((self.algorithm, self.codec, self.transport))
+        return "/".join((self.algorithm, self.codec, self.transport, *(["copy"] if self.copy else [])))
 
 
 def parse_choice(text: str) -> Choice:
-    """A choice as written on the command line; ValueError (which argparse reports) where it has not three parts."""
-    algorithm, codec, transport = text.split("/")
-    return Choice(algorithm, codec, transport)
+    """A choice as written on the command line; ValueError, which argparse reports, where it is none."""
+    algorithm, codec, transport, *more = text.split("/")
+    if more not in ([], ["copy"]):
+        raise ValueError(f"{text}: only /copy may follow the transport")
+    return Choice(algorithm, codec, transport, bool(more))
 
 
 def open_images(folder: Path) -> Images:
@@ -101,7 +107,8 @@ def run_clusterviz(
         file = Path(folder) / "report.json"
         words = [*launcher, "-n", images.ranks, sys.executable, "-m", "clusterviz", "bench", "composite"]
         words += ["--images", images.folder, "--size", size, "--algorithm", choice.algorithm, "--codec", choice.codec]
-        words += ["--transport", choice.transport, "--frames", frames, "--json", file, *extra]
+        words += ["--transport", choice.transport, "--frames", frames, "--json", file]
+        words += ["--copy"] * choice.copy + list(extra)
         _run([*words, *(["--out", out] if out else [])], OPEN_MPI_ENVIRONMENT if mpi == "openmpi" else {})
         report: dict[str, Any] = json.loads(file.read_text())
     return report

@@ -1,0 +1,97 @@
+"""What travels: the bytes of every codec beside raw pixels and beside IceT.
+
+    python benchmarks/wire_bytes.py --peers DIR --images FOLDER … [--codecs raw,active,…] [--algorithms …]
+
+Bytes are those that all ranks send in one frame until the picture is whole on rank 0. IceT's counter includes what the
+final gather sends; ours is told apart where the report does (`bytes_collected`), and is included too. Times are no
+matter here, so two frames are enough. Folders of images: compositors.py tells what they hold, partial_images.py writes
+some, composite_icet.py has others made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from compositors import (
+    ICET_ALGORITHMS,
+    MPIS,
+    Choice,
+    Images,
+    open_images,
+    run_clusterviz,
+    run_icet,
+    table,
+    wire_bytes,
+)
+
+FRAMES = 2
+CODECS = "raw,active,rectangle,lz4,shuffle+lz4,delta+lz4,rectangle+shuffle+lz4,auto"
+ALGORITHMS = "direct-send,binary-swap"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One algorithm on one folder of images: bytes by codec, and by IceT's algorithm."""
+
+    case: str
+    algorithm: str
+    ours: dict[str, int]
+    icet: dict[str, int]
+
+    @property
+    def cells(self) -> list[str]:
+        """Megabytes of raw pixels; each codec as a share of them; the least over the least of IceT."""
+        raw = self.ours["raw"]
+        shares = [f"{sent / raw:.3f}" for codec, sent in self.ours.items() if codec != "raw"]
+        least, fewest = min(self.ours, key=self.ours.__getitem__), min(self.icet, key=self.icet.__getitem__)
+        icet, best = self.icet[fewest], f"{self.ours[least] / self.icet[fewest]:.2f} ({least})"
+        return [self.case, self.algorithm, f"{raw / 1e6:.2f}", *shares, f"{icet / 1e6:.2f} ({fewest})", best]
+
+
+def measure(images: Images, peers: Path, algorithms: Sequence[str], codecs: Sequence[str], mpi: str) -> list[Row]:
+    """All algorithms and codecs on one folder of images."""
+    icet = {name: int(run_icet(peers, images, name, FRAMES)["bytes_sent"]) for name in ICET_ALGORITHMS}
+    return [
+        Row(
+            images.title,
+            algorithm,
+            {
+                codec: wire_bytes(run_clusterviz(images, Choice(algorithm, codec, "messages"), mpi, FRAMES))
+                for codec in dict.fromkeys(["raw", *codecs])
+            },
+            icet,
+        )
+        for algorithm in algorithms
+    ]
+
+
+def main() -> None:
+    """Print the table, and write every number as JSON on request."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", type=Path, required=True, help="the folder of icet.sh")
+    parser.add_argument("--images", type=Path, nargs="+", required=True, metavar="FOLDER")
+    parser.add_argument("--codecs", default=CODECS)
+    parser.add_argument("--algorithms", default=ALGORITHMS)
+    parser.add_argument("--mpi", choices=MPIS, default="wheel")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    algorithms, codecs = options.algorithms.split(","), options.codecs.split(",")
+    rows: list[Row] = []
+    shares = [codec for codec in codecs if codec != "raw"]
+    head = ["images | ranks | pixels", "algorithm", "raw MB", *shares, "IceT MB, fewest", "ours, fewest / IceT"]
+    print(table(head, []))
+    for folder in options.images:
+        found = measure(open_images(folder), options.peers, algorithms, codecs, options.mpi)
+        rows += found
+        print("\n".join(f"| {' | '.join(row.cells)} |" for row in found), flush=True)
+    if options.json:
+        chosen = {key: str(value) for key, value in vars(options).items()}
+        options.json.write_text(json.dumps({**chosen, "rows": [asdict(row) for row in rows]}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
