@@ -1,0 +1,119 @@
+"""LLVM code for pixels in vectors: loading any type as floats, one layer behind what lies in front, storing.
+
+numba's own loops stay scalar here (floats) or take twice as long as memory does (bytes). Each function below emits code
+for some pixels, four floats each; LLVM splits the vectors for processors with narrower registers. No address need be aligned. Products and sums
+are rounded one by one, never fused: NumPy does the same, and so does every processor.
+
+float16 is taken apart and put together with integers, so no processor needs instructions for it [1]_.
+
+References
+----------
+.. [1] F. Giesen, "Half to float done quick" and float_to_half_fast3_rtne, https://gist.github.com/rygorous/2156668.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+
+# The types of pixel, numbered as in `blend.DTYPES`.
+FLOAT, BYTE, HALF = range(3)
+CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
+
+_FLOAT, _I8, _I16, _I32, _I64 = ir.FloatType(), ir.IntType(8), ir.IntType(16), ir.IntType(32), ir.IntType(64)
+
+
+def splat(element: Any, value: float, lanes: int) -> Any:
+    """A constant vector of equal lanes."""
+    return ir.Constant(ir.VectorType(element, lanes), [value] * lanes)
+
+
+def place(builder: Any, address: Any, element: Any, lanes: int) -> Any:
+    """The pointer to a vector at an address."""
+    return builder.inttoptr(address, ir.VectorType(element, lanes).as_pointer())
+
+
+def load(builder: Any, kind: int, address: Any, pixels: int) -> Any:
+    """Pixels at an address as floats, bytes and halves as multiples of one: float (4·pixels)."""
+    lanes = 4 * pixels
+    floats = ir.VectorType(_FLOAT, lanes)
+    if kind == FLOAT:
+        return builder.load(place(builder, address, _FLOAT, lanes), align=1)
+    if kind == BYTE:
+        levels = builder.load(place(builder, address, _I8, lanes), align=1)
+        levels = builder.zext(levels, ir.VectorType(_I32, lanes))
+        # The product with 1/255 is at most one unit in the last place off, and exact for 0 and 255.
+        return builder.fmul(builder.sitofp(levels, floats), splat(_FLOAT, 1 / 255, lanes))
+    words = builder.load(place(builder, address, _I16, lanes), align=1)
+    return _float_of_half(builder, builder.zext(words, ir.VectorType(_I32, lanes)), lanes)
+
+
+def store(builder: Any, kind: int, address: Any, floats: Any) -> None:
+    """Floats as pixels at an address, rounded to nearest; bytes are cut to 0…255."""
+    lanes = floats.type.count
+    if kind == FLOAT:
+        builder.store(floats, place(builder, address, _FLOAT, lanes), align=1)
+    elif kind == BYTE:
+        zero, top, half = (splat(_FLOAT, value, lanes) for value in (0.0, 255.5, 0.5))
+        levels = builder.fadd(builder.fmul(floats, splat(_FLOAT, 255.0, lanes)), half)
+        levels = builder.select(builder.fcmp_ordered(">", levels, zero), levels, zero)
+        levels = builder.select(builder.fcmp_ordered("<", levels, top), levels, top)
+        levels = builder.fptosi(levels, ir.VectorType(_I32, lanes))
+        levels = builder.trunc(levels, ir.VectorType(_I8, lanes))
+        builder.store(levels, place(builder, address, _I8, lanes), align=1)
+    else:
+        words = builder.trunc(_half_of_float(builder, floats), ir.VectorType(_I16, lanes))
+        builder.store(words, place(builder, address, _I16, lanes), align=1)
+
+
+def over(builder: Any, front: Any, back: Any) -> Any:
+    """Floats of front + (1 − its alpha) · back."""
+    lanes = front.type.count
+    alphas = ir.Constant(ir.VectorType(_I32, lanes), [lane // 4 * 4 + 3 for lane in range(lanes)])
+    alpha = builder.shuffle_vector(front, front, alphas)
+    rest = builder.fsub(splat(_FLOAT, 1.0, lanes), alpha)
+    return builder.fadd(front, builder.fmul(rest, back))
+
+
+def any_set(builder: Any, address: Any, bytes_: int) -> Any:
+    """Whether any bit is set in so many bytes."""
+    seen = builder.load(place(builder, address, _I8, bytes_), align=1)
+    differ = builder.icmp_unsigned("!=", seen, splat(_I8, 0, bytes_))
+    mask = builder.bitcast(differ, ir.IntType(bytes_))
+    return builder.icmp_unsigned("!=", mask, ir.Constant(ir.IntType(bytes_), 0))
+
+
+def _float_of_half(builder: Any, words: Any, lanes: int) -> Any:
+    """Halves in the low bits of 32-bit lanes, as floats."""
+    wide = ir.VectorType(_FLOAT, lanes)
+    size = builder.shl(builder.and_(words, splat(_I32, 0x7FFF, lanes)), splat(_I32, 13, lanes))
+    sign = builder.shl(builder.and_(words, splat(_I32, 0x8000, lanes)), splat(_I32, 16, lanes))
+    # A half's exponent is 112 less than a float's; the product also makes normal numbers of subnormal ones.
+    scaled = builder.fmul(builder.bitcast(size, wide), splat(_FLOAT, 2.0**112, lanes))
+    bits = builder.bitcast(scaled, words.type)
+    special = builder.icmp_unsigned(">=", size, splat(_I32, 0x7C00 << 13, lanes))
+    bits = builder.or_(bits, builder.select(special, splat(_I32, 0xFF << 23, lanes), splat(_I32, 0, lanes)))
+    return builder.bitcast(builder.or_(bits, sign), wide)
+
+
+def _half_of_float(builder: Any, floats: Any) -> Any:
+    """Floats as halves in the low bits of 32-bit lanes, rounded to the nearest, ties to even."""
+    lanes = floats.type.count
+    words = ir.VectorType(_I32, lanes)
+    bits = builder.bitcast(floats, words)
+    sign = builder.and_(bits, splat(_I32, 0x80000000, lanes))
+    size = builder.xor(bits, sign)
+    # Normal: the exponent moved by 112, and half a unit added, less a bit where the last bit kept is even.
+    odd = builder.and_(builder.lshr(size, splat(_I32, 13, lanes)), splat(_I32, 1, lanes))
+    normal = builder.add(builder.add(size, splat(_I32, (0xFFF - (112 << 23)) & 0xFFFFFFFF, lanes)), odd)
+    normal = builder.lshr(normal, splat(_I32, 13, lanes))
+    # Subnormal: adding 1/2 leaves a half's mantissa in the lowest bits, and the addition rounds.
+    shifted = builder.fadd(builder.bitcast(size, floats.type), splat(_FLOAT, 0.5, lanes))
+    subnormal = builder.sub(builder.bitcast(shifted, words), splat(_I32, 126 << 23, lanes))
+    is_nan = builder.icmp_unsigned(">", size, splat(_I32, 0xFF << 23, lanes))
+    special = builder.select(is_nan, splat(_I32, 0x7E00, lanes), splat(_I32, 0x7C00, lanes))
+    small = builder.icmp_unsigned("<", size, splat(_I32, 113 << 23, lanes))
+    large = builder.icmp_unsigned(">=", size, splat(_I32, 143 << 23, lanes))
+    result = builder.select(large, special, builder.select(small, subnormal, normal))
+    return builder.or_(result, builder.lshr(sign, splat(_I32, 16, lanes)))
