@@ -101,18 +101,63 @@ def subtract(source, target):  # type: ignore[no-untyped-def]
     """Differences to the number four places before, unsigned, modulo their range; the first four as they are."""
     for i in range(min(4, source.size)):
         target[i] = source[i]
-    for i in range(4, source.size):
-        target[i] = source[i] - source[i - 4]
+    # As slices, since an index that might be negative keeps the loop from becoming vectors.
+    ahead, differences = source[4:], target[4:]
+    for i in range(ahead.size):
+        differences[i] = ahead[i] - source[i]
+
+
+def _sum(bits: int) -> Any:
+    """A function for numba: adds up a block, given the sums of the four numbers before it, in logarithmic steps."""
+    count = 8 * _BLOCK // bits
+    block = vector(bits, count)
+
+    @intrinsic
+    def add_block(typing_context, source, target, index):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            place = address(context, builder, signature.args[0], args[0], args[2])
+            into = address(context, builder, signature.args[1], args[1], args[2])
+            sums = builder.load(builder.bitcast(place, block.as_pointer()), align=1)
+            step = 4
+            while step < count:
+                # What lies `step` lanes lower, and zeros (lane `count`) below the first.
+                lanes = lanes_of([lane - step if lane >= step else count for lane in range(count)])
+                sums = builder.add(sums, builder.shuffle_vector(sums, ir.Constant(block, None), lanes))
+                step *= 2
+            earlier = builder.gep(into, [ir.Constant(LONG, -4 * bits // 8)])
+            carry = builder.load(builder.bitcast(earlier, vector(bits, 4).as_pointer()), align=1)
+            carry = builder.shuffle_vector(carry, carry, lanes_of([lane % 4 for lane in range(count)]))
+            builder.store(builder.add(sums, carry), builder.bitcast(into, block.as_pointer()), align=1)
+            return context.get_dummy_value()
+
+        return types.void(source, target, types.int64), generate
+
+    return add_block
+
+
+_sum_8, _sum_16, _sum_32 = _sum(8), _sum(16), _sum(32)
 
 
 @compiled
-def add(source, target):  # type: ignore[no-untyped-def]
-    """The inverse of `subtract`, for a multiple of four numbers."""
-    zero = source.dtype.type(0)
-    a = b = c = d = zero
-    for i in range(0, source.size, 4):
-        a += source[i]
-        b += source[i + 1]
-        c += source[i + 2]
-        d += source[i + 3]
-        target[i], target[i + 1], target[i + 2], target[i + 3] = a, b, c, d
+def add(source, bits, target):  # type: ignore[no-untyped-def]
+    """The inverse of `subtract`, for numbers of 8, 16 or 32 bits in arrays of uint8."""
+    four = bits // 2
+    for k in range(min(four, source.size)):
+        target[k] = source[k]
+    whole = four + (source.size - four) // _BLOCK * _BLOCK
+    if bits == 8:
+        for start in range(four, whole, _BLOCK):
+            _sum_8(source, target, start)
+    elif bits == 16:
+        for start in range(four, whole, _BLOCK):
+            _sum_16(source, target, start)
+    else:
+        for start in range(four, whole, _BLOCK):
+            _sum_32(source, target, start)
+    size = bits // 8
+    for start in range(max(whole, four), source.size, size):
+        carry = 0
+        for k in range(start, start + size):
+            carry += int(source[k]) + int(target[k - four])
+            target[k] = carry & 255
+            carry >>= 8

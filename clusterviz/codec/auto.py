@@ -1,0 +1,148 @@
+"""Which codec pays: decided message by message from what was measured.
+
+A codec costs its encoding, the bytes that are left on the wire, and its decoding. All three depend on the picture and
+on the link, so they are measured on the messages themselves, separately for each stream of messages (one stage of the
+exchange, one peer): pictures of neighbouring frames are alike. A new stream sends one message by each candidate, then
+goes on with the cheapest, raw among them. It looks again after a number of messages that doubles each time up to a
+bound, and soon where messages no longer shrink as they did. What the receiver needs is measured on the sender, where a
+candidate is tried, by opening its own message. Messages below 64 KB are never packed.
+
+References: for the bound of 64 KB, and for turning compression off and on again by the ratio, the thesis on distributed
+rendering whose sort-first system used LZO that way (its section 5.2.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from clusterviz.codec.chain import CODECS
+from clusterviz.codec.contract import Bytes, Pixels, Rows
+from clusterviz.codec.message import open_message, pack
+from clusterviz.codec.prepare import prepare_codecs
+
+MIN_BYTES = 64 << 10
+
+# By the bytes of a component: LZ4 finds nothing in floats whose bytes are not taken apart.
+CANDIDATES: dict[int, tuple[str, ...]] = {
+    1: ("active", "active+lz4", "active+delta+lz4"),
+    2: ("active", "active+shuffle+lz4", "active+delta+shuffle+lz4"),
+    4: ("active", "active+shuffle+lz4", "active+delta+shuffle+lz4"),
+}
+
+# LZ4 is not even tried on links that take less than this for a byte (20 Gb/s): no picture made it so fast.
+SQUEEZE_SECONDS_PER_BYTE = 4e-10
+
+# Messages from one look at all candidates to the next: at first, and at most.
+LEAST_INTERVAL, MOST_INTERVAL = 8, 256
+
+# A ratio that has changed by this part of itself is another picture.
+DRIFT = 0.25
+
+
+@dataclass
+class _Measured:
+    """What a candidate did to a stream's messages: bytes left, seconds to encode and to decode, all a raw byte."""
+
+    ratio: float
+    encode: float
+    decode: float
+
+    def seconds(self, seconds_per_byte: float) -> float:
+        return self.encode + self.ratio * seconds_per_byte + self.decode
+
+
+@dataclass
+class _Stream:
+    """What is known of the messages of one key.
+
+    Attributes
+    ----------
+    chosen : the codec in use
+    measured : by candidate
+    untried : candidates that this look has still to try
+    since, interval : messages since the last look, and how many there shall be
+    """
+
+    untried: list[str]
+    chosen: str = "raw"
+    measured: dict[str, _Measured] = field(default_factory=dict)
+    since: int = 0
+    interval: int = LEAST_INTERVAL
+
+
+class AutoCodec:
+    """Packs messages by whichever codec is measured to cost least.
+
+    Parameters
+    ----------
+    seconds_per_byte : of the link, the inverse of its bandwidth
+    clock : seconds; for tests
+    """
+
+    def __init__(self, seconds_per_byte: float, *, clock: Callable[[], float] = perf_counter) -> None:
+        self._seconds_per_byte = seconds_per_byte
+        self._clock = clock
+        self._streams: dict[tuple[Hashable, int], _Stream] = {}
+
+    def pack(self, pixels: Pixels, rows: Rows, key: Hashable, out: Bytes | None = None) -> Bytes:
+        """The message for some pixels; see `message.pack`.
+
+        Parameters
+        ----------
+        key : the stream: messages of one key are expected to be alike
+        """
+        if pixels.nbytes < MIN_BYTES:
+            return pack(pixels, "raw")
+        name = (key, pixels.itemsize)
+        stream = self._streams.get(name)
+        if stream is None:
+            prepare_codecs((pixels.dtype,))
+            stream = self._streams[name] = _Stream(self._worth_trying(pixels.itemsize))
+        if stream.untried:
+            return self._try(stream, pixels, rows, out)
+        return self._use(stream, pixels, rows, out)
+
+    def codec_of(self, key: Hashable, dtype: np.dtype[np.generic]) -> str:
+        """The codec in use for messages of a key; raw where there were none yet."""
+        stream = self._streams.get((key, dtype.itemsize))
+        return stream.chosen if stream else "raw"
+
+    def _worth_trying(self, itemsize: int) -> list[str]:
+        """The candidates that can pay on this link."""
+        squeezes = self._seconds_per_byte >= SQUEEZE_SECONDS_PER_BYTE
+        return [name for name in CANDIDATES[itemsize] if squeezes or not CODECS[name].squeeze]
+
+    def _try(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
+        """Send by the next candidate of a look, and measure all of it; after the last, choose."""
+        name = stream.untried.pop(0)
+        started = self._clock()
+        message = pack(pixels, name, rows, out)
+        packed = self._clock()
+        open_message(message, len(pixels), pixels.dtype, rows)
+        opened = self._clock()
+        size = pixels.nbytes
+        stream.measured[name] = _Measured(message.nbytes / size, (packed - started) / size, (opened - packed) / size)
+        if not stream.untried:
+            costs = {name: found.seconds(self._seconds_per_byte) for name, found in stream.measured.items()}
+            best = min(costs, key=costs.__getitem__)
+            stream.chosen = best if costs[best] < self._seconds_per_byte else "raw"
+            stream.since = 0
+        return message
+
+    def _use(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
+        """Send by the chosen codec; look again where it is time, or where the ratio is no longer what it was."""
+        message = pack(pixels, stream.chosen, rows, out)
+        known = stream.measured.get(stream.chosen)
+        drifted = known is not None and abs(message.nbytes / pixels.nbytes - known.ratio) > DRIFT * known.ratio
+        stream.since += 1
+        if drifted and stream.since >= LEAST_INTERVAL:
+            stream.interval = LEAST_INTERVAL
+            stream.untried = self._worth_trying(pixels.itemsize)
+        elif stream.since >= stream.interval:
+            stream.interval = min(2 * stream.interval, MOST_INTERVAL)
+            stream.untried = self._worth_trying(pixels.itemsize)
+        return message

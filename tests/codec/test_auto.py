@@ -1,0 +1,151 @@
+"""The choice of a codec: by what was measured, never below 64 KB, and looked at again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clusterviz.codec import AutoCodec, Rows, auto, pack, unpack
+from clusterviz.codec.contract import Bytes, Pixels
+
+GIGABIT = 8e-9  # seconds a byte
+FAST = 1e-10
+WIDTH = 256
+ROWS = Rows(0, WIDTH)
+
+
+def sparse(dtype: type = np.uint8) -> Pixels:
+    """A disk of noise on nothing."""
+    y, x = np.mgrid[-1 : 1 : WIDTH * 1j, -1 : 1 : WIDTH * 1j]
+    inside = (x * x + y * y < 0.2).reshape(-1, 1)
+    return np.where(inside, noise(dtype), np.zeros(1, dtype))
+
+
+def smooth(dtype: type = np.uint8) -> Pixels:
+    """Opaque stripes."""
+    pixels = np.empty((WIDTH * WIDTH, 4), dtype)
+    pixels[:] = (np.arange(WIDTH * WIDTH) // 64 % 200 + 1)[:, None]
+    return pixels
+
+
+def noise(dtype: type = np.uint8) -> Pixels:
+    size = 4 * np.dtype(dtype).itemsize
+    return np.random.default_rng(0).integers(1, 256, (WIDTH * WIDTH, size), np.uint8).view(dtype)
+
+
+class Workshop:
+    """A clock that packing and opening move: so long a byte, as a codec's name says."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: dict[str, tuple[float, float]]) -> None:
+        self.now, self.used, self._seconds = 0.0, list[str](), seconds
+        monkeypatch.setattr(auto, "pack", self._pack)
+        monkeypatch.setattr(auto, "open_message", self._open)
+
+    def _pack(self, pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None = None) -> Bytes:
+        self.used.append(codec)
+        self.now += pixels.nbytes * self._seconds.get(codec, (0, 0))[0]
+        return pack(pixels, codec, rows, out)
+
+    def _open(self, message: Bytes, count: int, dtype: np.dtype[np.generic], rows: Rows) -> None:
+        self.now += 4 * count * dtype.itemsize * self._seconds[self.used[-1]][1]
+
+    def time(self) -> float:
+        return self.now
+
+
+# About what they take on a processor of 2023, where LZ4 finds little.
+SECONDS = {
+    "active": (5e-11, 1e-12),
+    "active+lz4": (2e-9, 5e-10),
+    "active+delta+lz4": (2e-9, 5e-10),
+    "active+shuffle+lz4": (2e-9, 5e-10),
+    "active+delta+shuffle+lz4": (2e-9, 5e-10),
+}
+
+
+@pytest.fixture
+def workshop(monkeypatch: pytest.MonkeyPatch) -> Workshop:
+    return Workshop(monkeypatch, SECONDS)
+
+
+def settled(codec: AutoCodec, pixels: Pixels, messages: int = 4) -> str:
+    """The codec in use after some messages."""
+    for _ in range(messages):
+        message = codec.pack(pixels, ROWS, "stream")
+        assert np.array_equal(unpack(message, len(pixels), pixels.dtype, ROWS), pixels, equal_nan=True)
+    return codec.codec_of("stream", pixels.dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float16, np.float32])
+def test_a_gigabit_link_packs_what_shrinks_and_not_noise(workshop: Workshop, dtype: type) -> None:
+    assert "lz4" in settled(AutoCodec(GIGABIT, clock=workshop.time), smooth(dtype))
+    assert "active" in settled(AutoCodec(GIGABIT, clock=workshop.time), sparse(dtype))
+    assert settled(AutoCodec(GIGABIT, clock=workshop.time), noise(dtype)) == "raw"
+
+
+def test_a_fast_link_never_sees_lz4(workshop: Workshop) -> None:
+    assert settled(AutoCodec(FAST, clock=workshop.time), sparse(), 50) == "active"
+    assert settled(AutoCodec(FAST, clock=workshop.time), smooth(), 50) == "raw"
+    assert settled(AutoCodec(1e-12, clock=workshop.time), sparse(), 50) == "raw"
+    assert set(workshop.used) == {"active", "raw"}
+
+
+def test_small_messages_stay_raw(workshop: Workshop) -> None:
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    pixels = np.zeros(((auto.MIN_BYTES - 4) // 4, 4), np.uint8)
+    message = codec.pack(pixels, ROWS, 0)
+    assert np.shares_memory(message, pixels)
+    assert workshop.used == ["raw"]
+    assert codec.pack(np.zeros((auto.MIN_BYTES // 4, 4), np.uint8), ROWS, 0).nbytes < auto.MIN_BYTES
+
+
+def test_looks_become_rare_but_never_end(workshop: Workshop) -> None:
+    codec, pixels = AutoCodec(GIGABIT, clock=workshop.time), noise()
+    for _ in range(2000):
+        codec.pack(pixels, ROWS, 0)
+    looks = [k for k, name in enumerate(workshop.used) if name == "active"]
+    gaps = np.diff(looks).tolist()
+    candidates = len(auto.CANDIDATES[1])
+    assert gaps[:6] == [candidates + messages for messages in (8, 16, 32, 64, 128, 256)]
+    assert set(gaps[6:]) == {candidates + auto.MOST_INTERVAL}
+
+
+def test_another_picture_is_noticed(workshop: Workshop) -> None:
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    assert settled(codec, smooth(), 200) != "raw"
+    assert settled(codec, noise(), 5) == "raw"
+    # Raw messages tell nothing, so that the way back takes until the next look.
+    assert settled(codec, smooth(), auto.MOST_INTERVAL) != "raw"
+
+
+def test_streams_are_apart(workshop: Workshop) -> None:
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    for _ in range(5):
+        codec.pack(noise(), ROWS, (0, 1))
+        codec.pack(smooth(), ROWS, (0, 2))
+    assert codec.codec_of((0, 1), np.dtype(np.uint8)) == "raw"
+    assert codec.codec_of((0, 2), np.dtype(np.uint8)) != "raw"
+    assert codec.codec_of((0, 3), np.dtype(np.uint8)) == "raw"
+
+
+def test_the_same_measurements_give_the_same_choices(monkeypatch: pytest.MonkeyPatch) -> None:
+    def choices() -> list[str]:
+        workshop = Workshop(monkeypatch, SECONDS)
+        codec = AutoCodec(GIGABIT, clock=workshop.time)
+        for pixels in [sparse()] * 40 + [noise()] * 40 + [smooth(np.float32)] * 40:
+            codec.pack(pixels, ROWS, 0)
+        return workshop.used
+
+    assert choices() == choices()
+
+
+def test_decoding_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = {name: (encode, 1e-7) for name, (encode, _) in SECONDS.items()}
+    workshop = Workshop(monkeypatch, slow)
+    assert settled(AutoCodec(GIGABIT, clock=workshop.time), smooth(), 5) == "raw"
+
+
+def test_with_a_real_clock_pixels_come_back() -> None:
+    codec = AutoCodec(GIGABIT)
+    for pixels in (sparse(np.float32), smooth(np.float16), noise(np.uint8)):
+        settled(codec, pixels, 30)
