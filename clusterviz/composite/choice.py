@@ -1,0 +1,159 @@
+"""What `auto` means: the algorithm and the transport with the shortest predicted time, the same on every rank.
+
+Only numbers that every rank has go in (the footprints, the nodes, the network file of the root), so nobody has to ask.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import NoReturn
+
+from clusterviz.composite.algorithms import ALGORITHMS, SEVERAL_IMAGES
+from clusterviz.composite.footprints import Footprints
+from clusterviz.composite.network import Network
+from clusterviz.composite.prediction import Places, Scene, predict
+from clusterviz.composite.radix_k import LARGEST_FACTOR
+from clusterviz.errors import InputError
+
+TRANSPORTS = ("messages", "shared", "hierarchical", "auto")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user asked for: names, each of which may be "auto"."""
+
+    algorithm: str
+    transport: str
+    codec: str
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What runs.
+
+    Attributes
+    ----------
+    algorithm, transport : never "auto"; the shared transport always is direct send, in place
+    codec : as wanted; "auto" is decided for each message
+    seconds_predicted : until the picture is whole on rank 0, all pixels sent raw
+    """
+
+    algorithm: str
+    transport: str
+    codec: str
+    seconds_predicted: float
+
+
+def choose(
+    wanted: Wanted,
+    footprints: Footprints,
+    nodes: Sequence[Sequence[int]],
+    network: Network,
+    *,
+    several: bool = False,
+    window_possible: bool = True,
+) -> Choice:
+    """The fastest of what is possible and wanted; pure, so the same on every rank that gives the same.
+
+    Parameters
+    ----------
+    nodes : the channel's ranks on each node
+    several : whether a rank has more than one image
+    window_possible : whether the ranks of a node can share memory
+
+    Raises
+    ------
+    InputError
+        Unknown names, or a combination that cannot be.
+    """
+    where = nodes if isinstance(nodes, tuple) else tuple(tuple(ranks) for ranks in nodes)
+    scene, places = _summary(footprints, where)
+    return _fastest(wanted, scene, places, several, window_possible, network)
+
+
+def _summary(footprints: Footprints, nodes: tuple[tuple[int, ...], ...]) -> tuple[Scene, Places]:
+    """The footprints in few numbers."""
+    layers, node_of, most = footprints.layers, _node_of(nodes), max(map(len, nodes))
+    size, canvas = 4 * footprints.dtype.itemsize, footprints.canvas.pixels
+    if not layers:
+        return Scene(0, 0, 1.0, 1.0, size, True), Places(len(nodes), most, 1, most, most, 0, False)
+    covered = [layer.rect.pixels / canvas for layer in layers]
+    count = len(footprints.order)
+    scene = Scene(count, canvas, sum(covered) / count, max(covered), size, footprints.order[0] == 0)
+    busy = Counter(node_of[rank] for rank in footprints.order)
+    sizes = [len(nodes[node]) for node in busy]
+    runs = sum(a != b for a, b in pairwise(node_of[layer.rank] for layer in layers)) + 1
+    places = Places(len(nodes), most, len(busy), max(sizes), min(sizes), max(busy.values()), runs > len(busy))
+    return scene, places
+
+
+@lru_cache(maxsize=8)
+def _node_of(nodes: tuple[tuple[int, ...], ...]) -> dict[int, int]:
+    return {rank: number for number, ranks in enumerate(nodes) for rank in ranks}
+
+
+@lru_cache(maxsize=64)
+def _fastest(
+    wanted: Wanted, scene: Scene, places: Places, several: bool, window_possible: bool, network: Network
+) -> Choice:
+    """The first of the fastest candidates."""
+    found = []
+    for transport in _transports(wanted, places, window_possible):
+        across = transport == "hierarchical"
+        mixed, count = (places.interleaved, places.nodes) if across else (several, scene.images)
+        algorithms = ["direct-send"] if transport == "shared" else _algorithms(wanted.algorithm, count, mixed)
+        for algorithm in algorithms:
+            seconds = predict(algorithm, transport, scene, places, network)
+            found.append(Choice(algorithm, transport, wanted.codec, seconds))
+    return min(found, key=lambda choice: choice.seconds_predicted)
+
+
+def _transports(wanted: Wanted, places: Places, window_possible: bool) -> list[str]:
+    """Of the transports that are possible, those that are wanted."""
+    if wanted.transport not in TRANSPORTS:
+        allowed = ", ".join(TRANSPORTS)
+        raise InputError("unknown transport", where="cluster.transport", found=wanted.transport, allowed=allowed)
+    if places.most == 1:
+        # Ranks that share no node have nothing else, unless all of them are asked for what none can have.
+        possible = ["messages"]
+        alone = wanted.transport == "hierarchical" or (wanted.transport == "shared" and places.all_nodes == 1)
+        return possible if wanted.transport in ("messages", "auto") or alone else _refuse(wanted, possible)
+    possible = ["messages", "hierarchical"] if window_possible else ["messages"]
+    if window_possible and places.all_nodes == 1:
+        possible.insert(0, "shared")
+    if wanted.transport != "auto":
+        return [wanted.transport] if wanted.transport in possible else _refuse(wanted, possible)
+    # Who names an algorithm wants to see it run, and on one node only messages do that.
+    left_out = {"hierarchical"} if places.all_nodes == 1 else set()
+    left_out |= {"shared"} if wanted.algorithm != "auto" else set()
+    return [name for name in possible if name not in left_out]
+
+
+def _refuse(wanted: Wanted, possible: list[str]) -> NoReturn:
+    text = "the ranks cannot share memory as this transport needs it"
+    raise InputError(text, where="cluster.transport", found=wanted.transport, allowed=", ".join([*possible, "auto"]))
+
+
+def _algorithms(wanted: str, ranks: int, several: bool) -> list[str]:
+    """The algorithms to choose from: the one that is wanted, or those that are the fastest somewhere."""
+    if wanted != "auto":
+        if wanted not in ALGORITHMS:
+            allowed = ", ".join([*ALGORITHMS, "auto"])
+            raise InputError(
+                "unknown compositing algorithm", where="cluster.compositing", found=wanted, allowed=allowed
+            )
+        if several and wanted not in SEVERAL_IMAGES:
+            text = "this algorithm takes one partial image a rank"
+            allowed = ", ".join([*sorted(SEVERAL_IMAGES), "auto"])
+            raise InputError(text, where="cluster.compositing", found=wanted, allowed=allowed)
+        return [wanted]
+    if several:
+        return ["direct-send"]
+    # Up to its largest factor, radix-k is direct send; at powers of two all swaps are binary swap.
+    power_of_two = ranks & (ranks - 1) == 0
+    swaps = ["binary-swap"] if power_of_two else ["binary-swap-telescope", "binary-swap-remainder", "2-3-swap"]
+    return ["direct-send", *swaps, *(["radix-k"] if ranks > LARGEST_FACTOR else []), "tree"]
