@@ -28,7 +28,9 @@ from clusterviz.image.compare import compare
 from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.partition import BspTree, bricks_of, build_tree, front_to_back
+from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
+from clusterviz.render.projection import finish_projection
 from clusterviz.report.machine import memory
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.scene.complete import VolumeFacts, complete_scene
@@ -158,7 +160,7 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> Share:
             return Share(complete_scene(scene, ()), None, None, list(range(run.channel.size)), {})
     with run.alone("open", "load"):
         source = source or open_source(scene.volumes[0].path, scene.volumes[0].array)
-        layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick)
+        layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin_of(scene.volumes[0]))
     held, summary = _summarise(run, source, layout)
     with run.alone("plan", "plan"):
         completed = complete_scene(scene, _facts(source, summary))
@@ -180,7 +182,7 @@ def _summarise(run: Run, source: Source, layout: BrickLayout) -> tuple[dict[Inde
     with run.alone("read", "load"):
         cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
         share = [_index(i) for i in bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)]
-        fits = len(share) * (layout.brick + 1) ** 3 * source.dtype.itemsize <= most_bytes
+        fits = len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * source.dtype.itemsize <= most_bytes
         held = dict(read_bricks(source, layout, share)) if fits else {}
     with run.together("summarise", "load"):
         # A share larger than the memory is read again for each pass; of it only what is visible is ever held.
@@ -249,8 +251,6 @@ def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame)
 
 def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image | None:
     """A picture that is not composited: its parts are merged on rank 0, one after the other."""
-    from clusterviz.render.projection import finish_projection
-
     with run.together("composite", "collect"):
         parts = run.channel.gather(partial)
         if parts is None:

@@ -2,7 +2,8 @@
 layout(binding = 0) uniform sampler3D atlas;
 
 vec3 slot_origin(int slot) {
-    ivec3 slots = textureSize(atlas, 0) / (SLOT_CELLS + 1);
+    ivec3 side = SLOT_CELLS + 1 + 2 * MARGIN;
+    ivec3 slots = textureSize(atlas, 0) / side;
     ivec3 place = ivec3(slot % slots.x, (slot / slots.x) % slots.y, slot / (slots.x * slots.y));
-    return vec3(place * (SLOT_CELLS + 1));
+    return vec3(place * side + MARGIN);
 }

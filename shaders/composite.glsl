@@ -2,14 +2,14 @@
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     if (s >= buckets.w) { // nothing is visible below, and NaN compares false
         Segment segment = segment_at(s);
-        sum += ((1.0 - sum.a) * segment.opacity) * vec4(segment.colour, 1.0);
+        sum += ((1.0 - sum.a) * segment.opacity) * vec4(lit(segment.colour, place, beyond), 1.0);
     }
 }
 
 void take_last(inout vec4 sum, float s, Place place, float share) {
     if (!(s >= buckets.w)) return;
     Segment segment = segment_at(s);
-    sum = slab_opacity(segment.unit_opacity, frame.optics.x * share) * vec4(segment.colour, 1.0);
+    sum = slab_opacity(segment.unit_opacity, frame.optics.x * share) * vec4(lit(segment.colour, place, place.beyond), 1.0);
 }
 
 void add_run(inout Sum sum, vec4 run) {

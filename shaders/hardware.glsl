@@ -1,6 +1,6 @@
 // Trilinear by the texture unit: fast where there is one, its weights about 8 bits exact.
 float scalar_at(int slot, ivec3 cell, vec3 beyond) {
-    vec3 inside = clamp(vec3(cell) + beyond, vec3(0.0), vec3(SLOT_CELLS));
+    vec3 inside = clamp(vec3(cell) + beyond, vec3(-MARGIN), vec3(SLOT_CELLS + MARGIN));
     float texel = texture(atlas, (slot_origin(slot) + inside + 0.5) / vec3(textureSize(atlas, 0))).r;
     return fma(texel, scalar.x, scalar.y);
 }

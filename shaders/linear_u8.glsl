@@ -3,6 +3,7 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
     ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(0), SLOT_CELLS - 1);
     vec3 w = beyond - vec3(at - cell);
+    at += MARGIN;
     int word = third(at.x), shift = (at.x - 3 * word) * 8;
     int row = brick + word + at.y * ROW_WORDS + at.z * SLICE_WORDS;
     ivec4 rows = ivec4(voxels[row], voxels[row + ROW_WORDS], voxels[row + SLICE_WORDS],

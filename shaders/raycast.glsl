@@ -21,6 +21,8 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <VOXEL>
 #include <SCALAR>
 #include "march.glsl"
+#include <GRADIENT>
+#include <LIGHT>
 #include "samples.glsl"
 #include <BLENDING>
 
@@ -37,6 +39,7 @@ void main() {
         int pixel = inside.y * frame.rect.z + inside.x;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);
+        face(ray);
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
         int slab = begins ? first_owned(ray) : next_slab[pixel];

@@ -2,5 +2,6 @@
 layout(std430, binding = 7) readonly buffer VoxelsBlock { float voxels[]; };
 
 float voxel_at(int brick, ivec3 place) {
+    place += MARGIN;
     return voxels[brick + place.x + place.y * ROW_WORDS + place.z * SLICE_WORDS];
 }

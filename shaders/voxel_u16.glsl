@@ -2,6 +2,7 @@
 layout(std430, binding = 7) readonly buffer VoxelsBlock { uint voxels[]; };
 
 float voxel_at(int brick, ivec3 place) {
+    place += MARGIN;
     uint two = voxels[brick + (place.x >> 1) + place.y * ROW_WORDS + place.z * SLICE_WORDS];
     int value = int((two >> (16 * (place.x & 1))) & 65535u);
     return fma(float(value - frame.base), scalar.x, scalar.y);

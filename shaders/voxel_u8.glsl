@@ -7,6 +7,7 @@ int third(int x) {
 }
 
 float voxel_at(int brick, ivec3 place) {
+    place += MARGIN;
     int word = min(third(place.x), ROW_WORDS - 1);
     uint four = voxels[brick + word + place.y * ROW_WORDS + place.z * SLICE_WORDS];
     return fma(float((four >> (8 * (place.x - 3 * word))) & 255u), scalar.x, scalar.y);

@@ -1,7 +1,8 @@
 """Bricks: the volume cut into cubes of cells, and how a rank reads its own.
 
 Cells, the boxes between neighbouring samples, are what is dealt out; each belongs to one brick. A brick's samples are
-the corners of its cells, so neighbours share one layer, and interpolation inside a brick needs no other.
+the corners of its cells, so neighbours share one layer, and linear interpolation inside a brick needs no other.
+Gradients and smoother kernels need a margin of further samples on every side.
 """
 
 from __future__ import annotations
@@ -28,10 +29,12 @@ class BrickLayout:
     ----------
     shape_zyx : samples of the volume
     brick : cells a side, at least 1; the last brick along an axis may have fewer
+    margin : samples beyond the corners of its cells that a brick is read with, on every side
     """
 
     shape_zyx: Index
     brick: int
+    margin: int = 0
 
     @property
     def cells_zyx(self) -> Index:
@@ -54,10 +57,11 @@ class BrickLayout:
         return begin, end
 
     def sample_box(self, index_zyx: Index) -> Box:
-        """The brick's samples, half-open: its cells and one layer more at the high side, inside the volume."""
+        """The brick's samples, half-open: its cells, one layer more at the high side, the margin; inside the volume."""
         begin, end = self.cell_box(index_zyx)
-        z, y, x = (min(n, e + 1) for e, n in zip(end, self.shape_zyx, strict=True))
-        return begin, (z, y, x)
+        low_z, low_y, low_x = (max(0, b - self.margin) for b in begin)
+        z, y, x = (min(n, e + 1 + self.margin) for e, n in zip(end, self.shape_zyx, strict=True))
+        return (low_z, low_y, low_x), (z, y, x)
 
     def owned_box(self, index_zyx: Index) -> Box:
         """The samples that are this brick's alone: a shared layer is the next brick's."""
@@ -77,7 +81,8 @@ def read_bricks(source: Source, layout: BrickLayout, wanted: Iterable[Index]) ->
 
     Yields
     ------
-    index_zyx, samples : `source.dtype`, of the shape of `layout.sample_box(index_zyx)`, C order, not used again here
+    index_zyx, samples : `source.dtype`, C order, not used again here: the samples of `layout.sample_box(index_zyx)`; a
+        margin that lies before the volume repeats its first samples, so that it is as wide in every brick
 
     Raises
     ------
@@ -87,7 +92,14 @@ def read_bricks(source: Source, layout: BrickLayout, wanted: Iterable[Index]) ->
     for _, layer in groupby(sorted(set(wanted)), key=lambda index: index[0]):
         filled = _read_layer(source, {index: layout.sample_box(index) for index in layer})
         for index in list(filled):
-            yield index, filled.pop(index)
+            yield index, _with_margin(layout, index, filled.pop(index))
+
+
+def _with_margin(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
+    """The samples with as many before the brick's own as the margin asks for."""
+    have = np.subtract(layout.cell_box(index)[0], layout.sample_box(index)[0])
+    missing = [(int(layout.margin - before), 0) for before in have]
+    return np.pad(samples, missing, mode="edge") if np.any(have < layout.margin) else samples
 
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:

@@ -146,8 +146,8 @@ def _first_pass(
 def _owned(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
     """The brick without the layers that belong to its neighbours."""
     begin, end = layout.owned_box(index)
-    z, y, x = np.subtract(end, begin)
-    return samples[:z, :y, :x]
+    z, y, x = np.subtract(end, begin) + layout.margin
+    return samples[layout.margin : z, layout.margin : y, layout.margin : x]
 
 
 def _finite(samples: NDArray[Any]) -> NDArray[Any]:

@@ -3,6 +3,7 @@
 - plan.py      the plan, and how it is made
 - view.py      the camera in index space; footprints
 - look.py      what becomes of the samples along a ray
+- shading.py   how a volume is lit
 - encoding.py  how voxels are stored
 - segments.py  the transfer function as the shader reads it
 """

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import in_units_of_clim
+from clusterviz.plan.shading import Shading
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Volume
 
@@ -32,10 +33,12 @@ class Look:
     ----------
     blending : as in the scene
     threshold : in units of clim; what a stretch of a local maximum is not below
+    shading : how the volume is lit; None where it is not
     """
 
     blending: Blending
     threshold: float = 0.0
+    shading: Shading | None = None
 
     @property
     def operator(self) -> Operator:
@@ -64,7 +67,17 @@ class Look:
         return np.asarray(low > high)
 
 
-def make_look(volume: Volume, clim: tuple[float, float]) -> Look:
+def is_lit(volume: Volume) -> bool:
+    """Whether light makes a difference to a volume."""
+    return volume.shade and volume.blending == "composite"
+
+
+def margin_of(volume: Volume) -> int:
+    """Samples beyond its cells' corners that a brick of the volume needs on every side: one for gradients."""
+    return 1 if is_lit(volume) else 0
+
+
+def make_look(volume: Volume, clim: tuple[float, float], shading: Shading | None) -> Look:
     """The look of a completed volume."""
     threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *clim))
-    return Look(volume.blending, threshold)
+    return Look(volume.blending, threshold, shading)

@@ -12,8 +12,9 @@ from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, make_look
+from clusterviz.plan.look import Look, is_lit, make_look
 from clusterviz.plan.segments import Segments, make_segments
+from clusterviz.plan.shading import make_shading
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
@@ -74,7 +75,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     """
     volume = scene.volumes[0]
     transfer = transfer_function(volume)
-    look = make_look(volume, transfer.domain)
+    shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
+    look = make_look(volume, transfer.domain, shading)
     step_world = scene.quality.step * min(grid.spacing)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),

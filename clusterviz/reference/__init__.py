@@ -3,6 +3,7 @@
 - rays.py         pixels to rays, rays to the box
 - slabs.py        rays to slabs
 - sample.py       trilinear and nearest look-up
+- lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum
 - raycast.py      the picture of a scene
 - over.py         layers to one picture

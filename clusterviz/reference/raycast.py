@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
+from clusterviz.reference.lighting import GRADIENTS, lit
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
 from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.reference.slabs import slabs
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene, Volume
 
 RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: cache, not memory
@@ -66,7 +66,6 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
     if scene.volumes and min(grid.shape_zyx) > 1:
-        classify = transfer_function(scene.volumes[0])
         sample = SAMPLERS[scene.volumes[0].interpolation]
         voxels = np.ascontiguousarray(voxels)
         rays = to_index_space(camera_rays(scene.camera, (width, height)), grid)
@@ -74,14 +73,16 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
             part = slice(begin, begin + RAYS_AT_ONCE)
             some = Rays(rays.start[part], rays.direction[part])
             if scene.volumes[0].blending == "composite":
-                rgba[part] = _march(some, voxels, length, classify, sample)
+                rgba[part] = _march(some, voxels, length, scene, grid)
             else:
                 rgba[part] = _project(some, voxels, length, scene.volumes[0], sample)
     return rgba.reshape(height, width, 4)
 
 
-def _march(rays: Rays, voxels: NDArray[Any], length: float, classify: TransferFunction, sample: Any) -> Floats:
+def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
     """The colours of some rays, (n, 4): slab after slab, for all rays that are still inside and still see something."""
+    volume = scene.volumes[0]
+    classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     rgba = np.zeros((len(rays.direction), 4))
     transmittance = np.ones(len(rgba))
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > DARK):
@@ -89,7 +90,11 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, classify: TransferFu
         depth = np.where(valid, classify.extinction(scalar), 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
-        rgba[slab.rays, :3] += weight[:, None] * np.where(valid[:, None], classify.colour(scalar), 0)
+        colour = np.where(valid[:, None], classify.colour(scalar), 0)
+        if volume.shade:
+            gradient = GRADIENTS[volume.interpolation](voxels, slab.point)
+            colour = lit(colour, gradient, rays.direction[slab.rays], volume, scene.lights, grid)
+        rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)
     return rgba

@@ -53,6 +53,17 @@ def nearest(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floa
     return np.where(valid, scalar, 0), valid
 
 
+def trilinear_cell(voxels: NDArray[Any], point: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """The cells (n, 3) that points (n, 3) are in, along (x, y, z), and how far."""
+    cells, fractions = zip(*(_cell(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)), strict=True)
+    return np.stack(cells, axis=1), np.stack(fractions, axis=1)
+
+
+def nearest_voxel(voxels: NDArray[Any], point: Floats) -> NDArray[np.int64]:
+    """The voxels (n, 3) that are nearest to points (n, 3), along (x, y, z)."""
+    return np.stack([_round(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)], axis=1)
+
+
 def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
     """The cell that a position is in, and how far."""
     cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)

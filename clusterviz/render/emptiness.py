@@ -27,7 +27,7 @@ def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
 
     Parameters
     ----------
-    voxels : (z, y, x), the brick's samples; may be smaller than the slot
+    voxels : (z, y, x), the brick's samples, the slot's margin before them included; may be smaller than the slot
 
     Returns
     -------
@@ -63,7 +63,8 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
     """Reduce groups of GROUP cells, GROUP + 1 samples, along each axis in turn."""
     for axis, groups in enumerate(slot.groups_zyx):
-        samples = np.moveaxis(voxels, axis, 0)
+        samples = np.moveaxis(voxels, axis, 0)[slot.margin :]
+        samples = samples[: groups * GROUP + 1]
         short = groups * GROUP + 1 - len(samples)
         if short:
             samples = np.concatenate([samples, np.repeat(samples[-1:], short, axis=0)])

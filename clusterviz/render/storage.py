@@ -30,22 +30,24 @@ class Slot:
     cells_zyx : cells that fit, one less than samples, along each axis
     kind : the stored voxel type
     textured : kept as texels for the texture unit's filter, not as packed words
+    margin : samples beyond the cells' corners, on every side
     """
 
     cells_zyx: Index
     kind: VoxelKind
     textured: bool
+    margin: int = 0
 
     @property
     def samples_zyx(self) -> Index:
         """Samples along each axis."""
-        z, y, x = (cells + 1 for cells in self.cells_zyx)
+        z, y, x = (cells + 1 + 2 * self.margin for cells in self.cells_zyx)
         return z, y, x
 
     @property
     def row_words(self) -> int:
         """4-byte words in a row of samples."""
-        cells = self.cells_zyx[2]
+        cells = self.samples_zyx[2] - 1
         return {"u8": -(-cells // 3), "u16": cells // 2 + 1, "f32": cells + 1}[self.kind]
 
     @property
@@ -105,4 +107,4 @@ class Slot:
 def make_slot(layout: BrickLayout, encoding: Encoding, textured: bool) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
     z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
-    return Slot((z, y, x), encoding.kind, textured)
+    return Slot((z, y, x), encoding.kind, textured, layout.margin)

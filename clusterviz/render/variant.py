@@ -39,6 +39,7 @@ class Variant:
     further_starts : of the plan's segments; most transfer functions need no search in a bucket
     block_bytes : size of the uniform block for the transfer function's records; 0 where they are too many for one
     blending : what becomes of the samples
+    lights : how many light the volume; 0: it is not lit
     """
 
     filter: Literal["linear", "nearest", "hardware"]
@@ -47,6 +48,7 @@ class Variant:
     further_starts: int
     block_bytes: int
     blending: Blending = "composite"
+    lights: int = 0
 
     @property
     def source(self) -> ShaderSource:
@@ -64,8 +66,17 @@ class Variant:
             "VOXEL": voxel,
             "SCALAR": scalar,
             "BLENDING": BLENDING_FILES[self.blending],
+            "GRADIENT": self._gradient,
+            "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
         }
         return assemble("raycast.glsl", slots)
+
+    @property
+    def _gradient(self) -> str:
+        """The file of the gradient, or a comment where none is needed."""
+        if not self.lights:
+            return "// no gradient\n"
+        return "gradient.glsl" if self.filter == "linear" else "gradient_differences.glsl"
 
     @property
     def constants(self) -> str:
@@ -76,6 +87,7 @@ class Variant:
             f"const int BRICK = {self.brick}; // cells along its side",
             f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // that a stored brick has room for",
+            f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
             f"const int ROW_WORDS = {self.slot.row_words};",
             f"const int SLICE_WORDS = {self.slot.slice_words};",
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
@@ -86,6 +98,10 @@ class Variant:
             f"const int FURTHER_STARTS = {self.further_starts};",
             f"const int SEARCH_ITERATIONS = {self.further_starts.bit_length()};",
         ]
+        if self.slot.margin:
+            lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
+        if self.lights:
+            lines.append(f"const int LIGHTS = {self.lights};")
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"
@@ -106,4 +122,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.segments.further_starts,
         uniform_bytes if fits else 0,
         plan.look.blending,
+        len(plan.look.shading.lights) if plan.look.shading else 0,
     )

@@ -86,6 +86,16 @@ def check_opacity(value: Any) -> Any:
     return value
 
 
+def check_light(position: Vector | None, focal_point: Vector) -> None:
+    """A light that stays where it is needs a direction."""
+    if position is None:
+        raise UnusableError("missing", "where the light shines from, [x, y, z]", key="position")
+    if position == focal_point:
+        raise UnusableError(
+            "the same as focal_point", "a point other than focal_point", key="position", found=list(position)
+        )
+
+
 def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:
     """A view needs a direction, and an up that is not along it; what is None is not checked."""
     if view_up is not None and not any(view_up):

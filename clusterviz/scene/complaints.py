@@ -23,6 +23,7 @@ TYPES = {
     "int_type": ("not a whole number", "a whole number"),
     "int_from_float": ("not a whole number", "a whole number"),
     "string_type": ("not a text", "a text (in quotes where it looks like a number or a date)"),
+    "bool_type": ("not a switch", "true, false"),
     "finite_number": ("not finite", "a finite number"),
     "tuple_type": ("not a list", "a list"),
     "missing": ("missing", "a value for this key"),

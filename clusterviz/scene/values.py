@@ -16,6 +16,7 @@ from clusterviz.scene.checks import (
     check_camera,
     check_clim,
     check_cmap,
+    check_light,
     check_opacity,
     check_path,
     check_points,
@@ -95,13 +96,37 @@ class Volume(Section):
         description="local-maximum shows the largest scalar of the first stretch of a ray that is not below this data "
         "value; default: the middle of clim.",
     )
-    shade: Literal[False] = Field(default=False, description="Light the volume by its gradient.")
+    shade: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+        default=False, description="Light a composited volume by its gradient."
+    )
     ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
     diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
     specular: Fraction = Field(default=0.2, description="Specular share of the light; used where shade is true.")
     specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
         default=10.0, description="Sharpness of the highlight."
     )
+
+
+class Light(Section):
+    """A light far away, as in VTK: it shines from position towards focal_point everywhere alike."""
+
+    type: Literal["headlight", "scene"] = Field(
+        default="scene", description="headlight: shines from the eye; scene: stays where it is."
+    )
+    position: Vector | None = Field(default=None, description="From where a scene light shines, in world units.")
+    focal_point: Vector = Field(default=(0.0, 0.0, 0.0), description="Towards where.")
+    color: Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(plain)] = Field(
+        default=(1.0, 1.0, 1.0), description="[r, g, b] in 0..1."
+    )
+    intensity: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
+        default=1.0, description="Times its colour."
+    )
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Light:
+        if self.type == "scene":
+            check_light(self.position, self.focal_point)
+        return self
 
 
 class Camera(Section):
@@ -182,6 +207,9 @@ class Scene(Section):
     """Everything a picture is made of."""
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=1)] = Field(default=(), description="What to show.")
+    lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
+        default=(), description="What lights shaded volumes; default: one headlight."
+    )
     camera: Camera = Field(default=Camera(), description="From where.")
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
     quality: Quality = Field(default=Quality(), description="How well.")
@@ -190,7 +218,6 @@ class Scene(Section):
 
 PLANNED: dict[str, tuple[object, ...]] = {
     "blending": ("isosurface",),
-    "shade": (True,),
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),

@@ -97,3 +97,18 @@ def test_only_the_wanted_bricks_are_spanned() -> None:
     list(read_bricks(source, BrickLayout((9, 9, 9), 2), [(1, 2, 3), (1, 2, 2), (3, 0, 0)]))
     assert source.boxes == [((2, 4, 4), (5, 7, 9)), ((6, 0, 0), (9, 3, 3))]
     assert list(read_bricks(source, BrickLayout((9, 9, 9), 2), [])) == []
+
+
+@given(SHAPES, BRICKS, st.integers(1, 3))
+def test_a_margin_surrounds_every_brick_and_repeats_what_lies_before_the_volume(
+    shape: Index, brick: int, margin: int
+) -> None:
+    layout = BrickLayout(shape, brick, margin)
+    array = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    padded = np.pad(array, margin, mode="edge")
+    for index, samples in read_bricks(ArraySource(array), layout, np.ndindex(*layout.counts_zyx)):
+        begin, end = layout.cell_box(index)
+        assert samples.flags.c_contiguous
+        # Behind the volume nothing is read; in front of it the first samples are repeated.
+        after = [min(n, e + 1 + margin) + margin for e, n in zip(end, shape, strict=True)]
+        np.testing.assert_array_equal(samples, padded[tuple(slice(b, a) for b, a in zip(begin, after, strict=True))])

@@ -31,8 +31,8 @@ def test_only_what_cannot_matter_is_hidden(blending: str, hidden: list[bool]) ->
 
 def test_threshold_is_in_units_of_clim() -> None:
     volume = Volume(path="a", blending="local-maximum", threshold=5.0)
-    assert make_look(volume, (1.0, 9.0)).threshold == 0.5
-    assert make_look(Volume(path="a"), (1.0, 9.0)).operator == "over"
+    assert make_look(volume, (1.0, 9.0), None).threshold == 0.5
+    assert make_look(Volume(path="a"), (1.0, 9.0), None).operator == "over"
 
 
 def test_every_blending_has_an_operator_that_merges() -> None:

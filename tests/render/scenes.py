@@ -16,6 +16,7 @@ from clusterviz.data.source import Index
 from clusterviz.data.summary import summarise
 from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, build_tree
+from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.raycast import Drawn, Raycaster
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
@@ -57,11 +58,12 @@ def scene_of(
     interpolation: str = "linear",
     size: tuple[int, int] = (24, 20),
     look: Any = None,
+    parts: Any = None,
     **quality: Any,
 ) -> Scene:
     """One volume, seen by a camera; control points are given in units of clim, by default the middle of the values.
 
-    `look` holds further keys of the volume.
+    `look` holds further keys of the volume, `parts` further sections of the scene.
     """
     if clim is None:
         low, high = float(voxels.min()), float(voxels.max())
@@ -76,7 +78,9 @@ def scene_of(
         interpolation=interpolation,
         **(look or {}),
     )
-    return Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality))
+    return Scene(
+        volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality), **(parts or {})
+    )
 
 
 def camera_at(name: str, grid: Grid) -> Camera:
@@ -125,7 +129,7 @@ CAMERAS = (
 def prepare(scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16) -> Prepared:
     """Plan a completed scene; all bricks are read."""
     source = ArraySource(voxels, grid)
-    layout = BrickLayout(source.grid.shape_zyx, brick)
+    layout = BrickLayout(source.grid.shape_zyx, brick, margin_of(scene.volumes[0]))
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     return Prepared(make_plan(scene, source.grid, source.dtype, layout, summary), bricks)

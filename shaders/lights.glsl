@@ -1,0 +1,38 @@
+// Ambient, diffuse and specular light (Phong), on both sides of a surface, as in VTK. Lights are far away; a headlight shines from the eye.
+// The parts of the block are those of plan/shading.py.
+layout(std140, binding = 2) uniform LightsBlock { vec4 lighting[7 + 2 * LIGHTS]; };
+
+// Of the ray and in the world: in a loop, a driver may fetch a block's member again each time.
+vec3 toward_eye;
+mat3 normal_from_gradient = mat3(lighting[3].xyz, lighting[4].xyz, lighting[5].xyz);
+vec4 material = lighting[6];
+
+void face(Ray ray) {
+    vec3 slab = vec3(ray.slab / max(max(abs(ray.slab.x), abs(ray.slab.y)), max(abs(ray.slab.z), 1e-300LF)));
+    toward_eye = -normalize(mat3(lighting[0].xyz, lighting[1].xyz, lighting[2].xyz) * slab);
+}
+
+// x^y for x in [0, 1]; 0^0 is 1.
+float power(float x, float y) {
+    return y == 0.0 ? 1.0 : pow(x, y);
+}
+
+vec3 lit(vec3 colour, Place place, vec3 beyond) {
+    vec3 normal = normal_from_gradient * gradient_at(place.brick, place.cell, beyond);
+    // Scaled first: the square of a steep gradient would leave float32.
+    float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
+    bool has_normal = largest > 0.0;
+    normal /= has_normal ? largest : 1.0;
+    normal /= has_normal ? sqrt(dot(normal, normal)) : 1.0;
+    float toward = dot(normal, toward_eye);
+    vec3 diffuse = vec3(0.0), specular = vec3(0.0);
+    for (int k = 0; k < LIGHTS; ++k) {
+        vec4 direction = lighting[7 + 2 * k], strength = lighting[8 + 2 * k];
+        vec3 toward_light = direction.w != 0.0 ? toward_eye : direction.xyz;
+        float facing = dot(normal, toward_light);
+        float mirrored = max(2.0 * facing * toward - dot(toward_light, toward_eye), 0.0);
+        diffuse += abs(facing) * strength.rgb;
+        specular += (facing != 0.0 ? power(mirrored, material.w) : 0.0) * strength.rgb;
+    }
+    return min(colour * (material.x + material.y * diffuse) + material.z * specular, 1.0);
+}

@@ -1,0 +1,127 @@
+"""Lit volumes against the witness. Lights and gradients are float32: the bound is four times that of unlit ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.test_independence import in_parts
+from render.test_raycast import GRIDS
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference import render_reference
+from clusterviz.scene.values import Light
+
+pytestmark = pytest.mark.gl
+
+GRID = Grid(SHAPE)
+BOUND = 4e-5
+SIZE = (24, 20)
+LIT = {"shade": True, "ambient": 0.2, "diffuse": 0.8, "specular": 0.4, "specular_power": 12.0}
+LIGHTS = (
+    Light(position=(3, 1, 2), color=(1, 0.5, 0.2)),
+    Light(position=(-1e9, 2e9, -3e8), intensity=0.4),
+    Light(type="headlight", color=(0.1, 0.3, 0.5)),
+)
+
+
+def smooth(shape: tuple[int, int, int] = SHAPE, dtype: Any = np.float32) -> np.ndarray:
+    """Waves with some noise: gradients of every direction, and few that vanish."""
+    z, y, x = np.indices(shape)
+    waves = np.sin(0.5 * x + 0.2) * np.cos(0.4 * y) + np.sin(0.3 * z + 0.1 * x)
+    values = (waves + 2 + 0.2 * noise(shape)) / 4.2
+    return values.astype(dtype) if np.dtype(dtype).kind == "f" else (values * np.iinfo(dtype).max).astype(dtype)
+
+
+def lit_scene(voxels: np.ndarray, camera: str, grid: Grid = GRID, lights: Any = (), **keys: Any) -> Any:
+    look = LIT | keys.pop("look", {})
+    return scene_of(voxels, camera_at(camera, grid), look=look, parts={"lights": lights}, **keys)
+
+
+@pytest.mark.parametrize("lights", [(), LIGHTS, LIGHTS[:1]], ids=["headlight", "three", "one"])
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: str, lights: Any) -> None:
+    voxels = smooth(dtype=dtype)
+    for camera in ("outside", "inside", "parallel"):
+        scene = lit_scene(voxels, camera, lights=lights)
+        expected = render_reference(scene, GRID, voxels)
+        dark = render_reference(scene_of(voxels, camera_at(camera, GRID)), GRID, voxels)
+        assert np.abs(expected - dark).max() > 0.05, "the light changes nothing"
+        assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND, camera
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 200.0])
+def test_every_power_of_the_highlight(context: moderngl.Context, power: float) -> None:
+    voxels = smooth()
+    scene = lit_scene(voxels, "outside", look={"specular_power": power, "specular": 1.0})
+    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= BOUND
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_normals_are_those_of_the_world(context: moderngl.Context, name: str) -> None:
+    voxels, grid = smooth(dtype=np.uint16), GRIDS[name]
+    scene = lit_scene(voxels, "outside", grid, LIGHTS, unit=8 * min(grid.spacing))
+    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= BOUND
+
+
+def test_nearest_voxels_are_lit_by_their_own_gradient(context: moderngl.Context) -> None:
+    voxels = smooth()
+    scene = lit_scene(voxels, "outside", interpolation="nearest", step=0.7)
+    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= BOUND
+
+
+def test_texture_filter_lights_as_far_as_its_weights_go(context: moderngl.Context) -> None:
+    voxels = smooth()
+    scene = lit_scene(voxels, "outside", filter="hardware")
+    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= 0.05
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "nearest"])
+def test_invalid_voxels_do_not_bend_the_normals_beside_them(context: moderngl.Context, interpolation: str) -> None:
+    voxels = smooth()
+    voxels[np.random.default_rng(1).random(SHAPE) < 0.03] = np.nan
+    scene = lit_scene(voxels, "outside", clim=(0.1, 0.9), interpolation=interpolation, step=0.7, unit=3.0)
+    expected = render_reference(scene, GRID, voxels)
+    assert np.isfinite(expected).all()
+    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+
+
+@pytest.mark.parametrize("value", [7, 250])
+def test_constant_field_has_ambient_light_only(context: moderngl.Context, value: int) -> None:
+    voxels = np.full(SHAPE, value, np.uint8)
+    keys: dict[str, Any] = {"clim": (0.0, 255.0), "opacity": 0.3}
+    dark = picture(context, scene_of(voxels, camera_at("outside", GRID), **keys), voxels)
+    found = picture(context, lit_scene(voxels, "outside", **keys), voxels)
+    assert np.abs(found[..., :3] - 0.2 * dark[..., :3]).max() <= 1e-6
+    assert np.abs(found[..., 3] - dark[..., 3]).max() <= 1e-6
+
+
+def test_steep_fields_have_normals(context: moderngl.Context) -> None:
+    voxels = smooth(dtype=np.float64)
+    for low, high in ((0.5, 0.5 + 1e-12), (0.5, 0.5 + 1e-25 * 2**40)):
+        scene = lit_scene(voxels, "outside", clim=(low, high), opacity=0.5)
+        assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= 1e-3
+
+
+@pytest.mark.parametrize("brick", [5, 16, 33, 64])
+def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
+    voxels = smooth((40, 35, 70), np.uint8)
+    grid = Grid(voxels.shape)
+    scene = lit_scene(voxels, "outside", grid)
+    one, other = (draw(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
+    assert other.samples == one.samples
+    assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= 1e-5
+
+
+def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
+    voxels = smooth(dtype=np.uint8)
+    scene = lit_scene(voxels, "outside")
+    prepared = prepare(scene, voxels, brick=7)
+    drawn = draw(context, prepared)
+    for parts in (2, 5):
+        found, samples = in_parts(context, scene, prepared, parts)
+        assert samples == drawn.samples
+        assert np.abs(found - whole(drawn.partial, SIZE)).max() <= 1e-5
