@@ -27,14 +27,14 @@ GAP_BYTES = 16
 
 def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
     """The runs, themselves the table; None where table and pixels are no fewer bytes than all pixels."""
-    from clusterviz.codec import kernels
+    from clusterviz.codec import run_kernels
 
     pixel_bytes = 4 * pixels.itemsize
     if len(pixels) > MOST_PIXELS:
         return None
     # Each run holds a pixel at least, so more entries than these cannot pay.
     table = np.empty((pixels.nbytes // (pixel_bytes + ENTRY_BYTES), 2), np.int32)
-    count, kept = kernels.find_runs(marks_of(pixels), GAP_BYTES // pixel_bytes, table)
+    count, kept = run_kernels.find_runs(marks_of(pixels), GAP_BYTES // pixel_bytes, table)
     if count < 0 or count * ENTRY_BYTES + kept * pixel_bytes >= pixels.nbytes:
         return None
     runs = table[:count]
@@ -49,13 +49,13 @@ def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
     CodecError
         The runs are not ascending, disjoint, and within the message's pixels.
     """
-    from clusterviz.codec import kernels
+    from clusterviz.codec import run_kernels
 
     if table.size % ENTRY_BYTES:
         raise CodecError(f"a table of runs of {table.size} bytes, which is no multiple of {ENTRY_BYTES}")
     runs = table.view(np.int32).reshape(-1, 2)
     runs.flags.writeable = False
-    kept = int(kernels.check_runs(runs, count))
+    kept = int(run_kernels.check_runs(runs, count))
     if kept < 0:
         raise CodecError(f"runs that are not ascending, disjoint, and within {count} pixels")
     return runs, kept
@@ -63,11 +63,11 @@ def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
 
 def marks_of(pixels: Pixels) -> NDArray[np.uint64]:
     """One bit a pixel: whether it is not blank."""
-    from clusterviz.codec import kernels
+    from clusterviz.codec import mark_kernels
 
     marks = np.empty(-(-len(pixels) // 64), np.uint64)
     flat = pixels.reshape(-1).view(np.uint8)
     # Read-only arrays are a type of their own to numba; making all sources so halves what it compiles.
     flat.flags.writeable = False
-    kernels.mark(flat, 4 * pixels.itemsize, marks)
+    mark_kernels.mark(flat, 4 * pixels.itemsize, marks)
     return marks

@@ -1,7 +1,7 @@
 """Differences of each component to the pixel before.
 
 What: a rearrangement of values, for `lz4` after it: slopes become equal small numbers. Floats are subtracted as the
-integers that their bits are, which grow with them, so that nothing is rounded.
+integers that their bits are, which grow with them, so that nothing is rounded; the sign goes into the lowest bit.
 When: before `lz4`, on smooth 8-bit images; before `shuffle+lz4`, on smooth float images.
 When not: noise; floats without `shuffle` behind it, whose lowest bytes are noise to LZ4.
 Cost: one pass, at memory speed. Limits: none.
@@ -19,14 +19,14 @@ from clusterviz.codec.contract import Bytes
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Subtract."""
-    from clusterviz.codec import byte_kernels
+    from clusterviz.codec import difference_kernels
 
-    bits = np.dtype(f"u{dtype.itemsize}")
-    byte_kernels.subtract(source.view(bits), target.view(bits))
+    bits = np.dtype(f"i{dtype.itemsize}")
+    difference_kernels.subtract(source.view(bits), target.view(bits))
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Add up."""
-    from clusterviz.codec import byte_kernels
+    from clusterviz.codec import difference_kernels
 
-    byte_kernels.add(source, 8 * dtype.itemsize, target)
+    difference_kernels.add(source, 8 * dtype.itemsize, target)

@@ -76,11 +76,11 @@ def _packed(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Bytes
 
 def _gathered(flat: Bytes, table: Bytes, runs: Runs, pixel_bytes: int, target: Bytes) -> Bytes:
     """The body of a selection, put where it will be in the message: the table, then the pixels of the runs."""
-    from clusterviz.codec import kernels
+    from clusterviz.codec import run_kernels
 
     body = target[HEADER_BYTES:]
     body[: table.size] = table
-    kernels.gather(flat, _read_only(runs), pixel_bytes, body[table.size :])
+    run_kernels.gather(flat, _read_only(runs), pixel_bytes, body[table.size :])
     return body
 
 
@@ -179,14 +179,14 @@ def unpack(
     CodecError
         As `open_message`.
     """
-    from clusterviz.codec import kernels
+    from clusterviz.codec import run_kernels
 
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:
         return pixels
     whole: Pixels = np.empty((count, 4), dtype) if out is None else out
     packed = _read_only(pixels.reshape(-1).view(np.uint8))
-    kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
+    run_kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
     return whole
 
 

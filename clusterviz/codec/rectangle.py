@@ -24,12 +24,12 @@ TABLE_BYTES = 16
 
 def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
     """The rows of the smallest box; None where it is no smaller than the message."""
-    from clusterviz.codec import kernels
+    from clusterviz.codec import box_kernels
 
     if len(pixels) > MOST_PIXELS:
         return None
     first, width = rows.first % rows.width, rows.width
-    box = np.array(kernels.find_box(marks_of(pixels), len(pixels), first, width), np.int32)
+    box = np.array(box_kernels.find_box(marks_of(pixels), len(pixels), first, width), np.int32)
     runs, kept = _rows_of(box, len(pixels), first, width)
     if TABLE_BYTES + kept * 4 * pixels.itemsize >= pixels.nbytes:
         return None

@@ -1,7 +1,7 @@
-"""Byte planes: the first bytes of all numbers, then their second bytes, and so on.
+"""Byte planes: the first bytes of all pixels, then their second bytes, and so on.
 
-What: a rearrangement, for `lz4` after it. Numbers of two or four bytes are taken apart; of bytes, the four components
-of the pixels are. Neighbouring floats agree in sign, exponent and leading digits, so those planes hold long repeats.
+What: a rearrangement, for `lz4` after it. Four, eight or sixteen planes, as many as a pixel has bytes. Neighbours agree
+in the signs, exponents and leading digits of each component, so those planes hold long repeats.
 When: before `lz4`, for floats always, for 8-bit images mostly.
 When not: alone, since it saves nothing.
 Cost: one pass, at memory speed. Limits: none.
@@ -20,17 +20,13 @@ from clusterviz.codec.contract import Bytes
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Take the pixels apart."""
-    from clusterviz.codec import byte_kernels
+    from clusterviz.codec import plane_kernels
 
-    byte_kernels.split_planes(source, _planes(dtype), target)
+    plane_kernels.split_planes(source, 4 * dtype.itemsize, target)
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Put them together."""
-    from clusterviz.codec import byte_kernels
+    from clusterviz.codec import plane_kernels
 
-    byte_kernels.join_planes(source, _planes(dtype), target)
-
-
-def _planes(dtype: np.dtype[Any]) -> int:
-    return dtype.itemsize if dtype.itemsize > 1 else 4
+    plane_kernels.join_planes(source, 4 * dtype.itemsize, target)
