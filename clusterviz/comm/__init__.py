@@ -6,6 +6,7 @@ loopback.py  all ranks in one process, and the single rank without MPI
 window.py    the contract of memory that the ranks of a node share; mpi_window.py, loopback_window.py: the two kinds
 nodes.py     which ranks share a node, or pretend to
 patience.py  waiting without taking the cores of others away
+throttled.py a slow link where there is none
 open.py      which of them a program gets
 place.py     nodes, cores, threads, and launchers that do not match
 agree.py     one failure, one message, every rank
@@ -16,20 +17,24 @@ library.py   which MPI, and which launcher
 from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.channel import Channel
+from clusterviz.comm.channel import Channel, MessageError
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
-from clusterviz.comm.open import open_channel
+from clusterviz.comm.open import as_channel, open_channel
 from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
+from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.comm.window import SharedWindow, WindowError
 
 __all__ = [
     "Channel",
     "LoopbackChannel",
+    "MessageError",
     "NodePlace",
     "SharedWindow",
+    "ThrottledChannel",
     "WindowError",
     "abort_on_failure",
     "agree",
+    "as_channel",
     "launch_warning",
     "limit_threads",
     "open_channel",

@@ -4,7 +4,7 @@ A channel knows its own rank and the number of ranks. Point-to-point calls are n
 NumPy buffers as bytes: post every receive, start the sends, then take what has arrived with `wait_some`, so that a
 rank works on one message while others travel. Messages from one source with one tag arrive in the order in which
 they were sent; only one receive at a time may be pending for a source and a tag. A sent buffer must stay as it is
-until `wait_sends` returns. A message may be shorter than the buffer posted for it, never longer.
+until `wait_sends` returns. A message may be shorter than the buffer posted for it; a longer one is a MessageError.
 
 Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
 `window`) are made by every rank in the same order. They carry small Python objects, or few numbers; pixels travel point
@@ -14,7 +14,7 @@ to point, or lie in a window that the ranks of a node share.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from clusterviz.comm.nodes import Nodes
 from clusterviz.comm.place import NodePlace
 from clusterviz.comm.window import Numbers, SharedWindow
+from clusterviz.errors import ClustervizError
 
 T = TypeVar("T")
 Buffer = NDArray[Any]
@@ -31,6 +32,7 @@ class Pending(Protocol):
     """A receive that was posted, as `post_receive` returned it."""
 
 
+@runtime_checkable
 class Channel(Protocol):
     """What the rest of clusterviz knows of the other ranks."""
 
@@ -51,7 +53,12 @@ class Channel(Protocol):
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait until a message is here: (index in `pending`, bytes received) of each that has arrived, at least one.
 
-        The caller takes them out of `pending` before the next call.
+        The caller takes them out of `pending` before the next call. Nothing pending gives an empty list.
+
+        Raises
+        ------
+        MessageError
+            A message is longer than its buffer, or was lost.
         """
         ...
 
@@ -116,8 +123,17 @@ class Channel(Protocol):
         ...
 
 
-def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
-    """The bytes of a C-contiguous array, without a copy.
+class MessageError(ClustervizError):
+    """A message could not be received as it was expected."""
+
+    @classmethod
+    def too_long(cls, source: int, tag: int, room: int) -> MessageError:
+        """It does not fit into its buffer."""
+        return cls(f"a message from rank {source} with tag {tag} is longer than the {room} bytes expected")
+
+
+def check_contiguous(buffer: Buffer) -> None:
+    """Refuse an array that does not lie in one piece, in C order.
 
     Raises
     ------
@@ -126,4 +142,15 @@ def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
     """
     if not buffer.flags.c_contiguous:
         raise ValueError("only C-contiguous buffers can be sent or received")
+
+
+def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
+    """The bytes of a C-contiguous array, without a copy.
+
+    Raises
+    ------
+    ValueError
+        The array is not C-contiguous.
+    """
+    check_contiguous(buffer)
     return buffer.reshape(-1).view(np.uint8)

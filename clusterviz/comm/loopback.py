@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm.channel import Buffer, Pending, as_bytes
+from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes
 from clusterviz.comm.loopback_window import LoopbackWindow, empty_boards
 from clusterviz.comm.nodes import Nodes, group_by_node
 from clusterviz.comm.place import NodePlace, single_place
@@ -99,6 +99,8 @@ class LoopbackChannel:
         """Copy every message that is here."""
         world = self._world
         receives = cast(Sequence[_Receive], pending)
+        if not receives:
+            return []
 
         def arrived() -> list[int]:
             return [i for i, r in enumerate(receives) if world.sent.get((r.source, self._rank, r.tag))]
@@ -112,7 +114,7 @@ class LoopbackChannel:
     def _take(self, receive: _Receive) -> int:
         data = self._world.sent[receive.source, self._rank, receive.tag].popleft()
         if data.size > receive.buffer.size:
-            raise ValueError(f"a message of {data.size} bytes does not fit into {receive.buffer.size}")
+            raise MessageError.too_long(receive.source, receive.tag, receive.buffer.size)
         receive.buffer[: data.size] = data
         self._world.unread[receive.source] -= 1
         return data.size

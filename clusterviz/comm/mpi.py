@@ -9,6 +9,7 @@ last piece is the first one that is shorter than a chunk (empty, if need be): th
 
 from __future__ import annotations
 
+import functools
 import os
 import pickle
 import sys
@@ -18,15 +19,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clusterviz.comm.agreed import mark_agreed
-from clusterviz.comm.channel import Buffer, Pending, as_bytes
-from clusterviz.comm.mpi_window import MpiWindow
+from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
+from clusterviz.comm.mpi_window import MpiWindow, open_window
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
 from clusterviz.comm.patience import ask_until
 from clusterviz.comm.place import NodePlace, core_share, granted_cores
-from clusterviz.comm.window import Numbers, WindowError, check_sizes
+from clusterviz.comm.window import Numbers
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -36,11 +35,11 @@ CHUNK_BYTES = 1 << 30
 _LAST_WORDS_SECONDS = 0.2
 
 
-@dataclass
+@dataclass(slots=True)
 class _Receive:
     """A receive under way: the request of its present chunk, and what has arrived before."""
 
-    buffer: NDArray[np.uint8]
+    buffer: Buffer
     source: int
     tag: int
     request: Any
@@ -58,6 +57,13 @@ def _load_mpi() -> Any:
     return MPI
 
 
+@functools.cache
+def _channel_key() -> int:
+    """Under which MPI keeps the channel of a communicator; duplicates of a communicator do not inherit it."""
+    mpi = _load_mpi()
+    return int(mpi.Comm.Create_keyval(delete_fn=lambda comm, key, channel: channel.close()))
+
+
 class MpiChannel:
     """One rank of an MPI communicator.
 
@@ -70,10 +76,23 @@ class MpiChannel:
     def __init__(self, comm: MPI.Comm | None = None, *, chunk_bytes: int = CHUNK_BYTES) -> None:
         self._mpi = _load_mpi()
         self._comm = (comm or self._mpi.COMM_WORLD).Dup()
+        self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
+        # Kept from call to call: a status object costs more than asking.
+        self._statuses: list[Any] = []
         self._sends: list[Any] = []
         self._place: NodePlace | None = None
         self._nodes: Nodes | None = None
+
+    @classmethod
+    def of(cls, comm: MPI.Comm) -> MpiChannel:
+        """The one channel of a communicator: made by the first call (collective), freed with the communicator."""
+        key = _channel_key()
+        found = comm.Get_attr(key)
+        if found is None:
+            found = cls(comm)
+            comm.Set_attr(key, found)
+        return cast(MpiChannel, found)
 
     @property
     def rank(self) -> int:
@@ -91,31 +110,35 @@ class MpiChannel:
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
         """Start to receive the first chunk."""
-        receive = _Receive(as_bytes(buffer), source, tag, None)
-        self._receive_chunk(receive)
-        return receive
+        if buffer.nbytes > self._chunk_bytes:
+            receive = _Receive(as_bytes(buffer), source, tag, None)
+            self._receive_chunk(receive)
+            return receive
+        check_contiguous(buffer)
+        return _Receive(buffer, source, tag, self._comm.Irecv((buffer, self._byte), source, tag))
 
     def _receive_chunk(self, receive: _Receive) -> None:
-        room = receive.buffer[receive.received : receive.received + self._chunk_bytes]
-        receive.request = self._comm.Irecv([room, self._mpi.BYTE], receive.source, receive.tag)
+        room = as_bytes(receive.buffer)[receive.received : receive.received + self._chunk_bytes]
+        receive.request = self._comm.Irecv((room, self._byte), receive.source, receive.tag)
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
         """Start to send all chunks."""
+        if buffer.nbytes < self._chunk_bytes:
+            check_contiguous(buffer)
+            self._sends.append(self._comm.Isend((buffer, self._byte), target, tag))
+            return
         data = as_bytes(buffer)
         for begin in range(0, data.size + 1, self._chunk_bytes):
             chunk = data[begin : begin + self._chunk_bytes]
-            self._sends.append(self._comm.Isend([chunk, self._mpi.BYTE], target, tag))
+            self._sends.append(self._comm.Isend((chunk, self._byte), target, tag))
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait for a whole message; a full chunk posts the receive of the next."""
         receives = cast(Sequence[_Receive], pending)
         finished: list[tuple[int, int]] = []
-        while not finished:
-            statuses = [self._mpi.Status() for _ in receives]
-            requests = [receive.request for receive in receives]
-            done = ask_until(lambda r=requests, s=statuses: self._mpi.Request.Testsome(r, s))  # type: ignore[misc]
-            for index, status in zip(done, statuses, strict=False):
-                receive, count = receives[index], status.Get_count(self._mpi.BYTE)
+        while receives and not finished:
+            for index, status in zip(self._arrived(receives), self._statuses, strict=False):
+                receive, count = receives[index], status.Get_count(self._byte)
                 receive.received += count
                 if count == self._chunk_bytes:
                     self._receive_chunk(receive)
@@ -123,13 +146,37 @@ class MpiChannel:
                     finished.append((index, receive.received))
         return finished
 
+    def _arrived(self, receives: Sequence[_Receive]) -> list[int]:
+        """Wait for a chunk: which have arrived; as many statuses tell of them."""
+        requests, statuses = [receive.request for receive in receives], self._statuses
+        while len(statuses) < len(requests):
+            statuses.append(self._mpi.Status())
+        testsome = self._mpi.Request.Testsome
+        try:
+            done = testsome(requests, statuses) or ask_until(lambda: testsome(requests, statuses))
+        except self._mpi.Exception as error:
+            raise self._message_error(receives, error) from None
+        return cast(list[int], done)
+
+    def _message_error(self, receives: Sequence[_Receive], error: Any) -> MessageError:
+        """Which message went wrong, and how, in words without the library's own stack."""
+        bad = next((status for status in self._statuses if status.error != self._mpi.SUCCESS), None)
+        code = error if bad is None else self._mpi.Exception(bad.error)
+        if bad is None or code.Get_error_class() != self._mpi.ERR_TRUNCATE:
+            return MessageError(f"rank {self.rank} cannot receive ({str(code).splitlines()[0]})")
+        rooms = [each.buffer.nbytes for each in receives if (each.source, each.tag) == (bad.source, bad.tag)]
+        return MessageError.too_long(bad.source, bad.tag, rooms[0])
+
     def wait_sends(self) -> None:
         """Wait for all chunks sent so far."""
-        self._finish(self._sends)
-        self._sends.clear()
+        if self._sends:
+            self._finish(self._sends)
+            self._sends.clear()
 
     def _finish(self, requests: list[Any]) -> None:
-        ask_until(lambda: self._mpi.Request.Testall(requests))
+        testall = self._mpi.Request.Testall
+        if not testall(requests):
+            ask_until(lambda: testall(requests))
 
     def allgather(self, value: T) -> list[T]:
         """One value from each rank."""
@@ -196,24 +243,7 @@ class MpiChannel:
 
     def window(self, bytes_per_rank: int) -> MpiWindow:
         """An MPI-3 window on each node."""
-        check_sizes(self.allgather_numbers([bytes_per_rank])[:, 0].tolist())
-        number, members = next((i, node) for i, node in enumerate(self.nodes()) if self.rank in node)
-        node = self._comm.Split(number, self.rank)
-        window: MpiWindow | None = None
-        fault = ""
-        try:
-            window = MpiWindow(self._mpi, node, members, bytes_per_rank)
-            window.touch()
-        except (self._mpi.Exception, OSError) as error:
-            fault = (str(error) or type(error).__name__).splitlines()[0]
-        # Also the barrier after which all boards are zero.
-        reports = self.allgather((window is not None, fault))
-        faults = [f"rank {rank}: {text}" for rank, (_, text) in enumerate(reports) if text]
-        if window is None or faults:
-            if window is not None and all(reports[member][0] for member in members):
-                window.free()
-            raise mark_agreed(WindowError(faults[0]))
-        return window
+        return open_window(self._mpi, self._comm, self, bytes_per_rank)
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

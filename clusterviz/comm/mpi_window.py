@@ -11,16 +11,67 @@ arrives whole.
 from __future__ import annotations
 
 import mmap
+import os
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.agreed import mark_agreed
+from clusterviz.comm.channel import Channel
 from clusterviz.comm.patience import ask_until
-from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, check_numbers
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_numbers, check_sizes
 
 _EAGER_LOOKS = 100
+# Where MPI libraries keep what processes share, unless they are told otherwise.
+_SHARED_FOLDER = Path("/dev/shm")
+
+
+def open_window(mpi: Any, comm: Any, channel: Channel, bytes_per_rank: int) -> MpiWindow:
+    """Make a window on each of the channel's nodes; collective.
+
+    Raises
+    ------
+    InputError, WindowError
+        On every rank.
+    """
+    check_sizes(channel.allgather_numbers([bytes_per_rank])[:, 0].tolist())
+    number, members = next((i, node) for i, node in enumerate(channel.nodes()) if channel.rank in node)
+    _agree(channel, _lack_of_room(_node_bytes(channel.place().local_size, bytes_per_rank)))
+    window: MpiWindow | None = None
+    fault = ""
+    try:
+        window = MpiWindow(mpi, comm.Split(number, channel.rank), members, bytes_per_rank)
+        window.touch()
+    except mpi.Exception as error:
+        fault = str(error).splitlines()[0]
+    except OSError as error:
+        fault = f"{error.strerror} while {bytes_per_rank} bytes were filled with zeros"
+    # Also the barrier after which all boards are zero.
+    _agree(channel, fault)
+    return cast(MpiWindow, window)
+
+
+def _agree(channel: Channel, fault: str) -> None:
+    """Raise the first fault of any rank on every rank. What another rank got is left to the end of the program."""
+    if channel.maximum(bool(fault)):
+        faults = channel.allgather(fault)
+        raise mark_agreed(WindowError(next(f"rank {rank}: {text}" for rank, text in enumerate(faults) if text)))
+
+
+def _lack_of_room(needed: int) -> str:
+    """Why a node's windows do not fit; asked first, since one rank that fails inside MPI may leave the others there."""
+    if not _SHARED_FOLDER.is_dir():
+        return ""
+    usage = os.statvfs(_SHARED_FOLDER)
+    left = usage.f_bavail * usage.f_frsize
+    return f"{_SHARED_FOLDER} has {left} bytes left of the {needed} needed" if left < needed else ""
+
+
+def _node_bytes(ranks: int, bytes_per_rank: int) -> int:
+    return ranks * (_whole_pages(bytes_per_rank) + _whole_pages(BOARDS * ROW_NUMBERS * 8) + mmap.PAGESIZE)
 
 
 class MpiWindow:
@@ -124,6 +175,7 @@ class MpiWindow:
         self._parts.clear()
         self._window.Unlock_all()
         self._window.Free()
+        self._comm.Free()
 
 
 def _whole_pages(size: int) -> int:

@@ -1,13 +1,15 @@
-"""Which channel a program gets when it asks for none in particular."""
+"""Which channel a program gets: when it asks for none in particular, or brings a communicator of its own."""
 
 from __future__ import annotations
 
 import functools
 import sys
+from typing import Any
 
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.comm.place import launched
+from clusterviz.errors import InputError
 
 
 @functools.cache
@@ -21,3 +23,26 @@ def open_channel() -> Channel:
 
         return MpiChannel()
     return LoopbackChannel()
+
+
+def as_channel(comm_or_channel: Any) -> Channel:
+    """A channel as it is; for an mpi4py communicator its channel, the same in every call.
+
+    The first call for a communicator is collective: it is duplicated, so that no message meets those of the caller.
+    The duplicate is freed when the communicator is.
+
+    Raises
+    ------
+    InputError
+        Anything else, an intercommunicator and MPI.COMM_NULL included.
+    """
+    # Whoever holds a communicator has imported mpi4py.MPI.
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is not None and isinstance(comm_or_channel, mpi.Intracomm) and comm_or_channel != mpi.COMM_NULL:
+        from clusterviz.comm.mpi import MpiChannel
+
+        return MpiChannel.of(comm_or_channel)
+    if isinstance(comm_or_channel, Channel) and not isinstance(comm_or_channel, type):
+        return comm_or_channel
+    allowed = "an mpi4py intracommunicator or a clusterviz channel"
+    raise InputError("no way to talk to other ranks", found=repr(comm_or_channel), allowed=allowed)

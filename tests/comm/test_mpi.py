@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clusterviz.comm import agree
+from clusterviz.comm import MessageError, agree
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import RankError
 
@@ -19,6 +19,9 @@ def test_channel_on_real_ranks(mpi_ranks: int) -> None:
     for size in (0, 1, 999, 1000, 1001, 2000, 12_345):
         _check_ring(channel, size)
     _check_agreement(channel)
+    for size in (0, 1, 999, 1000, 1001, 2500):
+        _check_too_long(channel, size)
+    assert channel.wait_some([]) == []
     channel.close()
 
 
@@ -28,6 +31,8 @@ def _check_collectives(channel: MpiChannel) -> None:
     assert channel.gather("a", 1) == (["a"] * n if channel.rank == 1 else None)
     assert channel.broadcast(channel.rank, n - 1) == n - 1
     assert channel.maximum(-channel.rank) == 0
+    assert channel.allgather_numbers([channel.rank, -(2**62)]).tolist() == [[rank, -(2**62)] for rank in range(n)]
+    assert channel.allgather_numbers([]).shape == (n, 0)
     place = channel.place()
     assert (place.local_size, place.node, place.nodes) == (n, 0, 1)
     assert sorted(channel.allgather(place.local_rank)) == list(range(n))
@@ -56,3 +61,17 @@ def _check_agreement(channel: MpiChannel) -> None:
     except RankError as error:
         text = str(error)
     assert text == "rank 1, frame 4, draw: OSError: lost"
+
+
+def _check_too_long(channel: MpiChannel, room: int) -> None:
+    """A message one byte longer than its buffer is told with its source and tag, not with MPI's stack."""
+    if channel.rank == 0:
+        channel.isend(np.ones(room + 1, np.uint8), 1, 6)
+    if channel.rank == 1:
+        pending = channel.post_receive(np.zeros(room, np.uint8), 0, 6)
+        text = f"^a message from rank 0 with tag 6 is longer than the {room} bytes expected$"
+        with pytest.raises(MessageError, match=text) as caught:
+            channel.wait_some([pending])
+        assert caught.value.__suppress_context__
+    channel.barrier()
+    channel.wait_sends()
