@@ -64,12 +64,12 @@ def _check_agreement(channel: MpiChannel) -> None:
 
 
 def _check_too_long(channel: MpiChannel, room: int) -> None:
-    """A message one byte longer than its buffer is told with its source and tag, not with MPI's stack."""
+    """A message one byte longer than its buffer is told by source and tag, not by MPI's stack; its rest stays unread."""
     if channel.rank == 0:
-        channel.isend(np.ones(room + 1, np.uint8), 1, 6)
+        channel.isend(np.ones(room + 1, np.uint8), 1, room)
     if channel.rank == 1:
-        pending = channel.post_receive(np.zeros(room, np.uint8), 0, 6)
-        text = f"^a message from rank 0 with tag 6 is longer than the {room} bytes expected$"
+        pending = channel.post_receive(np.zeros(room, np.uint8), 0, room)
+        text = f"^a message from rank 0 with tag {room} is longer than the {room} bytes expected$"
         with pytest.raises(MessageError, match=text) as caught:
             channel.wait_some([pending])
         assert caught.value.__suppress_context__
