@@ -42,46 +42,41 @@ def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None
     message : uint8, fewer bytes than the pixels, or a view of the pixels themselves where no stage pays
     """
     chain = CODECS[codec]
-    flat = _read_only(pixels.reshape(-1).view(np.uint8))
-    packed = None
-    if chain.flag and pixels.size:
-        target = np.empty(flat.size, np.uint8) if out is None else out[: flat.size]
-        packed = _packed(pixels, flat, chain, rows or Rows(0, len(pixels)), target)
-    return pixels.reshape(-1).view(np.uint8) if packed is None else packed
+    flat: Bytes = pixels.reshape(-1).view(np.uint8)
+    if not chain.flag or not flat.size:
+        return flat
+    target = np.empty(flat.size, np.uint8) if out is None else out[: flat.size]
+    flag, table_bytes, kept, body = _selected(pixels, flat, chain, rows or Rows(0, len(pixels)), target)
+    if chain.squeeze:
+        squeezed = chain.squeeze.compress(_filtered(body, table_bytes, chain, pixels.dtype))
+        # A selection that paid has a header already; without one the squeeze must make up for it.
+        if squeezed is not None and squeezed.size + (0 if flag else HEADER_BYTES) < body.size:
+            flag |= chain.flag - (chain.selection.bit if chain.selection else 0)
+            body = target[HEADER_BYTES : HEADER_BYTES + squeezed.size]
+            body[:] = squeezed
+    if not flag:
+        return flat
+    target[:HEADER_BYTES] = np.array([flag, table_bytes, kept], _HEADER).view(np.uint8)
+    return target[: HEADER_BYTES + body.size]
 
 
-def _packed(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Bytes) -> Bytes | None:
-    """The shorter of the message with all stages and that with the selection alone; None where neither is."""
-    shortest, flag, head, body = flat.size, 0, (0, len(pixels)), flat
-    table_bytes = 0
+def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Bytes) -> tuple[int, int, int, Bytes]:
+    """Flag, bytes of the table, number of pixels and body after the selection, or of all pixels where it does not pay.
+
+    The body is put where it will be in the message: the table, then the pixels of the runs.
+    """
+    from clusterviz.codec import run_kernels
+
     selected = chain.selection.select(pixels, rows) if chain.selection else None
     if chain.selection and selected:
         table, runs, kept = selected
         size = HEADER_BYTES + table.size + kept * 4 * pixels.itemsize
-        if size < shortest:
-            shortest, flag, head, table_bytes = size, chain.selection.bit, (table.size, kept), table.size
-            body = _gathered(flat, table, runs, 4 * pixels.itemsize, target[:size])
-    squeezed = None
-    if chain.squeeze:
-        squeezed = chain.squeeze.compress(_filtered(body, table_bytes, chain, pixels.dtype))
-    if chain.squeeze and squeezed is not None and HEADER_BYTES + squeezed.size < shortest:
-        shortest = HEADER_BYTES + squeezed.size
-        target[HEADER_BYTES:shortest] = squeezed
-        flag += chain.flag - (chain.selection.bit if chain.selection else 0)
-    if not flag:
-        return None
-    target[:HEADER_BYTES] = np.array([flag, *head], _HEADER).view(np.uint8)
-    return target[:shortest]
-
-
-def _gathered(flat: Bytes, table: Bytes, runs: Runs, pixel_bytes: int, target: Bytes) -> Bytes:
-    """The body of a selection, put where it will be in the message: the table, then the pixels of the runs."""
-    from clusterviz.codec import run_kernels
-
-    body = target[HEADER_BYTES:]
-    body[: table.size] = table
-    run_kernels.gather(flat, _read_only(runs), pixel_bytes, body[table.size :])
-    return body
+        if size < flat.size:
+            body = target[HEADER_BYTES:size]
+            body[: table.size] = table
+            run_kernels.gather(_read_only(flat), _read_only(runs), 4 * pixels.itemsize, body[table.size :])
+            return chain.selection.bit, table.size, kept, body
+    return 0, 0, len(pixels), flat
 
 
 def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any]) -> Bytes:
