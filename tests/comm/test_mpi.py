@@ -64,7 +64,7 @@ def _check_agreement(channel: MpiChannel) -> None:
 
 
 def _check_too_long(channel: MpiChannel, room: int) -> None:
-    """A message one byte longer than its buffer is told by source and tag, not by MPI's stack; its rest stays unread."""
+    """A message one byte longer than its buffer is told by source and tag, not by MPI's stack; the rest stays."""
     if channel.rank == 0:
         channel.isend(np.ones(room + 1, np.uint8), 1, room)
     if channel.rank == 1:
