@@ -72,7 +72,7 @@ bool is_done(Sum sum);
 vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     Sum sum = Sum(before, vec4(0.0));
     vec3 slab = vec3(ray.slab);
-    int last = ray.slabs - 1, iterations = 0;
+    int last = min(ray.slabs - 1, ray.end), iterations = 0;
     while (k < last && iterations < ITERATIONS) {
         Place place;
         for (;;) {
@@ -89,9 +89,9 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
         k += slabs;
         iterations += 2 + slabs * (1 + SEARCH_ITERATIONS);
     }
-    if (k == last) {
-        Place place = place_of(ray, k, slab);
-        if (place.brick >= 0) {
+    if (k >= last) {
+        Place place = place_of(ray, min(k, last), slab);
+        if (place.brick >= 0 && k == last && ray.end == ray.slabs) {
             add_run(sum, last_of(place, slab, ray.last_share));
             ++samples;
         }

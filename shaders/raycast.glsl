@@ -15,6 +15,7 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
 
 #include "ray.glsl"
+#include <CLIP>
 #include "opacity.glsl"
 #include "transfer.glsl"
 #include <RECORDS>
@@ -39,10 +40,11 @@ void main() {
         int pixel = inside.y * frame.rect.z + inside.x;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);
+        cut(ray);
         face(ray);
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
-        int slab = begins ? first_owned(ray) : next_slab[pixel];
+        int slab = begins ? max(first_owned(ray), ray.begin) : next_slab[pixel];
         pixels[pixel] = march(ray, before, slab, samples);
         next_slab[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;

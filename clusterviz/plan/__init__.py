@@ -4,6 +4,7 @@
 - view.py      the camera in index space; footprints
 - look.py      what becomes of the samples along a ray
 - shading.py   how a volume is lit
+- clip.py      clipping planes in index space
 - encoding.py  how voxels are stored
 - segments.py  the transfer function as the shader reads it
 """

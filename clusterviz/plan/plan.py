@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.look import Look, is_lit, make_look
 from clusterviz.plan.segments import Segments, make_segments
@@ -48,6 +49,7 @@ class Plan:
     view : the camera in index space
     march : the sampling of rays
     look : what becomes of the samples
+    clip : float64 (n, 4), planes in index space, see `clip_planes`
     encoding : how voxels are stored
     transfer : the transfer function
     segments : the same as the shader reads it
@@ -58,6 +60,7 @@ class Plan:
     view: View
     march: March
     look: Look
+    clip: NDArray[np.float64]
     encoding: Encoding
     transfer: TransferFunction
     segments: Segments
@@ -77,6 +80,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
     look = make_look(volume, transfer.domain, shading)
+    planes = clip_planes(scene.clip, grid)
+    hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
     step_world = scene.quality.step * min(grid.spacing)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
@@ -87,22 +92,23 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             scene.quality.early_termination,
         ),
         look,
+        planes,
         make_encoding(dtype, transfer.domain),
         transfer,
         make_segments(transfer, step_world / transfer.unit_distance),
         layout,
-        brick_cost(layout, look.hides(transfer, summary.minimum, summary.maximum)),
+        brick_cost(layout, hidden),
     )
 
 
-def brick_cost(layout: BrickLayout, transparent: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a transparent brick."""
+def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a hidden brick."""
     sides = [
         np.minimum(layout.brick, cells - layout.brick * np.arange(count))
         for cells, count in zip(layout.cells_zyx, layout.counts_zyx, strict=True)
     ]
     cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in sides))
-    return np.where(transparent, 0.0, cells)
+    return np.where(hidden, 0.0, cells)
 
 
 def _filter(interpolation: str, quality: str) -> Literal["linear", "nearest", "hardware"]:

@@ -3,6 +3,7 @@
 - rays.py         pixels to rays, rays to the box
 - slabs.py        rays to slabs
 - sample.py       trilinear and nearest look-up
+- clipping.py     what planes and boxes keep
 - lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum
 - raycast.py      the picture of a scene

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
+from clusterviz.reference.clipping import kept
 from clusterviz.reference.lighting import GRADIENTS, lit
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
 from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.reference.slabs import slabs
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.values import Scene
 
 RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: cache, not memory
 DARK = 2.0**-60
@@ -37,7 +38,8 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     box [first sample, last sample]. Its scalar is interpolated at its midpoint and then classified; a slab of length d
     adds T · c · (1 − e^{−κd}) and multiplies the transmittance T by e^{−κd}; other blendings are said in
     `projections.py`. Next to NaN and infinite voxels (in the
-    cells that they touch; for `nearest`, where they are the nearest) the volume is transparent.
+    cells that they touch; for `nearest`, where they are the nearest) the volume is transparent, and where a midpoint is
+    clipped.
 
     Parameters
     ----------
@@ -66,7 +68,6 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
     if scene.volumes and min(grid.shape_zyx) > 1:
-        sample = SAMPLERS[scene.volumes[0].interpolation]
         voxels = np.ascontiguousarray(voxels)
         rays = to_index_space(camera_rays(scene.camera, (width, height)), grid)
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
@@ -75,7 +76,7 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
             if scene.volumes[0].blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid)
             else:
-                rgba[part] = _project(some, voxels, length, scene.volumes[0], sample)
+                rgba[part] = _project(some, voxels, length, scene, grid)
     return rgba.reshape(height, width, 4)
 
 
@@ -87,6 +88,7 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
     transmittance = np.ones(len(rgba))
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > DARK):
         scalar, valid = sample(voxels, *slab.point.T)
+        valid &= kept(slab.point, scene.clip, grid)
         depth = np.where(valid, classify.extinction(scalar), 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
@@ -100,12 +102,14 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
     return rgba
 
 
-def _project(rays: Rays, voxels: NDArray[Any], length: float, volume: Volume, sample: Any) -> Floats:
+def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
     """The colours of some rays, (n, 4), of a blending that is not `composite`."""
-    classify = transfer_function(volume)
+    volume = scene.volumes[0]
+    classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     projection = projection_of(volume, len(rays.direction), classify)
     for slab in slabs(rays, voxels.shape, length, lambda: True):
         scalar, valid = sample(voxels, *slab.point.T)
+        valid &= kept(slab.point, scene.clip, grid)
         projection.take(slab.rays, scalar, valid, slab.end - slab.begin)
     return projection.finish(classify)
 

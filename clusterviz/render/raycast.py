@@ -105,6 +105,8 @@ class Raycaster:
             progress = buffers.reserve(8, 4 + 4 * rect.pixels)
             buffers.bind(4, segments.buckets)
             records = buffers.make(_padded(segments.records, self._variant.block_bytes))
+            if len(plan.clip):
+                buffers.make(plan.clip).bind_to_uniform_block(3)
             if plan.look.shading:
                 buffers.make(plan.look.shading.block()).bind_to_uniform_block(2)
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)

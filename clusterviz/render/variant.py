@@ -40,6 +40,7 @@ class Variant:
     block_bytes : size of the uniform block for the transfer function's records; 0 where they are too many for one
     blending : what becomes of the samples
     lights : how many light the volume; 0: it is not lit
+    planes : how many clip it
     """
 
     filter: Literal["linear", "nearest", "hardware"]
@@ -49,6 +50,7 @@ class Variant:
     block_bytes: int
     blending: Blending = "composite"
     lights: int = 0
+    planes: int = 0
 
     @property
     def source(self) -> ShaderSource:
@@ -67,6 +69,7 @@ class Variant:
             "SCALAR": scalar,
             "BLENDING": BLENDING_FILES[self.blending],
             "GRADIENT": self._gradient,
+            "CLIP": "clip.glsl" if self.planes else "unclipped.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
         }
         return assemble("raycast.glsl", slots)
@@ -100,6 +103,8 @@ class Variant:
         ]
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
+        if self.planes:
+            lines.append(f"const int PLANES = {self.planes};")
         if self.lights:
             lines.append(f"const int LIGHTS = {self.lights};")
         if self.blending in ("maximum", "minimum"):
@@ -123,4 +128,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         uniform_bytes if fits else 0,
         plan.look.blending,
         len(plan.look.shading.lights) if plan.look.shading else 0,
+        len(plan.clip),
     )

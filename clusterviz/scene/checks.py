@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 Points = TypeVar("Points", bound=tuple[tuple[float, ...], ...])
 Vector = tuple[float, float, float]
+Bounds = tuple[float, float, float, float, float, float]
 
 PARALLEL = 1e-6
 """Sine of the angle below which `view_up` counts as parallel to the direction of view."""
@@ -94,6 +95,21 @@ def check_light(position: Vector | None, focal_point: Vector) -> None:
         raise UnusableError(
             "the same as focal_point", "a point other than focal_point", key="position", found=list(position)
         )
+
+
+def check_normal(value: Vector) -> Vector:
+    """A direction."""
+    if not any(value):
+        raise UnusableError("the zero vector has no direction", "a direction")
+    return value
+
+
+def check_box(value: Bounds) -> Bounds:
+    """Bounds in order along each axis."""
+    for axis, name in enumerate("xyz"):
+        if value[2 * axis] > value[2 * axis + 1]:
+            raise UnusableError(f"{name}min lies above {name}max", "[xmin, xmax, ymin, ymax, zmin, zmax]")
+    return value
 
 
 def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:

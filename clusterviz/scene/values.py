@@ -13,10 +13,12 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 
 from clusterviz.scene.background import check_background
 from clusterviz.scene.checks import (
+    check_box,
     check_camera,
     check_clim,
     check_cmap,
     check_light,
+    check_normal,
     check_opacity,
     check_path,
     check_points,
@@ -30,6 +32,8 @@ Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
 Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
 Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
+Normal = Annotated[Vector, AfterValidator(check_normal)]
+Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
 Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
 ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
 OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
@@ -129,6 +133,17 @@ class Light(Section):
         return self
 
 
+class Clip(Section):
+    """What is cut away from all volumes; what is left is what every plane and the box keep."""
+
+    planes: tuple[Annotated[tuple[Vector, Normal], BeforeValidator(plain)], ...] = Field(
+        default=(), description="[[[x, y, z], [nx, ny, nz]], …]: a point of each plane, and the way to what is kept."
+    )
+    box: Annotated[Box, BeforeValidator(plain)] | None = Field(
+        default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of what is kept, in world units."
+    )
+
+
 class Camera(Section):
     """VTK's camera; what is left out is chosen so that the whole scene is seen from (1, 1, 1)."""
 
@@ -210,6 +225,7 @@ class Scene(Section):
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(), description="What lights shaded volumes; default: one headlight."
     )
+    clip: Clip = Field(default=Clip(), description="What is cut away.")
     camera: Camera = Field(default=Camera(), description="From where.")
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
     quality: Quality = Field(default=Quality(), description="How well.")

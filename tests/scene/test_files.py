@@ -174,7 +174,7 @@ def test_the_schema_describes_every_key() -> None:
     described(schema)
     for section in schema["$defs"].values():
         described(section)
-    assert set(schema["properties"]) == {"volumes", "camera", "image", "quality", "cluster"}
+    assert set(schema["properties"]) == {"volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
 
 
 def test_the_example_scenes_load() -> None:

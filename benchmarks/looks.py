@@ -1,0 +1,110 @@
+"""What each look costs beside plain compositing: `python benchmarks/looks.py [DATA] [--size N] [--json F]`.
+
+One rank, one picture, bricks in GPU memory already, the looks in turn so that a busy machine slows all alike; the
+median of each look's times over that of compositing. Looks differ in how many slabs they must sample (an average takes
+those that compositing leaps over), so the ratio for each sample is printed beside the one for the picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data import open_source
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.samples import fetch_sample
+from clusterviz.data.source import Source
+from clusterviz.data.summary import VolumeSummary, summarise
+from clusterviz.gl.context import open_context
+from clusterviz.partition import build_tree
+from clusterviz.plan.look import margin_of
+from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.render.raycast import Raycaster
+from clusterviz.scene import Scene, VolumeFacts, complete_scene
+from clusterviz.scene.values import ImageSettings, Volume
+
+LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
+LOOKS: dict[str, dict[str, Any]] = {
+    "composite": {},
+    "maximum": {"volume": {"blending": "maximum"}},
+    "minimum": {"volume": {"blending": "minimum"}},
+    "local-maximum": {"volume": {"blending": "local-maximum"}},
+    "average": {"volume": {"blending": "average"}},
+    "additive": {"volume": {"blending": "additive"}},
+    "shade": {"volume": {"shade": True}},
+    "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
+}
+
+
+def planned(path: str, source: Source, size: int, look: dict[str, Any]) -> tuple[Plan, dict[Any, Any]]:
+    """The plan of a look, and its bricks."""
+    volume = Volume(path=path, **look.get("volume", {}))
+    scene = Scene.model_validate(
+        {"volumes": (volume,), "image": ImageSettings(size=(size, size)), **look.get("scene", {})}
+    )
+    layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin_of(volume))
+    bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
+    summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
+    completed = complete_scene(scene, facts_of(source, summary))
+    return make_plan(completed, source.grid, source.dtype, layout, summary), bricks
+
+
+def facts_of(source: Source, summary: VolumeSummary) -> VolumeFacts:
+    """What completing a scene needs."""
+    grid, (low, high) = source.grid, summary.value_range
+    ends = summary.percentile(1.0), summary.percentile(99.0)
+    return VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, *ends)
+
+
+def measure(path: str, size: int, frames: int, names: list[str]) -> list[dict[str, Any]]:
+    """Time all looks, in turn."""
+    source, context = open_source(path, None), open_context()
+    casters: dict[str, tuple[Raycaster, Plan]] = {}
+    for name in names:
+        plan, bricks = planned(path, source, size, LOOKS[name])
+        casters[name] = Raycaster(context, plan, build_tree(plan.cost, 1).leaves[0].trimmed), plan
+        casters[name][0].load(plan, bricks)
+    seconds: dict[str, list[float]] = {name: [] for name in names}
+    samples: dict[str, int] = {}
+    for _ in range(frames + 1):
+        for name, (caster, plan) in casters.items():
+            drawn = caster.draw(plan)
+            seconds[name].append(drawn.seconds_render)
+            samples[name] = drawn.samples
+    return [
+        {"look": name, "median_s": median(times[1:]), "min_s": min(times[1:]), "samples": samples[name]}
+        for name, times in seconds.items()
+    ]
+
+
+def main() -> None:
+    """Print the table, and write it as JSON on request."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", nargs="?", help="a data file; default: the sample mni152")
+    parser.add_argument("--size", type=int, default=384)
+    parser.add_argument("--frames", type=int, default=5)
+    parser.add_argument("--looks", nargs="+", choices=list(LOOKS), default=list(LOOKS))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    path = options.data or str(fetch_sample("mni152"))
+    rows = measure(path, options.size, options.frames, options.looks)
+    plain = rows[0]
+    print(f"{path}, {options.size} × {options.size}; ratios to {plain['look']}")
+    print(f"{'look':24} {'median':>9} {'ratio':>6} {'samples':>12} {'ratio a sample':>15}")
+    for row in rows:
+        ratio, share = row["median_s"] / plain["median_s"], row["samples"] / plain["samples"]
+        print(
+            f"{row['look']:24} {1e3 * row['median_s']:6.0f} ms {ratio:6.2f} {row['samples']:12,} {ratio / share:15.2f}"
+        )
+    if options.json:
+        report = {"data": path, "size": options.size, "frames": options.frames, "rows": rows}
+        options.json.write_text(json.dumps(report, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,2 @@
+// Nothing is cut away.
+void cut(inout Ray ray) {}
