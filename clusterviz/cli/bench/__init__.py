@@ -3,6 +3,7 @@
 - raycast.py    drawing, on one rank
 - over.py       the over operator, beside a copy of the same bytes
 - composite.py  compositing of given images, on the ranks of an mpirun
+- codec.py      what each codec makes of partial images, and on which links it pays
 
 Each prints a line or two, and writes JSON on request: the result, and every option that was used, defaults included.
 """
@@ -11,9 +12,10 @@ from __future__ import annotations
 
 import typer
 
-from clusterviz.cli.bench import composite, over, raycast
+from clusterviz.cli.bench import codec, composite, over, raycast
 
 application = typer.Typer(help="Measure one part: drawing, blending, compositing.", no_args_is_help=True)
 application.command("raycast")(raycast.command)
 application.command("over")(over.command)
 application.command("composite")(composite.command)
+application.command("codec")(codec.command)
