@@ -30,6 +30,7 @@ def command(
     pixel: Annotated[str, typer.Option(help="uint8 or float32: 4 or 16 bytes a pixel.")] = "float32",
     factors: Annotated[str | None, typer.Option(metavar="K,K,…", help="Of radix-k.")] = None,
     owners: Annotated[int | None, typer.Option(metavar="M", help="Of direct-send: how many ranks own a piece.")] = None,
+    bands: Annotated[int | None, typer.Option(metavar="B", help="Of direct-send: equal bands of each owner.")] = None,
     batches: Annotated[int | None, typer.Option(metavar="B", help="Of pipeline.")] = None,
     draw: Annotated[str | None, typer.Option(metavar="F.svg|png", help="Draw who sends to whom.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -39,7 +40,7 @@ def command(
         raise InputError("unknown pixel type", where="--pixel", found=pixel, allowed=", ".join(BYTES))
     if draw:
         check_drawable(ranks, draw)
-    options = Options(_parse_factors(factors) if factors else None, owners, batches)
+    options = Options(_parse_factors(factors) if factors else None, owners, bands, batches)
     picture = parse_size(size)
     result = simulate(
         algorithm,

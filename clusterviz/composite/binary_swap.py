@@ -22,6 +22,8 @@ import numpy as np
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Indices, Schedule, Stage, borders
 
+SEVERAL_IMAGES = False
+
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
     """Fold to a power of two, then swap."""

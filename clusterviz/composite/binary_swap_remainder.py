@@ -18,6 +18,8 @@ from clusterviz.composite import radix_k
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Schedule
 
+SEVERAL_IMAGES = False
+
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
     """Radix-k with nothing but twos: its remainders are these."""

@@ -24,6 +24,8 @@ from clusterviz.composite.binary_swap import parts, swap
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Indices, Schedule, Stage, borders
 
+SEVERAL_IMAGES = False
+
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
     """Swap in blocks, and hand over as soon as both blocks are ready."""

@@ -18,6 +18,8 @@ import numpy as np
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Schedule, Stage
 
+SEVERAL_IMAGES = False
+
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
     """The tree that ends on position 0."""

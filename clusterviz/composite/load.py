@@ -41,14 +41,15 @@ def count_transfers(ranks: int, stage: Indices, source: Indices, target: Indices
     pairs = np.unique((stage * ranks + source) * ranks + target)
     return Load(
         len(np.unique(stage)),
-        _sums(ranks, pairs // max(ranks, 1) % max(ranks, 1), np.ones_like(pairs)),
-        _sums(ranks, pairs % max(ranks, 1), np.ones_like(pairs)),
-        _sums(ranks, source, pixels),
-        _sums(ranks, target, pixels),
+        sum_by(ranks, pairs // max(ranks, 1) % max(ranks, 1)),
+        sum_by(ranks, pairs % max(ranks, 1)),
+        sum_by(ranks, source, pixels),
+        sum_by(ranks, target, pixels),
     )
 
 
-def _sums(ranks: int, index: Indices, values: Indices) -> Indices:
+def sum_by(ranks: int, rank: Indices, values: Indices | int = 1) -> Indices:
+    """The sum of the values of each rank; exact, which bincount with weights is not."""
     result = np.zeros(ranks, np.int64)
-    np.add.at(result, index, values)
+    np.add.at(result, rank, values)
     return result

@@ -22,6 +22,7 @@ from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Schedule, Stage, borders
 from clusterviz.errors import InputError
 
+SEVERAL_IMAGES = False
 BATCH_PIXELS = 16_384
 MOST_BATCHES = 32
 

@@ -27,6 +27,7 @@ from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedule import Indices, Schedule, Stage, borders
 from clusterviz.errors import InputError
 
+SEVERAL_IMAGES = False
 LARGEST_FACTOR = 8
 
 

@@ -36,7 +36,11 @@ class Rectangles:
         width, height = patches[0].width, patches[0].end // max(patches[0].width, 1)
         rects = [p.rect for p in patches]
         rows = [(p.begin, p.end, r.x_begin, r.y_begin, r.x_end, r.y_end) for p, r in zip(patches, rects, strict=True)]
-        return Rectangles(width, height, *np.array(rows, np.int64).T)
+        columns = np.array(rows, np.int64).T
+        empty = (columns[2] >= columns[4]) | (columns[3] >= columns[5])
+        if empty.any():
+            columns[2:, empty] = 0
+        return Rectangles(width, height, *columns)
 
     def __len__(self) -> int:
         return len(self.begin)

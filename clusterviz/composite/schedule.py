@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,9 @@ def piece(index: int, pieces: int, pixels: int) -> tuple[int, int]:
 
 
 def borders(pieces: int, pixels: int) -> Indices:
-    """Where all pieces begin, and the end of the last: `piece` for whole arrays, exact below 2⁶³ / pieces pixels."""
-    return np.arange(pieces + 1, dtype=np.int64) * pixels // max(pieces, 1)
+    """Where all pieces begin, and the end of the last: `piece` for whole arrays, exact for any int64 of pixels."""
+    index, (whole, rest) = np.arange(pieces + 1, dtype=np.int64), divmod(pixels, max(pieces, 1))
+    return index * whole + index * rest // max(pieces, 1)
 
 
 @dataclass(frozen=True)
@@ -53,24 +55,26 @@ class Stage:
     def of(transfers: Iterable[Transfer]) -> Stage:
         """A stage of these transfers; those of no pixels are left out."""
         rows = [(t.source, t.target, t.begin, t.end) for t in transfers if t.end > t.begin]
-        table = np.array(rows, np.int64).reshape(-1, 4)
-        table.setflags(write=False)
-        return Stage(table)
+        return Stage.of_table(np.array(rows, np.int64).reshape(-1, 4))
 
     @staticmethod
     def of_columns(source: Indices, target: Indices, begin: Indices, end: Indices) -> Stage:
         """A stage of these transfers, column by column; those of no pixels, or to oneself, are left out."""
-        table = np.stack(np.broadcast_arrays(source, target, begin, end), axis=-1).reshape(-1, 4).astype(np.int64)
-        table = table[(table[:, 0] != table[:, 1]) & (table[:, 3] > table[:, 2])]
+        table = np.empty((*np.broadcast(source, target, begin, end).shape, 4), np.int64)
+        for column, values in enumerate((source, target, begin, end)):
+            table[..., column] = values
+        return Stage.of_table(table[(table[..., 0] != table[..., 1]) & (table[..., 3] > table[..., 2])])
+
+    @staticmethod
+    def of_table(table: Indices) -> Stage:
+        """A stage of these rows, none of them empty or to oneself; the table is its own from now on."""
         table.setflags(write=False)
         return Stage(table)
 
     @staticmethod
     def join(stages: Sequence[Stage]) -> Stage:
         """All transfers of several stages, at once."""
-        table = np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in stages)])
-        table.setflags(write=False)
-        return Stage(table)
+        return Stage.of_table(np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in stages)]))
 
     def __len__(self) -> int:
         return len(self.table)
@@ -88,17 +92,23 @@ class Stage:
 
     @cached_property
     def _by_source(self) -> Indices:
-        return np.argsort(self.table[:, 0], kind="stable")
+        return _order(self.table[:, 0])
 
     @cached_property
     def _by_target(self) -> Indices:
-        return np.argsort(self.table[:, 1], kind="stable")
+        return _order(self.table[:, 1])
 
     def _rows(self, column: int, order: Indices, rank: int) -> list[Transfer]:
         keys = self.table[:, column]
         begin = np.searchsorted(keys, rank, "left", sorter=order)
         end = np.searchsorted(keys, rank, "right", sorter=order)
         return [Transfer(*row) for row in self.table[order[begin:end]].tolist()]
+
+
+def _order(ranks: Indices) -> Indices:
+    """Where the rows of each rank are, one rank after the other; 16-bit numbers are sorted in linear time."""
+    few = int(ranks.max(initial=0)) <= np.iinfo(np.uint16).max
+    return np.argsort(ranks.astype(np.uint16) if few else ranks, kind="stable")
 
 
 @dataclass(frozen=True)
@@ -141,6 +151,18 @@ class Schedule:
 
 # Ranks, pixels, and what each rank's image covers (empty: everything), by position in visibility order.
 Algorithm = Callable[[int, int, Sequence[Patch]], Schedule]
+
+
+class AlgorithmOfManyImages(Protocol):
+    """An algorithm whose module says SEVERAL_IMAGES = True: ranks may have several images, anywhere in depth.
+
+    There is one footprint for each image, and `owners_of` tells the position of its rank; None: position k has image k.
+    Transfers remain between ranks: in one round, a rank hands over what all its images hold of the range.
+    """
+
+    def __call__(
+        self, ranks: int, pixels: int, footprints: Sequence[Patch] = ..., *, owners_of: Sequence[int] | None = None
+    ) -> Schedule: ...
 
 
 def check(schedule: Schedule) -> None:

@@ -8,8 +8,9 @@ from composite.images import random_rect
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.composite import ALGORITHMS, direct_send
-from clusterviz.composite.closed_forms import direct_send_dense, direct_send_sparse, parallel_pipeline_dense
+from clusterviz.composite import ALGORITHMS, direct_send, pipeline
+from clusterviz.composite.closed_forms import direct_send_dense, parallel_pipeline_dense
+from clusterviz.composite.closed_forms_sparse import direct_send_sparse, parallel_pipeline_sparse, pipeline_sparse
 from clusterviz.composite.cubes import cube_footprints
 from clusterviz.composite.flow import count_sparse
 from clusterviz.composite.load import Load, count_dense
@@ -37,7 +38,9 @@ def test_closed_forms_equal_the_schedules(pixels: int) -> None:
     for ranks in range(1, 65):
         direct = _columns(direct_send_dense(ranks, pixels))
         assert direct == _columns(count_dense(ALGORITHMS["direct-send"](ranks, pixels, ())))
-        assert direct == _columns(count_dense(ALGORITHMS["slic"](ranks, pixels, ())))
+        # With more ranks than pixels, both have as many owners, but not the same ones.
+        spans = _columns(count_dense(ALGORITHMS["slic"](ranks, pixels, ())))
+        assert {name: sorted(column) for name, column in direct.items()} == {n: sorted(c) for n, c in spans.items()}
         pipeline = _columns(parallel_pipeline_dense(ranks, pixels))
         assert pipeline == _columns(count_dense(ALGORITHMS["parallel-pipeline"](ranks, pixels, ())))
 
@@ -45,10 +48,12 @@ def test_closed_forms_equal_the_schedules(pixels: int) -> None:
 @pytest.mark.parametrize("owners", [1, 3, 7, 20])
 def test_closed_forms_with_few_owners_equal_the_schedules(owners: int) -> None:
     patches = _some_patches(np.random.default_rng(owners), 20)
-    schedule = direct_send.schedule(20, PIXELS, owners=owners)
-    assert _columns(direct_send_dense(20, PIXELS, owners)) == _columns(count_dense(schedule))
     rectangles = Rectangles.of_patches(patches)
-    assert _columns(direct_send_sparse(rectangles, owners)) == _columns(count_sparse(schedule, rectangles))
+    for bands in (None, 1, 2, 5, 100):
+        dense = direct_send.schedule(20, PIXELS, owners=owners, bands=bands)
+        assert _columns(direct_send_dense(20, PIXELS, owners, bands)) == _columns(count_dense(dense))
+        sparse = direct_send.schedule(20, PIXELS, patches, owners=owners, bands=bands)
+        assert _columns(direct_send_sparse(rectangles, owners, bands)) == _columns(count_sparse(sparse, rectangles))
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -67,8 +72,20 @@ def test_sparse_loads_are_what_the_exchange_sends(algorithm: str, ranks: int, se
     assert load.pixels_received.tolist() == received
     if algorithm == "direct-send":
         assert _columns(direct_send_sparse(Rectangles.of_patches(patches))) == _columns(load)
+    if algorithm == "pipeline":
+        assert _columns(pipeline_sparse(Rectangles.of_patches(patches))) == _columns(load)
+    if algorithm == "parallel-pipeline":
+        assert _columns(parallel_pipeline_sparse(Rectangles.of_patches(patches))) == _columns(load)
     if algorithm == "slic":
         assert _columns(count_dense(schedule)) == _columns(load)
+
+
+@pytest.mark.parametrize("batches", [1, 2, 7, 200])
+def test_a_sparse_pipeline_of_any_number_of_batches(batches: int) -> None:
+    patches = _some_patches(np.random.default_rng(batches), 9)
+    schedule = pipeline.schedule(9, PIXELS, batches=batches)
+    rectangles = Rectangles.of_patches(patches)
+    assert _columns(pipeline_sparse(rectangles, batches)) == _columns(count_sparse(schedule, rectangles))
 
 
 @settings(max_examples=100, deadline=None)

@@ -15,7 +15,8 @@ from clusterviz.composite.schedule import Counts, Schedule, Stage, Transfer, che
 from clusterviz.composite.swap_2_3 import split
 from clusterviz.errors import InputError
 
-PIXELS = [0, 1, 7, 64, 1_000_003]
+# Fewer pixels than ranks, as many, and many; 31 and the last are primes.
+PIXELS = [0, 1, 31, 64, 1_000_003]
 RANKS = range(1, 65)
 
 
@@ -73,11 +74,23 @@ def _theory(algorithm: str, n: int, p: int) -> Counts:
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_counts_equal_theory(algorithm: str) -> None:
     for ranks in RANKS:
-        for pixels in (64 * 63, 1_000_003):
+        for pixels in (64 * 63, 4099, 1_000_003, 16_777_259):
             counts, theory = ALGORITHMS[algorithm](ranks, pixels, ()).counts(), _theory(algorithm, ranks, pixels)
             for name, wanted in vars(theory).items():
                 assert wanted in (ANY, getattr(counts, name)), f"{ranks} ranks, {pixels} pixels: {name}"
             assert counts.most_sent <= pixels
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_fewer_pixels_than_ranks_need_no_more_messages_than_theory_says(algorithm: str) -> None:
+    for ranks in RANKS:
+        for pixels in (p for p in (1, 2, 7, 31, 53) if p < ranks):
+            counts, theory = ALGORITHMS[algorithm](ranks, pixels, ()).counts(), _theory(algorithm, ranks, pixels)
+            assert counts.pixels == theory.pixels
+            assert theory.messages == ANY or counts.messages <= theory.messages
+            assert counts.rounds <= theory.rounds
+            if algorithm in ("direct-send", "slic", "parallel-pipeline"):
+                assert counts.messages == pixels * (ranks - 1)
 
 
 def test_binary_swap_receives_what_theory_says() -> None:

@@ -62,6 +62,8 @@ def test_the_worst_rank_of_a_serial_gather_is_the_root() -> None:
 def test_options_reach_their_algorithms() -> None:
     assert simulate("radix-k", 12, (50, 50), PLAIN, options=Options(factors=(3, 4))).rounds == 2
     assert simulate("direct-send", 12, (50, 50), PLAIN, options=Options(owners=3)).messages_sent == 3 * 11
+    banded = simulate("direct-send", 12, (50, 50), PLAIN, footprints="cubes", options=Options(bands=4))
+    assert banded.messages_sent > simulate("direct-send", 12, (50, 50), PLAIN, footprints="cubes").messages_sent
     assert simulate("pipeline", 12, (50, 50), PLAIN, options=Options(batches=7)).messages_sent == 7 * 11
 
 
@@ -78,15 +80,17 @@ def test_what_cannot_be_simulated_is_refused(arguments: tuple[str, int, tuple[in
         simulate(*arguments, PLAIN)
 
 
-def test_sparse_pipelines_and_spans_on_too_many_ranks_are_refused() -> None:
-    for algorithm in ("slic", "parallel-pipeline", "pipeline"):
-        with pytest.raises(InputError, match="of sparse images"):
-            simulate(algorithm, 4096, (64, 64), PLAIN, footprints="cubes")
+def test_spans_of_too_many_sparse_images_are_refused() -> None:
+    with pytest.raises(InputError, match="of sparse images on so many ranks; found 4097; allowed 1 to 4096"):
+        simulate("slic", 4097, (64, 64), PLAIN, footprints="cubes")
+
+
+def test_unknown_footprints_are_refused() -> None:
     with pytest.raises(InputError, match="unknown footprints"):
         simulate("tree", 4, (64, 64), PLAIN, footprints="balls")
 
 
-@pytest.mark.parametrize("options", [Options(factors=(2, 2)), Options(owners=2), Options(batches=2)])
+@pytest.mark.parametrize("options", [Options(factors=(2, 2)), Options(owners=2), Options(bands=2), Options(batches=2)])
 def test_options_of_another_algorithm_are_refused(options: Options) -> None:
     with pytest.raises(InputError, match="does not have"):
         simulate("tree", 4, (64, 64), PLAIN, options=options)
