@@ -12,9 +12,10 @@ from clusterviz.comm import Channel, abort_on_failure, agree, open_channel
 from clusterviz.errors import ClustervizError, DataError
 
 
-def fail(channel: Channel, how: str) -> None:
-    """Rank 1 fails; the others wait for a message that never comes."""
-    channel.barrier()
+def fail(channel: Channel, how: str, waiting: str) -> None:
+    """Rank 1 fails; the others wait for a message that never comes, or for its numbers in a window."""
+    window = channel.window(100_000)
+    window.exchange([channel.rank])
     if how in ("agreed", "bad-input"):
         with agree(channel, 2, "read"):
             if channel.rank == 1:
@@ -24,7 +25,10 @@ def fail(channel: Channel, how: str) -> None:
     if channel.rank == 1 and how == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
     print("waiting", flush=True)
-    channel.wait_some([channel.post_receive(np.zeros(1), (channel.rank + 1) % channel.size, 0)])
+    if waiting == "window" and not (how == "wait" and channel.rank == 1):
+        window.exchange([channel.rank])
+    else:
+        channel.wait_some([channel.post_receive(np.zeros(1), (channel.rank + 1) % channel.size, 0)])
 
 
 def main() -> int:
@@ -32,7 +36,7 @@ def main() -> int:
     channel = open_channel()
     try:
         with abort_on_failure(channel, 2, "composite"):
-            fail(channel, sys.argv[1])
+            fail(channel, *sys.argv[1:])
     except ClustervizError as error:
         if channel.rank == 0:
             print(error, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""A rank that fails ends the whole job: non-zero, soon, with one message."""
+"""A rank that fails ends the whole job: non-zero, soon, with one message, while others wait for messages or numbers."""
 
 from __future__ import annotations
 
@@ -10,40 +10,43 @@ from pathlib import Path
 import pytest
 
 JOB = Path(__file__).parent / "failing_job.py"
-SECONDS = 10
+SECONDS = 30
 
 pytestmark = pytest.mark.fresh
 
 
-def _start(how: str) -> subprocess.Popen[str]:
-    command = ["mpirun", "-n", "3", sys.executable, str(JOB), how]
+def _start(how: str, waiting: str = "message", ranks: int = 3) -> subprocess.Popen[str]:
+    command = ["mpirun", "-n", str(ranks), sys.executable, str(JOB), how, waiting]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize(
-    ("how", "status", "text"),
+    ("how", "waiting", "status", "text"),
     [
-        ("agreed", 1, "rank 1, frame 2, read: ValueError: odd\n"),
-        ("bad-input", 2, "rank 1, frame 2, read: a.npy: truncated\n"),
-        ("raise", 1, "clusterviz: rank 1, frame 2, composite: ValueError: odd\n"),
+        ("agreed", "message", 1, "rank 1, frame 2, read: ValueError: odd\n"),
+        ("bad-input", "message", 2, "rank 1, frame 2, read: a.npy: truncated\n"),
+        ("raise", "message", 1, "clusterviz: rank 1, frame 2, composite: ValueError: odd\n"),
+        ("raise", "window", 1, "clusterviz: rank 1, frame 2, composite: ValueError: odd\n"),
     ],
 )
-def test_one_rank_raising_ends_the_job(how: str, status: int, text: str) -> None:
-    job = _start(how)
+def test_one_rank_raising_ends_the_job(how: str, waiting: str, status: int, text: str) -> None:
+    job = _start(how, waiting)
     _, said = job.communicate(timeout=SECONDS)
     assert job.returncode == status
     assert said.count(text) == 1
     assert "Traceback" not in said
 
 
-def test_a_killed_rank_ends_the_job() -> None:
-    job = _start("kill")
+@pytest.mark.parametrize(("waiting", "ranks"), [("message", 3), ("window", 3), ("window", 5)])
+def test_a_killed_rank_ends_the_job(waiting: str, ranks: int) -> None:
+    job = _start("kill", waiting, ranks)
     job.communicate(timeout=SECONDS)
     assert job.returncode != 0
 
 
-def test_ctrl_c_ends_a_job_that_waits() -> None:
-    job = _start("wait")
+@pytest.mark.parametrize("waiting", ["message", "window"])
+def test_ctrl_c_ends_a_job_that_waits(waiting: str) -> None:
+    job = _start("wait", waiting)
     assert job.stdout is not None
     assert "waiting" in job.stdout.readline()
     job.send_signal(signal.SIGINT)
