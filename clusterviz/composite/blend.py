@@ -1,98 +1,133 @@
-"""The over operator: a patch of premultiplied pixels put in front of, or behind, a larger one that contains it.
+"""The over operator for two images at a time: in place, out of place, and between runs of active pixels.
 
-For float32, c = f + (1 − α_f)·b in each channel, alpha too. For uint8 the same with a division by 255 rounded to
-nearest exactly, (x + 128 + ((x + 128) >> 8)) >> 8; each merge rounds once, by half a level at most. `over` is the plain
-NumPy twin; the numba kernels equal it bit for bit.
+For floats, c = f + (1 − α_f)·b in each channel, alpha too, product and sum rounded to float32 one by one; halves are
+blended so and rounded once more. For uint8 the same with a division by 255 rounded to nearest exactly,
+(x + 128 + ((x + 128) >> 8)) >> 8: each merge rounds once, by half a level at most. `over` is the plain NumPy twin; the
+compiled kernels equal it bit for bit. Many layers are blended at once in `layers.py`, which rounds only once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
+from clusterviz.composite.job import DTYPES, entry, head, run, runs_at
+from clusterviz.composite.native import kernel
 from clusterviz.composite.patch import Patch
+from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 
-DTYPES = (np.dtype(np.float32), np.dtype(np.uint8))
+__all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_before", "put_behind"]
+
+# Active pixels (n, 4), and their runs as in `layers.Layer`.
+Active = tuple[NDArray[Any], NDArray[np.int32]]
+
+# As `pair_kernels` names them.
+_BEHIND, _BEFORE, _INTO = range(3)
 
 
-def over(front: Pixels, back: Pixels) -> Pixels:
+def over(front: Pixels, back: Pixels) -> NDArray[Any]:
     """Front over back in plain NumPy.
 
     Parameters
     ----------
-    front, back : float32 or uint8 (..., 4), premultiplied
+    front, back : float32, float16 or uint8 (..., 4), both of one type, premultiplied
     """
     if front.dtype == np.uint8:
         product = back.astype(np.uint32) * (255 - front[..., 3:].astype(np.uint32)) + 128
         return np.minimum(front + ((product + (product >> 8)) >> 8), 255).astype(np.uint8)
-    return (front + (np.float32(1) - front[..., 3:]) * back).astype(np.float32, copy=False)
+    near, far = front.astype(np.float32, copy=False), back.astype(np.float32, copy=False)
+    blended: NDArray[Any] = near + (np.float32(1) - near[..., 3:]) * far
+    return blended.astype(front.dtype, copy=False)
 
 
-def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
-    """target = source over target, in place; the target's patch contains the source's."""
-    _put(target, target_patch, source, source_patch, True)
+def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+    """target = source over target, in place, where both have pixels.
+
+    Parameters
+    ----------
+    target, source : of one type, uint8, float16 or float32 (patch.count, 4), premultiplied, C order
+    target_patch, source_patch : which pixels of the canvas they are
+    threads : how many may work at once; small targets are not shared out
+
+    Raises
+    ------
+    InputError
+        Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
+    """
+    _put(target, target_patch, source, source_patch, _BEFORE, threads)
 
 
-def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
-    """target = target over source, in place; the target's patch contains the source's."""
-    _put(target, target_patch, source, source_patch, False)
+def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+    """target = target over source, in place, where both have pixels; otherwise as `put_before`."""
+    _put(target, target_patch, source, source_patch, _BEHIND, threads)
 
 
-def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, before: bool) -> None:
-    from clusterviz.composite import kernels
-
-    put = kernels.put_bytes if target.dtype == np.uint8 else kernels.put_floats
-    runs = (4 * number for number in _runs(target_patch, source_patch))
-    seen = source.reshape(-1)
-    # Read-only arrays are a type of their own to numba; making all sources so halves what it compiles.
-    seen.setflags(write=False)
-    put(target.reshape(-1), seen, before, *runs)
+def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, wish: int, threads: int) -> None:
+    _check_types(target, source)
+    numbers = [*head(target, target_patch, 1, wish), *entry(source, source_patch)]
+    run(kernel("pair_kernels", "put"), numbers, (target_patch, source_patch), threads)
 
 
-def copy(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch) -> None:
-    """target = source where the source has pixels; the target's patch contains the source's."""
-    start, skip, length, stride = _runs(target_patch, source_patch)
-    taken = 0
-    while taken < len(source):
-        count = min(length - skip, len(source) - taken)
-        target[start + skip : start + skip + count] = source[taken : taken + count]
-        taken, start, skip = taken + count, start + stride, 0
+def over_into(out: Pixels, front: Pixels, back: Pixels, *, threads: int = 1) -> None:
+    """out = front over back; all (n, 4) of one type, C order; otherwise as `put_before`."""
+    _check_types(out, front, back)
+    patch = Patch(1, 0, len(out), Rect(0, 0, 1, len(out)))
+    numbers = [*head(out, patch, 2, _INTO), *entry(front, patch), *entry(back, patch)]
+    run(kernel("pair_kernels", "put"), numbers, (patch,) * 3, threads)
 
 
-def compile_kernels(channel: Channel, dtypes: Sequence[np.dtype[Any]] = DTYPES) -> None:
-    """Compile what blending pixels of these types needs, or load it from numba's cache; collective.
+def merge_runs(front: Active, back: Active) -> Active:
+    """Front over back, where both are runs of active pixels, as runs again: nothing is unpacked, or blended with blank.
 
-    One rank of each node compiles and the others wait and load, since ranks that write numba's cache at once disturb
-    each other.
+    Parameters
+    ----------
+    front, back : pixels (n, 4) of one type, and int32 (k, 2) runs, ascending and disjoint, counted in the same patch
+
+    Returns
+    -------
+    pixels, runs : every pixel that is active in either; runs that touch are one
+
+    Raises
+    ------
+    InputError
+        As in `put_before`.
+    """
+    _check_types(front[0], back[0])
+    pixels = np.empty((len(front[0]) + len(back[0]), 4), front[0].dtype)
+    runs = np.empty((len(front[1]) + len(back[1]), 2), np.int32)
+    nowhere = Patch(0, 0, 0, Rect(0, 0, 0, 0))
+    numbers = head(pixels, nowhere, 2, 0, runs_at(runs)[0])
+    for active, where in (front, back):
+        numbers += entry(active, nowhere, *runs_at(where))
+    count = run(kernel("pair_kernels", "merge_runs"), numbers, (nowhere,) * 3)
+    runs = runs[:count]
+    return pixels[: int(runs[:, 1].sum())], runs
+
+
+def _check_types(*images: Pixels) -> None:
+    types = {image.dtype for image in images}
+    if len(types) > 1:
+        raise InputError("images differ in pixel type", found=", ".join(sorted(str(dtype) for dtype in types)))
+
+
+def compile_kernels(channel: Channel) -> None:
+    """Compile what blending needs, or load what an earlier run compiled; collective.
+
+    One rank of each node compiles while the others wait, since all would take as long and get in each other's way.
     """
     if channel.size == 1:
         return
-    # All import numba at once, which takes longer than loading compiled kernels.
-    from clusterviz.composite import kernels  # noqa: F401
-
     if channel.place().local_rank == 0:
-        _blend_one_pixel(dtypes)
+        _load_kernels()
     channel.barrier()
-    _blend_one_pixel(dtypes)
+    _load_kernels()
 
 
-def _blend_one_pixel(dtypes: Sequence[np.dtype[Any]]) -> None:
-    """Call each kernel once: numba compiles a function when it is first called."""
-    patch = Patch(1, 0, 1, Rect(0, 0, 1, 1))
-    for dtype in dtypes:
-        put_before(np.zeros((1, 4), dtype), patch, np.zeros((1, 4), dtype), patch)
-
-
-def _runs(target: Patch, source: Patch) -> tuple[int, int, int, int]:
-    """Where the source's pixels go in the target's: start, skip, length, stride as `kernels.put_floats` takes them."""
-    rect, into = source.rect, target.rect
-    skip = source.first
-    start = (rect.y_begin - into.y_begin) * into.width + rect.x_begin - into.x_begin - target.first
-    if rect.width == into.width:
-        return start + skip, 0, max(source.count, 1), 0
-    return start, skip, rect.width, into.width
+def _load_kernels() -> None:
+    kernel("layer_kernels", "blend_layers")
+    kernel("pair_kernels", "put")

@@ -7,7 +7,6 @@ messages, runs of active pixels.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,11 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.composite.job import entry, head, run, runs_at
+from clusterviz.composite.native import kernel
 from clusterviz.composite.patch import Patch
-from clusterviz.errors import InputError
-
-# As `vector_code` numbers them.
-_KINDS = {np.dtype(np.float32): 0, np.dtype(np.uint8): 1, np.dtype(np.float16): 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,52 +45,16 @@ def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, sp
     patch : of the target, on the same canvas
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
     split : layers in the front group
-    threads : how many may work at once
+    threads : how many may work at once; small targets are not shared out
 
     Raises
     ------
     InputError
-        An array of a wrong type or shape.
+        An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
-    from clusterviz.composite import layer_kernels
-
-    numbers = [*_array(out, "out"), len(layers), min(max(split, 0), len(layers)), patch.width, *_place(patch)]
-    if not out.flags.writeable or len(out) != patch.count:
-        raise InputError("the target does not fit its patch", found=out.shape, allowed=(patch.count, 4))
+    numbers = head(out, patch, len(layers), min(max(split, 0), len(layers)))
     for layer in layers:
-        runs = layer.runs
-        numbers += _array(layer.pixels, "a layer")
-        numbers += (0, -1) if runs is None else _runs(runs)
-        numbers += _place(layer.patch)
-        numbers += (0, 0)
-    job = array("q", numbers)
-    fault = layer_kernels.blend_layers(job.buffer_info()[0])
-    if fault >= 0:
-        patch, found = layers[fault].patch, layers[fault].pixels.shape
-        raise InputError(
-            "a layer does not fit its patch", where=f"layer {fault}", found=found, allowed=(patch.count, 4)
-        )
-
-
-def _array(pixels: NDArray[Any], what: str) -> tuple[int, int, int]:
-    """Address, type and number of pixels."""
-    kind, shape = _KINDS.get(pixels.dtype, -1), pixels.shape
-    if kind < 0 or len(shape) != 2 or shape[1] != 4 or not pixels.flags.c_contiguous:
-        found = f"{pixels.dtype} {shape}{'' if pixels.flags.c_contiguous else ', not in C order'}"
-        raise InputError(
-            "not an array of pixels", where=what, found=found, allowed="uint8, float16 or float32 (n, 4), C order"
-        )
-    return pixels.__array_interface__["data"][0], kind, shape[0]
-
-
-def _runs(runs: NDArray[np.int32]) -> tuple[int, int]:
-    """Address and number of runs."""
-    if runs.dtype != np.int32 or runs.ndim != 2 or runs.shape[1] != 2 or not runs.flags.c_contiguous:
-        raise InputError("not an array of runs", found=f"{runs.dtype} {runs.shape}", allowed="int32 (k, 2), C order")
-    return runs.__array_interface__["data"][0], runs.shape[0]
-
-
-def _place(patch: Patch) -> tuple[int, ...]:
-    """Where its pixels are: the range and the rectangle's sides."""
-    rect = patch.rect
-    return patch.begin, patch.end, rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
+        runs = (0, -1) if layer.runs is None else runs_at(layer.runs)
+        numbers += entry(layer.pixels, layer.patch, *runs)
+    patches = [patch, *(layer.patch for layer in layers)]
+    run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)

@@ -1,8 +1,8 @@
 """LLVM code for pixels in vectors: loading any type as floats, one layer behind what lies in front, storing.
 
 numba's own loops stay scalar here (floats) or take twice as long as memory does (bytes). Each function below emits code
-for some pixels, four floats each; LLVM splits the vectors for processors with narrower registers. No address need be aligned. Products and sums
-are rounded one by one, never fused: NumPy does the same, and so does every processor.
+for some pixels, four floats each; LLVM splits the vectors for processors with narrower registers. No address need be
+aligned. Products and sums are rounded one by one, never fused: NumPy does the same, and so does every processor.
 
 float16 is taken apart and put together with integers, so no processor needs instructions for it [1]_.
 
@@ -13,13 +13,18 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils
 
 # The types of pixel, numbered as in `blend.DTYPES`.
 FLOAT, BYTE, HALF = range(3)
 CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
+
+# numba's own building blocks carry no types.
+_function: Callable[..., Any] = cgutils.get_or_insert_function
 
 _FLOAT, _I8, _I16, _I32, _I64 = ir.FloatType(), ir.IntType(8), ir.IntType(16), ir.IntType(32), ir.IntType(64)
 
@@ -32,6 +37,11 @@ def splat(element: Any, value: float, lanes: int) -> Any:
 def place(builder: Any, address: Any, element: Any, lanes: int) -> Any:
     """The pointer to a vector at an address."""
     return builder.inttoptr(address, ir.VectorType(element, lanes).as_pointer())
+
+
+def offset(builder: Any, kind: int, address: Any, pixels: int) -> Any:
+    """The address so many pixels further on."""
+    return builder.add(address, ir.Constant(_I64, 4 * CHANNEL_BYTES[kind] * pixels)) if pixels else address
 
 
 def load(builder: Any, kind: int, address: Any, pixels: int) -> Any:
@@ -74,6 +84,43 @@ def over(builder: Any, front: Any, back: Any) -> Any:
     alpha = builder.shuffle_vector(front, front, alphas)
     rest = builder.fsub(splat(_FLOAT, 1.0, lanes), alpha)
     return builder.fadd(front, builder.fmul(rest, back))
+
+
+def over_bytes(builder: Any, front: Any, back: Any) -> Any:
+    """Bytes of front over back, (4·pixels) uint8, rounded to nearest.
+
+    A product of two bytes is at most 65,025, and its division by 255 rounded to nearest is
+    (x + 128 + ((x + 128) >> 8)) >> 8, all within 16 bits, so even and odd bytes are taken apart into 16-bit lanes. The
+    sum is cut to 255: premultiplied pixels never exceed it, but a colour rounded up past its alpha may, by one.
+    """
+    bytes_ = front.type.count
+    words = ir.VectorType(_I16, bytes_ // 2)
+    # 255 − alpha of the pixel, in each 16-bit lane: byte 3 of four below, and a zero (from the second vector) above.
+    lanes = [lane // 4 * 4 + 3 if lane % 2 == 0 else bytes_ for lane in range(bytes_)]
+    zero = splat(_I8, 0, bytes_)
+    rest = builder.shuffle_vector(builder.not_(front), zero, ir.Constant(ir.VectorType(_I32, bytes_), lanes))
+    rest = builder.bitcast(rest, words)
+    half, eight, low = (splat(_I16, value, bytes_ // 2) for value in (128, 8, 255))
+
+    def weigh(channel: Any) -> Any:
+        product = builder.add(builder.mul(channel, rest), half)
+        return builder.lshr(builder.add(product, builder.lshr(product, eight)), eight)
+
+    pairs = builder.bitcast(back, words)
+    even, odd = weigh(builder.and_(pairs, low)), weigh(builder.lshr(pairs, eight))
+    seen = builder.bitcast(builder.or_(even, builder.shl(odd, eight)), front.type)
+    kind = ir.FunctionType(front.type, [front.type, front.type])
+    add = _function(builder.module, kind, f"llvm.uadd.sat.v{bytes_}i8")
+    return builder.call(add, [front, seen])
+
+
+def nearer(builder: Any, depths: tuple[Any, Any], or_equal: Any, words: int) -> Any:
+    """Whether the second depth of each pixel is less than the first, once for each 32-bit word of its colour."""
+    pixels = depths[0].type.count
+    lanes = ir.Constant(ir.VectorType(_I32, pixels * words), [lane // words for lane in range(pixels * words)])
+    there, here = (builder.shuffle_vector(depth, depth, lanes) for depth in depths)
+    less, least = builder.fcmp_ordered("<", here, there), builder.fcmp_ordered("<=", here, there)
+    return builder.select(builder.trunc(or_equal, ir.IntType(1)), least, less)
 
 
 def any_set(builder: Any, address: Any, bytes_: int) -> Any:
