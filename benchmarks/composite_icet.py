@@ -6,12 +6,14 @@
 choice of ours runs once, by turns, each for `--frames` frames. The best algorithm of IceT counts. A ratio is ours over
 IceT's: of the minima over all passes, and of the medians over the passes of each run's median. IceT runs under Open
 MPI, ours under Open MPI and under the MPI of the wheel; the first is the comparison, the second what a user gets.
+Other work on the machine spoils even ratios: the load is told at the end, and should be of these programs only.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -147,7 +149,7 @@ def automatic(rows: list[Row]) -> Iterable[str]:
 
 def main() -> None:
     """Print the table and what holds; write every number as JSON on request."""
-    options = arguments()
+    options, started = arguments(), os.getloadavg()[0]
     cases = [open_images(folder) for folder in options.images]
     if not cases:
         wanted = product(options.kinds.split(","), numbers(options.sides), numbers(options.ranks))
@@ -158,7 +160,8 @@ def main() -> None:
         found = measure(case, options)
         rows += found
         print("\n".join(f"| {' | '.join(row.cells)} |" for row in found), flush=True)
-    print("", *goals(rows), *automatic(rows), sep="\n")
+    load = f"- load {started:.1f} before, {os.getloadavg()[0]:.1f} after, {os.cpu_count()} cores"
+    print("", *goals(rows), *automatic(rows), load, sep="\n")
     if options.json:
         chosen = {key: str(value) for key, value in vars(options).items()}
         options.json.write_text(json.dumps({**chosen, "rows": [asdict(row) for row in rows]}, indent=2) + "\n")
