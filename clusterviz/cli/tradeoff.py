@@ -1,0 +1,107 @@
+"""`clusterviz tradeoff`: what each quality setting costs and buys for a scene, as a page with its numbers beside it.
+
+Each setting is a job of its own, so that one that fails takes no other along, and memory is that of the setting alone.
+The job is this same command with `--measure`: it draws on its ranks, and leaves a picture and its cost in a folder.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.jobs import refuse_launcher, run_job
+from clusterviz.cli.progress import show_progress
+from clusterviz.comm import agree, limit_threads, open_channel
+from clusterviz.errors import SceneError
+from clusterviz.report.pages.folder import check_folder, replacing_folder
+from clusterviz.report.pages.tradeoff.knobs import parse_knobs, settings_of
+from clusterviz.report.pages.tradeoff.measure import Measured, cost_from_json, measure
+from clusterviz.report.pages.tradeoff.page import NUMBERS, PAGE, check_libraries, write_report
+from clusterviz.report.pages.tradeoff.rating import verdict
+from clusterviz.report.pages.tradeoff.survey import Survey
+from clusterviz.scene import Scene, open_scene
+
+PICTURE, RESULT = "picture.npy", "result.json"
+
+
+def command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    ranks: Annotated[int, typer.Option(min=1, help="Number of ranks.")] = 1,
+    define: Define = None,
+    size: Size = None,
+    knobs: Annotated[str | None, typer.Option(metavar="K,K,…", help="Which settings to turn; default: all.")] = None,
+    frames: Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")] = 5,
+    rounds: Annotated[int, typer.Option(min=1, help="Measure all settings so often, and keep the best.")] = 1,
+    budget: Annotated[float, typer.Option(min=0, help="Seconds for the picture without error.")] = 60.0,
+    most: Annotated[int, typer.Option(min=1, help="Combinations are left out beyond so many settings.")] = 40,
+    one_job: Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")] = False,
+) -> None:
+    """Measure what each quality setting of a scene costs and buys (starting mpirun by itself)."""
+    if one_job:
+        measure_job(Path(scene), output)
+        return
+    refuse_launcher("tradeoff")
+    check_libraries()
+    names = parse_knobs(knobs)
+    opened = open_scene(scene, overrides_of(define, size))
+    if not opened.volumes:
+        raise SceneError("nothing to trade", where=f"{scene}: volumes", allowed="a scene with a volume")
+    check_folder(output, NUMBERS)
+    survey = Survey(*settings_of(opened, ranks, names, most), ranks, frames, rounds, budget)
+    with (
+        tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder,
+        show_progress(survey.steps) as progress,
+    ):
+        report = survey.run(Path(scene).name, opened, MpirunJob(ranks, Path(folder)), progress)
+    with replacing_folder(output, NUMBERS) as temporary:
+        write_report(temporary, report)
+    print("\n".join(verdict(report.rated, report.truth)))
+    print(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}", flush=True)
+
+
+@dataclass(frozen=True)
+class MpirunJob:
+    """Draws scenes on some ranks; see `survey.Job`.
+
+    Attributes
+    ----------
+    folder : for what passes between this process and theirs
+    """
+
+    ranks: int
+    folder: Path
+
+    def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
+        """Draw one scene; raises what `run_job` raises."""
+        order = {"scene": scene.model_dump(mode="json"), "frames": frames, "warm_up": warm_up}
+        task = self.folder / "job.json"
+        task.write_text(json.dumps(order))
+        run_job(self.ranks, ["tradeoff", str(task), "-o", str(self.folder), "--measure"])
+        found = json.loads((self.folder / RESULT).read_text())
+        image = np.load(self.folder / PICTURE, allow_pickle=False)
+        return Measured(
+            cost_from_json(found["cost"]), image, Scene.model_validate(found["scene"]), found["renderer"]
+        )  # fmt: skip
+
+
+def measure_job(task: Path, folder: Path) -> None:
+    """What each rank of a job does; rank 0 leaves the result."""
+    channel = open_channel()
+    limit_threads(channel.place())
+    with agree(channel, 0, "job"):
+        read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
+    order = channel.broadcast(read)  # other nodes may not see this one's temporary folder
+    measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], order["warm_up"])
+    with agree(channel, 0, "result"):
+        if measured.image is not None:
+            np.save(folder / PICTURE, measured.image)
+            found = {"cost": measured.cost.as_json(), "scene": measured.scene.model_dump(mode="json")}
+            (folder / RESULT).write_text(json.dumps(found | {"renderer": measured.renderer}))

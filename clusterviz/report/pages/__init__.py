@@ -1,0 +1,5 @@
+"""Reports as pages for people: each measures something on a user's scene and writes an HTML file with a JSON beside it.
+
+- tradeoff/   what each quality setting costs and buys, for one scene
+- folder.py   an output folder that appears whole or not at all
+"""

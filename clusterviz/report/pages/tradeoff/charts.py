@@ -1,0 +1,151 @@
+"""Error against cost, as SVG for the page: each knob in its colour, the Pareto front as a line."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, pareto_front
+from clusterviz.report.pages.tradeoff.truth import Truth
+
+# Okabe and Ito's colours, told apart by every kind of colour vision.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+SCENE, TOGETHER, FRONT = "#000000", "#999999", "#444444"
+LOWEST = 1e-9
+"""Where an error of nothing is drawn."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What is drawn along one side of a chart; `value` of a setting, in the unit of the label."""
+
+    label: str
+    value: Callable[[Rated], float]
+
+
+TOTAL = Axis("a frame [ms]", lambda one: 1e3 * one.cost.total_seconds)
+RENDER = Axis("drawing [ms]", lambda one: 1e3 * one.cost.render_seconds)
+SAMPLES = Axis("samples a frame [10⁶]", lambda one: 1e-6 * one.cost.samples)
+MEMORY = Axis("largest rank's memory [MiB]", lambda one: one.cost.peak_memory_bytes / 2**20)
+SENT = Axis("sent a frame [MiB]", lambda one: one.cost.bytes_sent / 2**20)
+MAX = Axis("largest error", lambda one: one.max)
+RMS = Axis("rms error", lambda one: one.rms)
+UNLIKE = Axis("1 − SSIM", lambda one: 1 - one.ssim)
+SMALL_CHARTS = ((TOTAL, RMS), (TOTAL, UNLIKE), (RENDER, MAX), (SAMPLES, MAX), (MEMORY, MAX), (SENT, MAX))
+
+
+def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
+    """Largest error against the time of a frame, from the fastest frame to the slowest; SVG text.
+
+    The points of the front have the numbers that their rows in the table have.
+    """
+    figure = _figure(9.5, 5.4)
+    axes = figure.subplots()
+    _draw(axes, rated, TOTAL, MAX, truth.max)
+    for one in rated:
+        spread = [1e3 * one.cost.total_seconds_min, 1e3 * one.cost.total_seconds_max]
+        axes.plot(spread, 2 * [max(truth.max, LOWEST, one.max)], color="#bbbbbb", linewidth=1, zorder=1)
+    for level, name in ((LEVEL, "1 level of 8 bits"), (2 * LEVEL, "2 levels")):
+        if not axes.get_ylim()[0] < level < axes.get_ylim()[1]:
+            continue
+        axes.axhline(level, color="#bbbbbb", linewidth=0.8, linestyle=":")
+        axes.annotate(
+            name, (0.995, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="#777777"
+        )
+    _number_front(axes, rated, truth)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+    return _svg(figure)
+
+
+def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
+    """The other costs and errors; SVG text. One whose cost is always the same is left out."""
+    pairs = [pair for pair in SMALL_CHARTS if len({pair[0].value(one) for one in rated}) > 1]
+    floors = {MAX.label: truth.max, RMS.label: truth.rms}
+    if not pairs:
+        return ""
+    rows = -(-len(pairs) // 2)
+    figure = _figure(9.5, 3.3 * rows)
+    all_axes = figure.subplots(rows, 2, squeeze=False).flatten()
+    for axes, (cost, error) in zip(all_axes, pairs, strict=False):
+        _draw(axes, rated, cost, error, floors.get(error.label, 0.0))
+    for axes in all_axes[len(pairs) :]:
+        axes.remove()
+    return _svg(figure)
+
+
+def _draw(axes: Any, rated: Sequence[Rated], cost: Axis, error: Axis, floor: float) -> None:
+    """One chart; errors that cannot be told from none are drawn on the edge of a grey band."""
+    lowest = max(floor, LOWEST)
+    points = [(cost.value(one), max(lowest, error.value(one))) for one in rated]
+    front = sorted(point for point, best in zip(points, pareto_front(points), strict=True) if best)
+    axes.step(*zip(*front, strict=True), where="post", color=FRONT, linewidth=1, zorder=1, label="Pareto front")
+    for label, colour, marker, members in _groups(rated):
+        axes.scatter(
+            *zip(*(points[i] for i in members), strict=True),
+            s=140 if marker == "*" else 34, color=colour, marker=marker, label=label, edgecolor="white", linewidth=0.6,
+            zorder=3 if marker == "*" else 2,
+        )  # fmt: skip
+    axes.set(xlabel=cost.label, ylabel=error.label, yscale="log")
+    if max(x for x, _ in points) > 3 * min(x for x, _ in points) > 0:
+        axes.set_xscale("log")
+    _plain_ticks(axes)
+    errors = [y for _, y in points]
+    axes.set_ylim(min(errors) / 2, 2 * max(errors))
+    if floor > 0:
+        axes.axhspan(min(errors) / 2, floor, color="#eeeeee", zorder=0, linewidth=0)
+    axes.grid(True, color="#e6e6e6", linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _groups(rated: Sequence[Rated]) -> list[tuple[str, str, str, list[int]]]:
+    """Label, colour, marker and members of each kind of point, in the order of the legend."""
+    knobs = list(dict.fromkeys(next(iter(one.setting.changes)) for one in rated if _alone(one)))
+    groups = [("together", TOGETHER, "o", [i for i, one in enumerate(rated) if one.setting.kind == "together"])]
+    for number, knob in enumerate(knobs):
+        members = [i for i, one in enumerate(rated) if _alone(one) and knob in one.setting.changes]
+        groups.append((knob, COLOURS[number % len(COLOURS)], "os^Dvp"[number % 6], members))
+    groups.append(("as the scene is", SCENE, "*", [i for i, one in enumerate(rated) if one.setting.kind == "scene"]))
+    return [group for group in groups if group[3]]
+
+
+def _alone(one: Rated) -> bool:
+    return len(one.setting.changes) == 1
+
+
+def _number_front(axes: Any, rated: Sequence[Rated], truth: Truth) -> None:
+    for one in rated:
+        if one.front:
+            place = (TOTAL.value(one), max(truth.max, LOWEST, one.max))
+            axes.annotate(
+                str(one.front), place, xytext=(-5, -5), textcoords="offset points", ha="right", va="top", weight="bold"
+            )
+
+
+def _plain_ticks(axes: Any) -> None:
+    """Costs span a decade or two: 200 reads better there than 2 × 10²."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    if axes.get_xscale() == "log":
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _figure(width: float, height: float) -> Any:
+    """A figure of so many inches that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _svg(figure: Any) -> str:
+    """The figure as an element for HTML: text stays text, in the page's own font."""
+    import matplotlib as mpl
+
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.family": "sans-serif"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()[text.getvalue().index("<svg") :]

@@ -1,0 +1,167 @@
+"""The quality settings that are tried: one line each in `KNOBS`.
+
+Settings whose values are names take them from the scene's own types, so a new value needs nothing here, and a new key
+one line. Each value is tried alone, everything else as the scene has it; then together with values of other knobs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, get_args
+
+from clusterviz.errors import InputError
+from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
+from clusterviz.scene.values import Scene
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One setting.
+
+    Attributes
+    ----------
+    name : the last name of its key in the scene
+    about : what it is, for the page
+    values : what is tried; empty: every name that the scene's type allows, except "auto"
+    together : the values that are also tried in combinations; empty: all
+    exact : the value that adds no error of its own
+    control : it must not change the picture; never combined
+    ranks : the least number of ranks at which it does anything
+    """
+
+    name: str
+    about: str
+    values: tuple[Any, ...] = ()
+    together: tuple[Any, ...] = ()
+    exact: Any = None
+    control: bool = False
+    ranks: int = 1
+
+    @property
+    def choices(self) -> tuple[Any, ...]:
+        """The values that are tried alone."""
+        return self.values or _names(self.name)
+
+
+KNOBS = (
+    Knob("step", "distance between samples along a ray, in voxels", (4.0, 2.0, 1.0, 0.5, 0.25)),
+    Knob("classification", "where the transfer function is applied", exact="post"),
+    Knob("filter", "who interpolates the voxels", exact="exact"),
+    Knob(
+        "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
+    ),
+    Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
+    Knob("codec", "how pixels are packed for sending", ranks=2, control=True),
+    Knob("brick", "voxels along the side of a brick", (16, 32, 128), control=True),
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One way to draw the scene.
+
+    Attributes
+    ----------
+    changes : key -> value, by last names; what is not in it is as the scene has it
+    kind : "scene" (no change), "alone", "together" or "control"
+    """
+
+    changes: Mapping[str, Any]
+    kind: str
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {_shown(value)}" for name, value in self.changes.items()) or "as the scene is"
+
+
+def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tuple[list[Setting], int]:
+    """What to try.
+
+    Parameters
+    ----------
+    scene : whose own values need no second trial
+    ranks : how many will draw
+    names : of the knobs to turn
+    most : how many settings at most; those with the most changes go first
+
+    Returns
+    -------
+    settings : the scene as it is, each value alone, then combinations
+    left_out : how many combinations there were beyond `most`
+    """
+    knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks]
+    found = [Setting({}, "scene")]
+    for knob in knobs:
+        kind = "control" if knob.control else "alone"
+        found += [Setting({knob.name: value}, kind) for value in _others(scene, knob, knob.choices)]
+    room = max(len(found), most)
+    combined = sorted(_combinations(scene, knobs), key=lambda changes: len(changes))
+    found += [Setting(changes, "together") for changes in combined]
+    return found[:room], max(0, len(found) - room)
+
+
+def parse_knobs(text: str | None) -> list[str]:
+    """The knobs of a list like "step,filter"; all where there is none.
+
+    Raises
+    ------
+    InputError
+        One of them is not known.
+    """
+    known = [knob.name for knob in KNOBS]
+    names = [name.strip() for name in text.split(",")] if text else known
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError("unknown knob", where="--knobs", found=unknown[0] or "nothing", allowed=", ".join(known))
+    return names
+
+
+def exact_settings() -> dict[str, Any]:
+    """The values at which only the step is left to err."""
+    return {knob.name: knob.exact for knob in KNOBS if knob.exact is not None}
+
+
+def value_of(scene: Scene, name: str) -> Any:
+    """What the scene has for a knob."""
+    value: Any = scene
+    for part in KEYS[name]:
+        value = value[part] if isinstance(part, int) else getattr(value, part)
+    return value
+
+
+def changed(scene: Scene, setting: Setting) -> Scene:
+    """The scene with a setting in it.
+
+    Raises
+    ------
+    SceneError
+        The scene cannot have it.
+    """
+    return with_settings(scene, setting.changes)
+
+
+def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
+    """All changes of two knobs or more."""
+    turned = [knob for knob in knobs if not knob.control]
+    options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
+    for values in product(*options):
+        pairs = zip(turned, values, strict=True)
+        changes = {knob.name: value for knob, value in pairs if value is not None}
+        if len(changes) > 1:
+            yield changes
+
+
+def _others(scene: Scene, knob: Knob, values: Sequence[Any]) -> list[Any]:
+    """The values that the scene does not have already."""
+    return [value for value in values if value != value_of(scene, knob.name)]
+
+
+def _names(name: str) -> tuple[Any, ...]:
+    """What a setting may be by its type, where that is a list of names."""
+    section = next(section for _, section in SECTIONS if name in section.model_fields)
+    return tuple(value for value in get_args(section.model_fields[name].annotation) if value != "auto")
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,169 @@
+"""The report as files: one page that holds all it shows, and its numbers as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from clusterviz.errors import ClustervizError
+from clusterviz.report.pages.tradeoff.knobs import KNOBS
+from clusterviz.report.pages.tradeoff.pictures import error_picture, shown
+from clusterviz.report.pages.tradeoff.rating import Failed, Rated, verdict
+from clusterviz.report.pages.tradeoff.truth import Truth
+from clusterviz.scene import Scene, background_rgb, dump_scene
+from clusterviz.scene.background import RGB
+
+PAGE, NUMBERS = "index.html", "tradeoff.json"
+TEMPLATE = Path(__file__).with_name("page.html")
+PIXELATED = 200
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that the page shows.
+
+    Attributes
+    ----------
+    name : what the scene is called
+    scene : completed
+    ranks, frames, rounds : how it was measured
+    renderer : OpenGL's name of what drew
+    rated : the scene as it is comes first
+    failed : what could not be drawn
+    left_out : how many combinations were not tried
+    seconds_again : a frame of the scene as it is, measured a second time after all others
+    """
+
+    name: str
+    scene: Scene
+    ranks: int
+    frames: int
+    rounds: int
+    renderer: str
+    truth: Truth
+    rated: Sequence[Rated]
+    failed: Sequence[Failed]
+    left_out: int
+    seconds_again: float
+
+    @property
+    def drift(self) -> float:
+        """Ratio of the two times of the scene as it is, the larger one first: 1 on a machine that does nothing else."""
+        both = (self.rated[0].cost.total_seconds, self.seconds_again)
+        return max(both) / min(both)
+
+
+def check_libraries() -> None:
+    """Find out before minutes of work whether the page can be made.
+
+    Raises
+    ------
+    ClustervizError
+        matplotlib or Jinja2 is not installed.
+    """
+    try:
+        import jinja2  # noqa: F401
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise ClustervizError(f"reports need {error.name}: pip install 'clusterviz[report]'") from None
+
+
+def write_report(folder: Path, report: Report) -> None:
+    """Write the page and the numbers into a folder."""
+    (folder / NUMBERS).write_text(json.dumps(numbers(report), indent=2) + "\n")
+    (folder / PAGE).write_text(html(report), encoding="utf-8")
+
+
+def numbers(report: Report) -> dict[str, Any]:
+    """The report without its pictures; docs/tradeoff.md says what each key means."""
+    truth = asdict(report.truth)
+    del truth["picture"]
+    return {
+        "clusterviz": version("clusterviz"),
+        "scene": report.scene.model_dump(mode="json"),
+        "ranks": report.ranks,
+        "size": list(report.scene.image.size),
+        "frames": report.frames,
+        "rounds": report.rounds,
+        "renderer": report.renderer,
+        "verdict": verdict(report.rated, report.truth),
+        "truth": truth,
+        "settings": [_as_json(one) for one in report.rated],
+        "failed": [
+            {"changes": dict(one.setting.changes), "kind": one.setting.kind, "reason": one.reason}
+            for one in report.failed
+        ],
+        "left_out": report.left_out,
+        "drift": report.drift,
+    }
+
+
+def html(report: Report) -> str:
+    """The page."""
+    import jinja2
+
+    from clusterviz.report.pages.tradeoff import charts
+
+    background = background_rgb(report.scene.image.background)
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(TEMPLATE.read_text())
+    used = {name for one in report.rated if one.setting.kind == "control" for name in one.setting.changes}
+    return template.render(
+        name=report.name,
+        ranks=report.ranks,
+        frames=report.frames,
+        rounds=report.rounds,
+        renderer=report.renderer,
+        truth=report.truth,
+        failed=report.failed,
+        left_out=report.left_out,
+        drift=report.drift,
+        version=version("clusterviz"),
+        size=report.scene.image.size,
+        verdict=verdict(report.rated, report.truth),
+        main_chart=charts.main_chart(report.rated, report.truth),
+        small_charts=charts.small_charts(report.rated, report.truth),
+        truth_picture=shown(report.truth.picture, background),
+        rows=[_row(one, report.truth, background) for one in report.rated],
+        controls=", ".join(f"{knob.name} ({knob.about})" for knob in KNOBS if knob.name in used),
+        small=' class="small"' if report.scene.image.size[0] < PIXELATED else "",
+        json_name=NUMBERS,
+        scene=dump_scene(report.scene),
+    )
+
+
+def _as_json(one: Rated) -> dict[str, Any]:
+    """One entry of "settings"."""
+    errors = {
+        "max": one.max,
+        "rms": one.rms,
+        "wrong_pixels": one.wrong_pixels,
+        "ssim": one.ssim,
+    }
+    setting = {"name": str(one.setting), "changes": dict(one.setting.changes), "kind": one.setting.kind}
+    return setting | one.cost.as_json() | errors | {"front": one.front}
+
+
+def _row(one: Rated, truth: Truth, background: RGB | None) -> dict[str, Any]:
+    """One row of the table and one pair of pictures, in the page's units."""
+    error, factor = error_picture(one.image - truth.picture)
+    return {
+        "name": str(one.setting),
+        "front": one.front,
+        "total_ms": 1e3 * one.cost.total_seconds,
+        "render_ms": 1e3 * one.cost.render_seconds,
+        "max": one.max,
+        "rms": one.rms,
+        "wrong_pixels": one.wrong_pixels,
+        "ssim": one.ssim,
+        "samples": one.cost.samples,
+        "voxel_mib": one.cost.voxel_bytes / 2**20,
+        "peak_mib": one.cost.peak_memory_bytes / 2**20,
+        "sent_mib": one.cost.bytes_sent / 2**20,
+        "picture": shown(one.image, background),
+        "error": error,
+        "factor": factor,
+    }

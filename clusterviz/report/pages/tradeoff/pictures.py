@@ -1,0 +1,72 @@
+"""Pictures for the page: small, over the scene's background, and what is wrong with them, magnified until it shows."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image import finish
+from clusterviz.scene.background import RGB
+
+WIDTH = 400
+MOST = 10.0**7
+
+Bytes = NDArray[np.uint8]
+
+
+def shown(rgba: NDArray[Any], background: RGB | None) -> str:
+    """A picture (h, w, 4), premultiplied, as a PNG in a data URL, at most `WIDTH` wide."""
+    from PIL import Image
+
+    picture = Image.fromarray(finish(np.asarray(rgba, np.float32), background))
+    if picture.width > WIDTH:
+        picture = picture.resize((WIDTH, max(1, round(picture.height * WIDTH / picture.width))), Image.Resampling.BOX)
+    return _data_url(picture)
+
+
+def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
+    """The largest error of each pixel's channels, from black (none) over red and yellow to white (1 / factor).
+
+    Parameters
+    ----------
+    difference : float (h, w, 4), of two pictures
+
+    Returns
+    -------
+    url : a PNG in a data URL; made smaller, a pixel keeps the largest error of those that it stands for
+    factor : by how much the error is magnified, a power of ten, at most `MOST`
+    """
+    from PIL import Image
+
+    error = _largest_of_blocks(np.abs(difference).max(axis=2))
+    largest = float(error.max())
+    factor = min(MOST, 10.0 ** math.floor(-math.log10(largest))) if 0 < largest < math.inf else 1.0
+    return _data_url(Image.fromarray(_heat(np.clip(error * factor, 0, 1)))), factor
+
+
+def _heat(values: NDArray[np.float64]) -> Bytes:
+    """(h, w) in [0, 1] as (h, w, 3): red rises first, then green, then blue."""
+    rising = 3 * values[..., None] - np.arange(3)
+    colours: Bytes = np.rint(255 * np.clip(rising, 0, 1)).astype(np.uint8)
+    return colours
+
+
+def _largest_of_blocks(error: NDArray[Any]) -> NDArray[np.float64]:
+    """Made smaller by a whole number, so that no wrong pixel is averaged away."""
+    side = -(-error.shape[1] // WIDTH)
+    height, width = (-(-length // side) for length in error.shape)
+    padded = np.zeros((height * side, width * side))
+    padded[: error.shape[0], : error.shape[1]] = error
+    blocks: NDArray[np.float64] = padded.reshape(height, side, width, side).max(axis=(1, 3))
+    return blocks
+
+
+def _data_url(picture: Any) -> str:
+    data = io.BytesIO()
+    picture.save(data, format="png", optimize=True)
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()

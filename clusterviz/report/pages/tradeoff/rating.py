@@ -1,0 +1,153 @@
+"""Measurements beside the truth: errors, the Pareto front, and what there is to say of them in a few sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image import compare, finish
+from clusterviz.report.pages.tradeoff.knobs import Setting
+from clusterviz.report.pages.tradeoff.measure import Cost, Image
+from clusterviz.report.pages.tradeoff.similarity import luminance, ssim
+from clusterviz.report.pages.tradeoff.truth import Truth
+from clusterviz.scene.background import RGB
+
+LEVEL = 1 / 255
+INVISIBLE = 2 * LEVEL
+"""An error that a screen of 8 bits hardly shows."""
+GREY: RGB = (0.5, 0.5, 0.5)
+"""Behind a transparent picture, for its structure: neither dark nor light parts vanish into it."""
+
+
+@dataclass(frozen=True)
+class Rated:
+    """A setting, what it costs, and how far it is from the truth.
+
+    Attributes
+    ----------
+    setting, cost : as measured
+    max, rms : of the difference, any channel of the premultiplied picture, of full scale 1
+    wrong_pixels : how many differ by more than a level of 8 bits
+    ssim : structural similarity of the two over the background, as 8 bits show them
+    image : float32 (h, w, 4), the picture
+    front : its number on the Pareto front, from the fastest on; 0 where another setting is as fast and as exact
+    """
+
+    setting: Setting
+    cost: Cost
+    max: float
+    rms: float
+    wrong_pixels: int
+    ssim: float
+    image: Image
+    front: int = 0
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A setting that could not be drawn, and why."""
+
+    setting: Setting
+    reason: str
+
+
+def rate(setting: Setting, cost: Cost, image: Image, truth: Truth, background: RGB | None) -> Rated:
+    """Compare one picture with the truth."""
+    difference = compare(image.astype(np.float64), truth.picture, LEVEL)
+    alike = ssim(_grey(image, background), _grey(truth.picture.astype(np.float32), background))
+    return Rated(setting, cost, difference.max, difference.rms, difference.count, alike, image)
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Which points no other one beats in one of two costs without losing in the other.
+
+    Parameters
+    ----------
+    points : two costs each, less is better; of equal points all are kept
+    """
+    return [
+        not any(a <= x and b <= y and (a < x or b < y) for a, b in points)
+        for x, y in points
+    ]  # fmt: skip
+
+
+def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
+    """The same, with those numbered that lie on the front of time and largest error.
+
+    Errors below the truth's own count as that: to be nearer to it than it is to the real picture is no merit. Nor is a
+    third digit.
+    """
+    errors = [float(f"{max(one.max, truth.max):.1e}") for one in rated]
+    on_it = pareto_front([(one.cost.total_seconds, error) for one, error in zip(rated, errors, strict=True)])
+    by_time = sorted((i for i, on in enumerate(on_it) if on), key=lambda i: rated[i].cost.total_seconds)
+    numbers = {i: number for number, i in enumerate(by_time, 1)}
+    return [replace(one, front=numbers.get(i, 0)) for i, one in enumerate(rated)]
+
+
+def fastest_within(rated: Sequence[Rated], largest: float) -> Rated | None:
+    """The fastest whose largest error is no more than that."""
+    fits = [one for one in rated if one.max <= largest]
+    return min(fits, key=lambda one: one.cost.total_seconds, default=None)
+
+
+def verdict(rated: Sequence[Rated], truth: Truth) -> list[str]:
+    """What the scene's trade is, in sentences.
+
+    Parameters
+    ----------
+    rated : the scene as it is comes first
+    truth : what they were measured against
+    """
+    scene = rated[0]
+    sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene.max, truth)}."]
+    # Errors below the truth's own are no reason to prefer one setting to another.
+    same = fastest_within(rated, max(scene.max, truth.max))
+    if same and faster(same, scene):
+        sentences.append(f"It is had {ratio(scene, same)} faster at no larger error by {same.setting}.")
+    else:
+        sentences.append("No setting that was tried is faster at no larger error.")
+    hidden = fastest_within(rated, INVISIBLE)
+    if hidden is None:
+        exact = min(rated, key=lambda one: one.max)
+        sentences.append(
+            f"None comes within 2 levels of 8 bits; {exact.setting} comes closest, with {levels(exact.max, truth)}, "
+            f"and takes {milliseconds(exact)}."
+        )
+    elif hidden not in (scene, same):
+        sentences.append(f"The fastest within 2 levels of 8 bits is {hidden.setting}: {milliseconds(hidden)}.")
+    quickest = min(rated, key=lambda one: one.cost.total_seconds)
+    if quickest not in (scene, same, hidden) and faster(quickest, scene):
+        sentences.append(
+            f"The fastest of all, {quickest.setting}, is {ratio(scene, quickest)} faster than the scene as it is "
+            f"and errs by {levels(quickest.max, truth)}."
+        )
+    return sentences
+
+
+def levels(error: float, truth: Truth) -> str:
+    """An error in levels of 8 bits; one below what the truth can tell is said to be that."""
+    known = max(error, truth.max)
+    text = f"{known / LEVEL:.2g} levels of 255" if known >= LEVEL / 20 else f"{known:.1e} of full scale"
+    return f"less than {text}" if error < truth.max else f"up to {text}"
+
+
+def milliseconds(one: Rated) -> str:
+    """A frame's time for reading."""
+    return f"{1e3 * one.cost.total_seconds:.3g} ms"
+
+
+def ratio(slow: Rated, fast: Rated) -> str:
+    """How many times as fast."""
+    return f"{slow.cost.total_seconds / fast.cost.total_seconds:.2g} times"
+
+
+def faster(one: Rated, other: Rated) -> bool:
+    """Whether the difference is more than noise: half of one's frames took less than the fastest of the other's."""
+    return one.cost.total_seconds < min(other.cost.total_seconds_min, 0.95 * other.cost.total_seconds)
+
+
+def _grey(rgba: NDArray[np.float32], background: RGB | None) -> NDArray[np.float64]:
+    return luminance(finish(rgba, background or GREY)) / 255

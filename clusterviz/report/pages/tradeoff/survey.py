@@ -1,0 +1,111 @@
+"""All settings of a scene, drawn one after another and held against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from clusterviz.errors import ClustervizError
+from clusterviz.report.pages.tradeoff.knobs import Setting, changed, exact_settings
+from clusterviz.report.pages.tradeoff.measure import Image, Measured
+from clusterviz.report.pages.tradeoff.page import Report
+from clusterviz.report.pages.tradeoff.rating import Failed, Rated, number_front, rate
+from clusterviz.report.pages.tradeoff.truth import Draw, find_truth
+from clusterviz.scene import Scene, background_rgb
+from clusterviz.scene.settings import with_settings
+
+TRUTH, AGAIN = "the picture without error", "the scene as it is, again"
+
+
+class Job(Protocol):
+    """Draws a scene so many times on all ranks, after so many frames that do not count; the picture is there."""
+
+    def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured: ...
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is measured, and how thoroughly.
+
+    Attributes
+    ----------
+    settings : the scene as it is comes first
+    left_out : how many combinations are not among them
+    ranks : of a job
+    frames : timed in each job
+    rounds : how often all settings are gone through; of each the fastest job counts, since other work on the machine
+        only ever adds to a time
+    budget_seconds : for the picture without error
+    """
+
+    settings: Sequence[Setting]
+    left_out: int
+    ranks: int
+    frames: int
+    rounds: int
+    budget_seconds: float
+
+    @property
+    def steps(self) -> list[str]:
+        """The names of what is done, in order."""
+        first, *others = (str(setting) for setting in self.settings)
+        again = [f"{name}, round {n + 2}" for n in range(self.rounds - 1) for name in (first, *others)]
+        return [first, TRUTH, *others, *again, AGAIN]
+
+    def run(self, name: str, scene: Scene, job: Job, progress: Callable[[str], None]) -> Report:
+        """Draw the scene as it is, find the truth, then draw all settings.
+
+        Parameters
+        ----------
+        name : what the scene is called
+        scene : with a volume
+        progress : told each of `steps` as it begins
+
+        Raises
+        ------
+        ClustervizError
+            The scene as it is cannot be drawn. A setting that cannot is told in the report.
+        """
+        steps = iter(self.steps)
+        progress(next(steps))
+        first = job(scene, self.frames)
+        # From here on nothing is left open, so that no setting can change what is shown.
+        scene = first.scene
+        progress(next(steps))
+        truth = find_truth(scene, _exact(job), self.budget_seconds)
+        background = background_rgb(scene.image.background)
+
+        def rated(setting: Setting, drawn: Measured) -> Rated:
+            return rate(setting, drawn.cost, _picture(drawn), truth, background)
+
+        best, failed = {str(self.settings[0]): rated(self.settings[0], first)}, dict[str, Failed]()
+        for setting in [*self.settings[1:], *(self.rounds - 1) * list(self.settings)]:
+            progress(next(steps))
+            try:
+                found = rated(setting, job(changed(scene, setting), self.frames))
+            except ClustervizError as error:
+                failed[str(setting)] = Failed(setting, str(error))
+            else:
+                best[str(setting)] = _faster(best.get(str(setting)), found)
+        progress(next(steps))
+        again = job(scene, self.frames).cost.total_seconds
+        numbered = tuple(number_front([best[str(one)] for one in self.settings if str(one) in best], truth))
+        lost = tuple(one for name, one in failed.items() if name not in best)
+        how = (self.ranks, self.frames, self.rounds, first.renderer)
+        return Report(name, scene, *how, truth, numbered, lost, self.left_out, again)
+
+
+def _faster(known: Rated | None, found: Rated) -> Rated:
+    return found if known is None or found.cost.total_seconds < known.cost.total_seconds else known
+
+
+def _exact(job: Job) -> Draw:
+    """The renderer where only the step is left to err."""
+    return lambda scene, step: _picture(job(with_settings(scene, exact_settings() | {"step": step}), 1, 0))
+
+
+def _picture(drawn: Measured) -> Image:
+    if drawn.image is None:
+        raise ClustervizError("a job left no picture")
+    return drawn.image

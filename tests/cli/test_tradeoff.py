@@ -1,0 +1,195 @@
+"""tradeoff leaves a page that holds everything it shows, and its numbers, or nothing at all."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.cli import tradeoff
+from clusterviz.cli.tradeoff import MpirunJob
+from clusterviz.errors import ClustervizError
+from clusterviz.report.pages.tradeoff.measure import Cost, Measured, cost_from_json
+from clusterviz.scene import Scene
+
+FIELD = "field:gaussian:12"
+SMALL = ("--size", "32x24", "--frames", "1")
+KEYS = {
+    *(
+        "clusterviz",
+        "scene",
+        "ranks",
+        "size",
+        "frames",
+        "renderer",
+        "verdict",
+        "truth",
+        "settings",
+        "failed",
+        "left_out",
+    ),
+    *("drift", "rounds"),
+}
+COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
+
+
+class Sources(HTMLParser):
+    """What a page loads, and which of its elements are not closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attributes if name in ("src", "data")]
+        if tag in ("table", "figure", "svg", "div", "h2"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if self.open and tag == self.open[-1]:
+            self.open.pop()
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    options = ("--ranks", str(ranks), "--knobs", "filter", "--budget", "30", "-D", "cluster.brick=4")
+    outcome = cli("tradeoff", FIELD, "-o", str(out), *SMALL, *options)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "As the scene is, a frame takes" in outcome.out
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["index.html", "out", "tradeoff.json"]
+    numbers = json.loads((out / "tradeoff.json").read_text())
+    assert set(numbers) == KEYS
+    assert (numbers["ranks"], numbers["size"], numbers["frames"]) == (ranks, [32, 24], 1)
+    assert numbers["truth"]["source"] == "reference"
+    scene, *others = numbers["settings"]
+    assert (scene["kind"], scene["changes"]) == ("scene", {})
+    assert [one["changes"] for one in others] == [{"filter": "hardware"}]
+    assert 0 < scene["max"] < 0.1
+    assert scene["samples"] == others[0]["samples"] > 0
+    assert 0 < scene["ssim"] <= 1
+    assert (scene["bytes_sent"] > 0) == (ranks > 1)
+    assert any(one["front"] for one in numbers["settings"])
+    assert numbers["failed"] == []
+    page = (out / "index.html").read_text()
+    sources = Sources()
+    sources.feed(page)
+    assert sources.open == []
+    assert len(sources.found) == 1 + 2 * len(numbers["settings"])
+    assert all(source.startswith("data:image/png;base64,") for source in sources.found)
+    assert not re.search(r"(src|href)=.https?:|@import|url\(http", page)
+    assert page.count("<svg") == 2
+
+
+@pytest.fixture
+def jobs(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
+    """The scenes that were drawn; each picture is as far from 0.5 as its step is long."""
+    drawn: list[Scene] = []
+
+    def draw(self: MpirunJob, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
+        drawn.append(scene)
+        if scene.quality.filter == "hardware":
+            raise ClustervizError("on 1 rank: no such unit")
+        width, height = scene.image.size
+        image = np.full((height, width, 4), 0.5 + 0.01 * scene.quality.step, np.float32)
+        return Measured(COST, image, complete(scene), "a renderer")
+
+    monkeypatch.setattr(MpirunJob, "__call__", draw)
+    return drawn
+
+
+def complete(scene: Scene) -> Scene:
+    from clusterviz.data import open_source
+    from clusterviz.scene import VolumeFacts, complete_scene
+
+    grid = open_source(scene.volumes[0].path, None).grid
+    return complete_scene(scene, VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0))
+
+
+def test_a_setting_that_fails_is_told_and_takes_no_other_along(
+    jobs: list[Scene], cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    outcome = cli(
+        "tradeoff",
+        FIELD,
+        "-o",
+        str(tmp_path / "out"),
+        *SMALL,
+        "--knobs",
+        "step,filter",
+        "--budget",
+        "0",
+        "--rounds",
+        "2",
+    )
+    assert (outcome.status, outcome.err) == (0, "")
+    numbers = json.loads((tmp_path / "out" / "tradeoff.json").read_text())
+    assert {one["changes"].get("filter") for one in numbers["failed"]} == {"hardware"}
+    assert {"step 0.5", "step 4"} <= {one["name"] for one in numbers["settings"]}
+    assert numbers["failed"][0]["reason"] == "on 1 rank: no such unit"
+    assert "no such unit" in (tmp_path / "out" / "index.html").read_text()
+    assert numbers["truth"]["source"] == "renderer"
+    assert (numbers["rounds"], numbers["drift"]) == (2, 1)
+    # All are drawn from the completed scene, with the camera of the first.
+    assert len({scene.camera for scene in jobs[1:] if scene.image.size == (32, 24)}) == 1
+
+
+def test_a_scene_that_cannot_be_drawn_leaves_nothing(
+    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> Any:
+        raise ClustervizError("on 1 rank: no context")
+
+    monkeypatch.setattr(tradeoff, "run_job", fail)
+    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"), *SMALL)
+    assert (outcome.status, outcome.err) == (1, "clusterviz: error: on 1 rank: no context\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("library", ["jinja2", "matplotlib"])
+def test_a_missing_library_is_named(
+    library: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"))
+    assert outcome.status == 1
+    assert f"reports need {library}: pip install 'clusterviz[report]'" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--knobs", "speed"), "--knobs: unknown knob; found speed"),
+        (("--size", "0x3"), "--size: not a size"),
+        (("-D", "volumes=[]"), "nothing to trade"),
+    ],
+)
+def test_wrong_options(options: tuple[str, ...], said: str, cli: Callable[..., Any], tmp_path: Path) -> None:
+    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"), *options)
+    assert (outcome.status, said in outcome.err, list(tmp_path.iterdir())) == (2, True, []), outcome.err
+
+
+def test_a_folder_with_other_files_is_kept(cli: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("")
+    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path))
+    assert (outcome.status, "would overwrite other files" in outcome.err) == (2, True)
+
+
+def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"))
+    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)
+
+
+def test_costs_come_back_from_json() -> None:
+    assert cost_from_json(json.loads(json.dumps(COST.as_json()))) == COST

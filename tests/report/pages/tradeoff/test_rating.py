@@ -1,0 +1,104 @@
+"""Which settings are best, and what is said of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clusterviz.report.pages.tradeoff.knobs import Setting
+from clusterviz.report.pages.tradeoff.measure import Cost
+from clusterviz.report.pages.tradeoff.rating import (
+    Rated,
+    fastest_within,
+    number_front,
+    pareto_front,
+    rate,
+    verdict,
+)
+from clusterviz.report.pages.tradeoff.truth import Halving, Truth
+
+LEVEL = 1 / 255
+TRUTH = Truth(np.full((12, 12, 4), 0.5), "reference", "", 0.1, 1e-5, 1e-6, (Halving(0.1, 1e-5, 1e-6),))
+COST = Cost(0.01, 0.1, 0.1, 0.1, 1000, 1 << 20, 1 << 28, 0, 0)
+
+
+def setting(seconds: float, error: float, **changes: Any) -> Rated:
+    kind = "alone" if changes else "scene"
+    cost = replace(COST, total_seconds=seconds, total_seconds_min=seconds, total_seconds_max=seconds)
+    return Rated(Setting(changes, kind), cost, error, error / 10, 0, 1.0, np.zeros((1, 1, 4), np.float32))
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1))
+def test_the_front_is_what_nothing_beats(points: list[tuple[int, int]]) -> None:
+    front = pareto_front(points)
+    best = {point for point, on in zip(points, front, strict=True) if on}
+    for point, on in zip(points, front, strict=True):
+        beaten = any(other != point and other[0] <= point[0] and other[1] <= point[1] for other in points)
+        assert on != beaten
+    assert best
+    assert len({x for x, _ in best}) == len(best)  # of one time only one error
+
+
+def test_the_front_is_numbered_from_the_fastest_on() -> None:
+    rated = [
+        setting(0.2, 0.01),
+        setting(0.1, 0.1, step=2.0),
+        setting(0.3, 0.01, brick=32),
+        setting(0.4, 0.001, step=0.5),
+    ]
+    assert [one.front for one in number_front(rated, TRUTH)] == [2, 1, 0, 3]
+
+
+def test_what_is_below_the_truths_own_error_is_no_better() -> None:
+    rated = [setting(0.2, 5e-6), setting(0.3, 1e-9, step=0.5), setting(0.4, 1.0, step=4.0)]
+    assert [one.front for one in number_front(rated, TRUTH)] == [1, 0, 0]
+
+
+def test_errors_are_those_of_the_picture() -> None:
+    image = np.full((12, 12, 4), 0.5, np.float32)
+    image[3, 4, 1] += 0.25
+    rated = rate(Setting({}, "scene"), COST, image, TRUTH, (0.0, 0.0, 0.0))
+    assert (rated.max, rated.wrong_pixels) == (0.25, 1)
+    assert rated.rms == pytest.approx(0.25 / np.sqrt(12 * 12 * 4))
+    assert 0.5 < rated.ssim < 1
+    exact = rate(Setting({}, "scene"), COST, TRUTH.picture.astype(np.float32), TRUTH, None)
+    assert (exact.max, exact.wrong_pixels, exact.ssim) == (0, 0, pytest.approx(1))
+
+
+def test_the_fastest_within_a_bound() -> None:
+    rated = [setting(0.2, 0.01), setting(0.1, 0.1, step=2.0), setting(0.15, 0.01, brick=32)]
+    assert fastest_within(rated, 0.05) is rated[2]
+    assert fastest_within(rated, 1e-3) is None
+
+
+def test_the_verdict_names_what_is_faster_at_no_larger_error() -> None:
+    rated = [setting(0.2, 4 * LEVEL), setting(0.05, 4 * LEVEL, early_termination=0.01), setting(0.4, LEVEL, step=0.5)]
+    text = " ".join(verdict(rated, TRUTH))
+    assert "takes 200 ms and errs by up to 4 levels of 255" in text
+    assert "4 times faster at no larger error by early_termination 0.01" in text
+    assert "within 2 levels of 8 bits is step 0.5: 400 ms" in text
+
+
+def test_the_verdict_where_the_scene_is_best_and_nothing_is_exact() -> None:
+    text = " ".join(verdict([setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)], TRUTH))
+    assert "No setting that was tried is faster at no larger error." in text
+    assert (
+        "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4 levels of 255, and takes 200 ms"
+        in text
+    )
+
+
+def test_noise_is_no_gain() -> None:
+    scene = setting(0.2, 0.1)
+    noisy = replace(scene, cost=replace(scene.cost, total_seconds_min=0.1))
+    text = " ".join(verdict([noisy, setting(0.15, 0.1, brick=32)], TRUTH))
+    assert "No setting that was tried is faster" in text
+
+
+def test_an_error_below_what_is_known_is_said_to_be_that() -> None:
+    assert "errs by less than 1.0e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
