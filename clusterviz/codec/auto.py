@@ -39,8 +39,8 @@ SQUEEZE_SECONDS_PER_BYTE = 4e-10
 # Messages from one look at all candidates to the next: at first, and at most.
 LEAST_INTERVAL, MOST_INTERVAL = 8, 256
 
-# A ratio that has changed by this part of itself is another picture.
-DRIFT = 0.25
+# A ratio that has changed by this part of itself, and by this part of the raw bytes, is another picture.
+DRIFT, LEAST_DRIFT = 0.25, 0.02
 
 
 @dataclass
@@ -51,8 +51,16 @@ class _Measured:
     encode: float
     decode: float
 
-    def seconds(self, seconds_per_byte: float) -> float:
+    def cost(self, seconds_per_byte: float) -> float:
+        """Seconds for a raw byte on a link."""
         return self.encode + self.ratio * seconds_per_byte + self.decode
+
+    def after(self, earlier: _Measured | None) -> _Measured:
+        """What to believe of this, having measured that earlier: others on the same cores only make times longer."""
+        if earlier is None:
+            return self
+        times = ((self.encode, earlier.encode), (self.decode, earlier.decode))
+        return _Measured(self.ratio, *(min(new, (new + old) / 2) for new, old in times))
 
 
 @dataclass
@@ -125,9 +133,10 @@ class AutoCodec:
         open_message(message, len(pixels), pixels.dtype, rows)
         opened = self._clock()
         size = pixels.nbytes
-        stream.measured[name] = _Measured(message.nbytes / size, (packed - started) / size, (opened - packed) / size)
+        found = _Measured(message.nbytes / size, (packed - started) / size, (opened - packed) / size)
+        stream.measured[name] = found.after(stream.measured.get(name))
         if not stream.untried:
-            costs = {name: found.seconds(self._seconds_per_byte) for name, found in stream.measured.items()}
+            costs = {name: found.cost(self._seconds_per_byte) for name, found in stream.measured.items()}
             best = min(costs, key=costs.__getitem__)
             stream.chosen = best if costs[best] < self._seconds_per_byte else "raw"
             stream.since = 0
@@ -137,7 +146,8 @@ class AutoCodec:
         """Send by the chosen codec; look again where it is time, or where the ratio is no longer what it was."""
         message = pack(pixels, stream.chosen, rows, out)
         known = stream.measured.get(stream.chosen)
-        drifted = known is not None and abs(message.nbytes / pixels.nbytes - known.ratio) > DRIFT * known.ratio
+        change = abs(message.nbytes / pixels.nbytes - known.ratio) if known else 0.0
+        drifted = known is not None and change > max(DRIFT * known.ratio, LEAST_DRIFT)
         stream.since += 1
         if drifted and stream.since >= LEAST_INTERVAL:
             stream.interval = LEAST_INTERVAL

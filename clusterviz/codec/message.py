@@ -20,6 +20,7 @@ import numpy as np
 
 from clusterviz.codec.chain import BY_FLAG, CODECS, Chain
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
+from clusterviz.codec.scratch import scratch
 
 HEADER_BYTES = 12
 _HEADER = np.dtype("<u4")
@@ -80,13 +81,23 @@ def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Byt
 
 
 def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any]) -> Bytes:
-    """The body with its pixels through the filters."""
-    for stage in chain.filters:
-        filtered = np.empty_like(body)
+    """The body with its pixels through the filters, in memory that the next message reuses."""
+    for number, stage in enumerate(chain.filters):
+        filtered = scratch(body.size, number % 2)
         filtered[:table_bytes] = body[:table_bytes]
         stage.apply(_read_only(body[table_bytes:]), filtered[table_bytes:], dtype)
         body = filtered
     return body
+
+
+def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
+    """Take the pixels back through the filters, in place."""
+    source, target = pixels, scratch(pixels.size, 0) if chain.filters else pixels
+    for stage in reversed(chain.filters):
+        stage.undo(_read_only(source), target, dtype)
+        source, target = target, source
+    if source is not pixels:
+        pixels[:] = source
 
 
 def open_message(
@@ -131,10 +142,7 @@ def open_message(
             raise CodecError(f"runs of {held} pixels in a message that says that it holds {kept}")
         runs = _read_only(runs)
     pixels = body[table_bytes:]
-    for stage in reversed(chain.filters):
-        restored = np.empty_like(pixels)
-        stage.undo(_read_only(pixels), restored, dtype)
-        pixels = restored
+    _unfilter(pixels, chain, dtype)
     return pixels.view(dtype).reshape(-1, 4), runs
 
 

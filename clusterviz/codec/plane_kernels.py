@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import types
 
-from clusterviz.codec.compiled import LONG, address, compiled, intrinsic, lanes_of, vector
+from clusterviz.codec.compiled import LONG, address, compiled, copy_bytes, intrinsic, lanes_of, vector
 
 _BLOCK = 64  # bytes of a vector
 _PIXELS = 16  # that are taken apart at once, so that each plane gets 16 bytes in one store
+_TILE = 256  # pixels
 
 
 def _interleave(builder: Any, parts: list[Any], lane_bytes: int) -> list[Any]:
@@ -88,18 +90,23 @@ _join_4, _join_8, _join_16 = _join(4), _join(8), _join(16)
 
 @compiled
 def split_planes(source, planes, target):  # type: ignore[no-untyped-def]
-    """target[p · n + i] = source[i · planes + p], uint8, for 4, 8 or 16 planes of n bytes."""
+    """target[p · n + i] = source[i · planes + p], uint8, for 4, 8 or 16 planes of n bytes.
+
+    Through a tile that stays in the first cache: planes of a power of two bytes would push each other out of it.
+    """
     size = source.size // planes
-    whole = size // _PIXELS * _PIXELS
-    if planes == 4:
-        for pixel in range(0, whole, _PIXELS):
-            _split_4(source, pixel * 4, target, pixel, size)
-    elif planes == 8:
-        for pixel in range(0, whole, _PIXELS):
-            _split_8(source, pixel * 8, target, pixel, size)
-    else:
-        for pixel in range(0, whole, _PIXELS):
-            _split_16(source, pixel * 16, target, pixel, size)
+    whole = size // _TILE * _TILE
+    tile = np.empty(_TILE * planes, np.uint8)
+    for first in range(0, whole, _TILE):
+        for pixel in range(0, _TILE, _PIXELS):
+            if planes == 4:
+                _split_4(source, (first + pixel) * 4, tile, pixel, _TILE)
+            elif planes == 8:
+                _split_8(source, (first + pixel) * 8, tile, pixel, _TILE)
+            else:
+                _split_16(source, (first + pixel) * 16, tile, pixel, _TILE)
+        for plane in range(planes):
+            copy_bytes(target, plane * size + first, tile, plane * _TILE, _TILE)
     for k in range(whole * planes, source.size):
         target[k % planes * size + k // planes] = source[k]
 
@@ -108,15 +115,17 @@ def split_planes(source, planes, target):  # type: ignore[no-untyped-def]
 def join_planes(source, planes, target):  # type: ignore[no-untyped-def]
     """The inverse of `split_planes`."""
     size = source.size // planes
-    whole = source.size // _BLOCK * _BLOCK
-    if planes == 4:
-        for start in range(0, whole, _BLOCK):
-            _join_4(target, start, source, start // 4, size)
-    elif planes == 8:
-        for start in range(0, whole, _BLOCK):
-            _join_8(target, start, source, start // 8, size)
-    else:
-        for start in range(0, whole, _BLOCK):
-            _join_16(target, start, source, start // 16, size)
-    for k in range(whole, source.size):
+    whole = size // _TILE * _TILE
+    tile = np.empty(_TILE * planes, np.uint8)
+    for first in range(0, whole, _TILE):
+        for plane in range(planes):
+            copy_bytes(tile, plane * _TILE, source, plane * size + first, _TILE)
+        for start in range(0, _TILE * planes, _BLOCK):
+            if planes == 4:
+                _join_4(target, first * 4 + start, tile, start // 4, _TILE)
+            elif planes == 8:
+                _join_8(target, first * 8 + start, tile, start // 8, _TILE)
+            else:
+                _join_16(target, first * 16 + start, tile, start // 16, _TILE)
+    for k in range(whole * planes, source.size):
         target[k] = source[k % planes * size + k // planes]

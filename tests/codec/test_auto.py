@@ -145,6 +145,18 @@ def test_decoding_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     assert settled(AutoCodec(GIGABIT, clock=workshop.time), smooth(), 5) == "raw"
 
 
+def test_one_slow_measurement_chooses_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = dict(SECONDS)
+    workshop = Workshop(monkeypatch, seconds)
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    chosen = settled(codec, smooth())
+    assert "lz4" in chosen
+    seconds[chosen] = (1.2e-8, 5e-10)  # more than the raw bytes take; with what was known before, less
+    assert settled(codec, smooth(), auto.LEAST_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
+    seconds.update(dict.fromkeys(seconds, (1.2e-8, 5e-10)))
+    assert settled(codec, smooth(), 1000) == "raw"  # what lasts is believed
+
+
 def test_with_a_real_clock_pixels_come_back() -> None:
     codec = AutoCodec(GIGABIT)
     for pixels in (sparse(np.float32), smooth(np.float16), noise(np.uint8)):
