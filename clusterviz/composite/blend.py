@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.job import DTYPES, entry, head, run, runs_at
+from clusterviz.composite.job_layout import BEFORE, BEHIND, INTO
 from clusterviz.composite.native import kernel
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
@@ -25,9 +26,6 @@ __all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_
 
 # Active pixels (n, 4), and their runs as in `layers.Layer`.
 Active = tuple[NDArray[Any], NDArray[np.int32]]
-
-# As `pair_kernels` names them.
-_BEHIND, _BEFORE, _INTO = range(3)
 
 
 def over(front: Pixels, back: Pixels) -> NDArray[Any]:
@@ -59,12 +57,12 @@ def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch
     InputError
         Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
     """
-    _put(target, target_patch, source, source_patch, _BEFORE, threads)
+    _put(target, target_patch, source, source_patch, BEFORE, threads)
 
 
 def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
     """target = target over source, in place, where both have pixels; otherwise as `put_before`."""
-    _put(target, target_patch, source, source_patch, _BEHIND, threads)
+    _put(target, target_patch, source, source_patch, BEHIND, threads)
 
 
 def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, wish: int, threads: int) -> None:
@@ -77,7 +75,7 @@ def over_into(out: Pixels, front: Pixels, back: Pixels, *, threads: int = 1) -> 
     """out = front over back; all (n, 4) of one type, C order; otherwise as `put_before`."""
     _check_types(out, front, back)
     patch = Patch(1, 0, len(out), Rect(0, 0, 1, len(out)))
-    numbers = [*head(out, patch, 2, _INTO), *entry(front, patch), *entry(back, patch)]
+    numbers = [*head(out, patch, 2, INTO), *entry(front, patch), *entry(back, patch)]
     run(kernel("pair_kernels", "put"), numbers, (patch,) * 3, threads)
 
 

@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite.job import entry, head, run
+from clusterviz.composite.job_layout import BEFORE, BEHIND, FRESH
 from clusterviz.composite.native import kernel
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 
 Depths = NDArray[np.float32]
-
-# As `depth_kernels` names them.
-_FRESH, _BEHIND, _BEFORE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ def put_nearest(target: DepthLayer, source: DepthLayer, *, before: bool, threads
     InputError
         An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
-    _put([source], target, _BEFORE if before else _BEHIND, threads)
+    _put([source], target, BEFORE if before else BEHIND, threads)
 
 
 def nearest_layers(
@@ -83,7 +81,7 @@ def nearest_layers(
     InputError
         As in `put_nearest`.
     """
-    _put(layers, DepthLayer(patch, out, out_depths), _FRESH, threads)
+    _put(layers, DepthLayer(patch, out, out_depths), FRESH, threads)
 
 
 def _put(layers: Sequence[DepthLayer], target: DepthLayer, wish: int, threads: int) -> None:

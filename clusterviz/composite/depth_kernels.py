@@ -8,9 +8,14 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite import vector_code
 from clusterviz.composite.instructions import clear, compiled, instruction, set_number, word
-from clusterviz.composite.places import (
+from clusterviz.composite.job_layout import (
+    BEFORE,
+    BYTE,
     COUNT,
     EXTRA,
+    FINE,
+    FRESH,
+    HALF,
     KIND,
     LAYERS,
     OUT,
@@ -18,16 +23,9 @@ from clusterviz.composite.places import (
     PIXELS,
     TARGET,
     WISH,
-    block,
-    clip,
-    layer_at,
-    pixel_bytes,
-    settle_all,
 )
-from clusterviz.composite.vector_code import BYTE, HALF
+from clusterviz.composite.places import block, clip, layer_at, pixel_bytes, settle_all
 
-# What `put_nearest` shall do: begin with nothing, or put layers behind or before what is there (in the order of ties).
-FRESH, BEHIND, BEFORE = range(3)
 BLOCK = 512  # pixels of the target, with their depths, which stay in the nearest cache while layers are gone through
 _INFINITY = 0x7F800000  # as float32
 
@@ -86,7 +84,7 @@ def _nearest(kind, colour, depth, new_colour, new_depth, or_equal, count):  # ty
 def put_nearest(job):  # type: ignore[no-untyped-def]
     """Put layers into the target where they are nearer; returns as `settle_all` does."""
     fault, done = settle_all(job), 0
-    if fault != -1:
+    if fault != FINE:
         return fault
     kind, wish = word(job, KIND), word(job, WISH)
     size, or_equal = pixel_bytes(kind), 1 if wish == BEFORE else 0
@@ -104,4 +102,4 @@ def put_nearest(job):  # type: ignore[no-untyped-def]
                 source, far = word(layer, PIXELS) + low * size, word(layer, EXTRA) + low * 4
                 _nearest(kind, colour + begin * size, depth + begin * 4, source, far, or_equal, high - low)
         done += count
-    return -1
+    return FINE

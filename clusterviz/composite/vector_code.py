@@ -19,8 +19,8 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
 
-# The types of pixel, numbered as in `blend.DTYPES`.
-FLOAT, BYTE, HALF = range(3)
+from clusterviz.composite.job_layout import BYTE, FLOAT, HALF
+
 CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
 
 # numba's own building blocks carry no types.
