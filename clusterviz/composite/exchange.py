@@ -7,146 +7,224 @@ one target, and messages are merged as they arrive. It knows nothing of algorith
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.codec import pack, unpack
-from clusterviz.codec.contract import Bytes
+from clusterviz.codec import Rows, open_message, unpack
+from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.chain import Chain
-from clusterviz.composite.counters import StageCounters
+from clusterviz.composite.counters import PeerCounters, StageCounters
 from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.layers import Layer
+from clusterviz.composite.merging import Merging
 from clusterviz.composite.patch import Patch
-from clusterviz.composite.traffic import Message, StageTraffic
+from clusterviz.composite.traffic import Merge, Message, Part, StageTraffic
+from clusterviz.errors import ClustervizError
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The pixels of one zone: where it begins, and its fragments by the depth of their layer."""
+
+    begin: int
+    fragments: Mapping[int, Fragment]
+
+
+Pack = Callable[[Pixels, Rows, tuple[int, int]], Bytes]
+
+
+class ExchangeError(ClustervizError):
+    """A stage of a composition failed; the text says which, and with whom it was talking."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """What carries the messages of one composition.
+
+    Attributes
+    ----------
+    channel : to the other ranks
+    order : the channel's rank of each position
+    position : this rank's
+    dtype : of all pixels
+    pack : turns pixels into a message, given their rows, the stage and the peer
+    """
+
+    channel: Channel
+    order: Sequence[int]
+    position: int
+    dtype: np.dtype[Any]
+    pack: Pack
 
 
 def run_exchange(
-    own: Fragment, traffic: Sequence[StageTraffic], order: Sequence[int], position: int, channel: Channel, codec: str
+    own: Mapping[int, Fragment], traffic: Sequence[StageTraffic], link: Link
 ) -> tuple[tuple[Fragment, ...], tuple[StageCounters, ...]]:
     """Run all stages.
 
     Parameters
     ----------
-    own : this rank's image, over the whole canvas; its pixels are not changed
+    own : this rank's layers over the whole canvas, by depth; read-only pixels are not changed
     traffic : what this rank sends and receives, in positions
-    order : the channel's rank of each position
-    position : this rank's
-    codec : a name from the codec registry
 
     Returns
     -------
     fragments : the pixels that this rank owns now
     counters : one for each stage
+
+    Raises
+    ------
+    ExchangeError
+        A stage failed on this rank; the others do not know, so the job has to end.
     """
-    held: tuple[Fragment, ...] = (own,)
+    held: tuple[Held, ...] = (Held(0, own),)
     counters = []
-    for tag, stage in enumerate(traffic):
-        held, counted = _Stage(stage, order, position, channel, codec, tag).run(held)
+    for number, stage in enumerate(traffic):
+        try:
+            held, counted = _Stage(stage, link, number).run(held)
+        except ClustervizError as error:
+            raise ExchangeError(f"stage {number + 1} of {len(traffic)}: {error}") from error
         counters.append(counted)
-    channel.wait_sends()
-    return held, tuple(counters)
+    link.channel.wait_sends()
+    return tuple(fragment for zone in held for fragment in zone.fragments.values()), tuple(counters)
 
 
+@dataclass
+class _Peer:
+    """Counts of one peer, while they grow."""
+
+    peer: int
+    messages_sent: int = 0
+    pixels_sent: int = 0
+    bytes_raw: int = 0
+    bytes_sent: int = 0
+    seconds_encode: float = 0.0
+    seconds_wait: float = 0.0
+
+
+@dataclass
 class _Stage:
     """One stage under way on one rank."""
 
-    def __init__(
-        self, traffic: StageTraffic, order: Sequence[int], position: int, channel: Channel, codec: str, tag: int
-    ) -> None:
-        self._traffic = traffic
-        self._order = order
-        self._position = position
-        self._channel = channel
-        self._codec = codec
-        self._tag = tag
+    traffic: StageTraffic
+    link: Link
+    tag: int
+    peers: dict[int, _Peer] = field(default_factory=dict)
+    seconds_wait: float = 0.0
+    seconds_blend: float = 0.0
 
-    def run(self, held: tuple[Fragment, ...]) -> tuple[tuple[Fragment, ...], StageCounters]:
+    def run(self, held: tuple[Held, ...]) -> tuple[tuple[Held, ...], StageCounters]:
         """Post, send, merge."""
-        dtype = held[0].pixels.dtype if held else np.dtype(np.float32)
-        buffers = [np.empty(message.pixels * 4 * dtype.itemsize, np.uint8) for message in self._traffic.receives]
-        pending = [
-            self._channel.post_receive(buffer, self._order[message.peer], self._tag)
-            for buffer, message in zip(buffers, self._traffic.receives, strict=True)
-        ]
-        counters = self._send(held)
-        chains = self._chains(held)
-        waiting = list(zip(pending, buffers, self._traffic.receives, strict=True))
-        seconds_wait = seconds_blend = 0.0
+        waiting = self._post()
+        self._send(held)
+        merges = self._merges(held)
+        self._receive(waiting, merges)
+        started = perf_counter()
+        merged = tuple(_finished(merge, merging) for merge, merging in zip(self.traffic.merges, merges, strict=True))
+        self.seconds_blend += perf_counter() - started
+        return merged, self._counters()
+
+    def _post(self) -> list[tuple[Any, Bytes, Message]]:
+        channel, order = self.link.channel, self.link.order
+        waiting = []
+        for message in self.traffic.receives:
+            buffer: Bytes = np.empty(message.pixels * 4 * self.link.dtype.itemsize, np.uint8)
+            waiting.append((channel.post_receive(buffer, order[message.peer], self.tag), buffer, message))
+        return waiting
+
+    def _send(self, held: Sequence[Held]) -> None:
+        starts = [zone.begin for zone in held]
+        position = self.link.position
+        # Begin with the next rank in front, and go round: what lies right behind a rank reaches it first, and in line.
+        for message in sorted(self.traffic.sends, key=lambda m: (m.peer > position, -m.peer)):
+            started = perf_counter()
+            parts = [_zone(held, starts, part.patch)[part.depth].cut(part.patch) for part in message.parts]
+            payload: NDArray[Any] = parts[0].pixels if len(parts) == 1 else np.concatenate([p.pixels for p in parts])
+            data = self.link.pack(payload, _rows(message), (self.tag, message.peer))
+            self.link.channel.isend(data, self.link.order[message.peer], self.tag)
+            peer = self._peer(message.peer)
+            peer.messages_sent, peer.pixels_sent = 1, len(payload)
+            peer.bytes_raw, peer.bytes_sent = payload.nbytes, data.nbytes
+            peer.seconds_encode = perf_counter() - started
+
+    def _merges(self, held: Sequence[Held]) -> list[Merging]:
+        """What becomes of each zone that this rank keeps."""
+        starts = [zone.begin for zone in held]
+        merges = []
+        for merge in self.traffic.merges:
+            own = [_zone(held, starts, part.patch)[part.depth].cut(part.patch) for part in merge.zone.parts]
+            merges.append(Merging(merge, own, self.link.dtype))
+        return merges
+
+    def _receive(self, waiting: list[tuple[Any, Bytes, Message]], merges: Sequence[Merging]) -> None:
+        begins = [merge.zone.begin for merge in self.traffic.merges]
+        first = perf_counter()
         while waiting:
             started = perf_counter()
-            done = dict(self._channel.wait_some([receive for receive, _, _ in waiting]))
+            done = dict(self.link.channel.wait_some([pending for pending, _, _ in waiting]))
             arrived = perf_counter()
             for index, size in sorted(done.items()):
                 _, buffer, message = waiting[index]
-                _merge(chains, message, _fragments(message, buffer[:size], dtype))
+                self._peer(message.peer).seconds_wait = arrived - first
+                for part, layer in self._open(message, buffer[:size]):
+                    merges[bisect_right(begins, part.patch.begin) - 1].add(part, layer)
             waiting = [item for index, item in enumerate(waiting) if index not in done]
-            seconds_wait += arrived - started
-            seconds_blend += perf_counter() - arrived
-        started = perf_counter()
-        merged = tuple(chain.finish() for chain in chains)
-        seconds_blend += perf_counter() - started
-        return merged, replace(counters, seconds_wait=seconds_wait, seconds_blend=seconds_blend)
+            if waiting:
+                for merging in merges:
+                    merging.advance()
+            self.seconds_wait += arrived - started
+            self.seconds_blend += perf_counter() - arrived
 
-    def _send(self, held: tuple[Fragment, ...]) -> StageCounters:
-        started = perf_counter()
-        pixels = bytes_raw = bytes_sent = 0
-        starts = _starts([fragment.patch for fragment in held])
-        # Begin with the next rank behind, and go round.
-        for message in sorted(self._traffic.sends, key=lambda m: (m.peer < self._position, m.peer)):
-            parts = [_part(held, starts, patch).pixels for patch in message.patches]
-            payload: NDArray[Any] = parts[0] if len(parts) == 1 else np.concatenate(parts)
-            data = pack(payload, self._codec)
-            self._channel.isend(data, self._order[message.peer], self._tag)
-            pixels += message.pixels
-            bytes_raw += payload.nbytes
-            bytes_sent += data.nbytes
-        return StageCounters(len(self._traffic.sends), pixels, bytes_raw, bytes_sent, perf_counter() - started)
+    def _open(self, message: Message, data: Bytes) -> list[tuple[Part, Layer]]:
+        """The layers of a message that arrived."""
+        count, dtype, rows = message.pixels, self.link.dtype, _rows(message)
+        try:
+            if len(message.parts) == 1:
+                return [(message.parts[0], Layer(message.parts[0].patch, *open_message(data, count, dtype, rows)))]
+            pixels = unpack(data, count, dtype, rows)
+        except ClustervizError as error:
+            raise ExchangeError(f"message from rank {self.link.order[message.peer]}: {error}") from error
+        layers, begin = [], 0
+        for part in message.parts:
+            layers.append((part, Layer(part.patch, pixels[begin : begin + part.patch.count])))
+            begin += part.patch.count
+        return layers
 
-    def _chains(self, held: tuple[Fragment, ...]) -> list[Chain]:
-        """One chain for each patch that this rank keeps."""
-        traffic = self._traffic
-        sources: list[list[int]] = [[] for _ in traffic.held]
-        starts = _starts(traffic.held)
-        for message in traffic.receives:
-            for index in {bisect_right(starts, patch.begin) - 1 for patch in message.patches}:
-                sources[index].append(message.peer)
-        begins = _starts([fragment.patch for fragment in held])
-        return [
-            Chain(self._position, _part(held, begins, kept), result, peers)
-            for kept, result, peers in zip(traffic.kept, traffic.held, sources, strict=True)
-        ]
+    def _peer(self, position: int) -> _Peer:
+        return self.peers.setdefault(position, _Peer(self.link.order[position]))
 
-
-def _starts(patches: Sequence[Patch]) -> list[int]:
-    """Where the ranges of patches begin, which lie one after the other."""
-    return [patch.begin for patch in patches]
+    def _counters(self) -> StageCounters:
+        peers = tuple(PeerCounters(**vars(peer)) for peer in self.peers.values())
+        return StageCounters(
+            messages_sent=sum(peer.messages_sent for peer in peers),
+            pixels_sent=sum(peer.pixels_sent for peer in peers),
+            bytes_raw=sum(peer.bytes_raw for peer in peers),
+            bytes_sent=sum(peer.bytes_sent for peer in peers),
+            seconds_encode=sum(peer.seconds_encode for peer in peers),
+            seconds_wait=self.seconds_wait,
+            seconds_blend=self.seconds_blend,
+            peers=peers,
+        )
 
 
-def _part(held: Sequence[Fragment], starts: list[int], patch: Patch) -> Fragment:
-    """The part of what this rank holds that a patch names."""
-    return held[bisect_right(starts, patch.begin) - 1].cut(patch)
+def _finished(merge: Merge, merging: Merging) -> Held:
+    """The zone after its merge: one layer, or none."""
+    merged = merge.merged
+    return Held(merged.begin, {part.depth: merging.finish() for part in merged.parts})
 
 
-def _fragments(message: Message, data: Bytes, dtype: np.dtype[np.float32] | np.dtype[np.uint8]) -> list[Fragment]:
-    """The fragments of a message that arrived."""
-    pixels = unpack(data, message.pixels, dtype)
-    fragments, begin = [], 0
-    for patch in message.patches:
-        fragments.append(Fragment(patch, pixels[begin : begin + patch.count], True))
-        begin += patch.count
-    return fragments
+def _zone(held: Sequence[Held], starts: Sequence[int], patch: Patch) -> Mapping[int, Fragment]:
+    """The fragments of the zone that a patch lies in."""
+    return held[bisect_right(starts, patch.begin) - 1].fragments
 
 
-def _merge(chains: Sequence[Chain], message: Message, fragments: Sequence[Fragment]) -> None:
-    """Give each chain its fragments of a message."""
-    starts = _starts([chain.result for chain in chains])
-    mine: dict[int, list[Fragment]] = {}
-    for fragment in fragments:
-        mine.setdefault(bisect_right(starts, fragment.patch.begin) - 1, []).append(fragment)
-    for index, found in mine.items():
-        chains[index].add(message.peer, found)
+def _rows(message: Message) -> Rows:
+    """How the pixels of a message lie in rows; where it has several parts, as one row."""
+    patch = message.parts[0].patch
+    width = patch.rect.width if len(message.parts) == 1 else message.pixels
+    return Rows(patch.first % max(width, 1) if len(message.parts) == 1 else 0, width)

@@ -1,7 +1,12 @@
-"""The final gather: the pieces of all ranks become one picture on the root; no part of any algorithm."""
+"""The final gather: the pieces of all ranks become one picture on the root; no part of any algorithm.
+
+Only an owner knows what it owns in the end, so it sends a short header first, then its pixels. Whole rows of the
+picture are received where they belong, without a copy.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,75 +16,158 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
+from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 
-_TAG = 0
+# Above every stage of every schedule, below the largest tag that each MPI allows.
+_HEADER, _TABLE, _PIXELS = 32_001, 32_002, 32_003
+# Fragments that a header describes; only SLIC makes more, and sends them in a second table.
+_IN_HEADER = 16
+_PATCH = 6
 
 
-def collect(piece: Piece, size: tuple[int, int], channel: Channel, root: int = 0) -> Pixels | None:
+def collect(
+    piece: Piece, size: tuple[int, int], channel: Channel, root: int = 0, out: Pixels | None = None
+) -> Pixels | None:
     """Bring all pieces together; collective.
 
     Parameters
     ----------
     piece : what `composite` returned
     size : (width, height) of the picture, which holds the canvas
+    out : where to make the picture, (height, width, 4), C order, of the pieces' type; new memory where None
 
     Returns
     -------
-    rgba : float32 or uint8 (height, width, 4), premultiplied, on the root; None elsewhere
+    rgba : (height, width, 4), premultiplied, of the pieces' type, on the root; None elsewhere
 
     Raises
     ------
     InputError
-        On every rank: the canvas does not lie in the picture.
+        On every rank: a canvas does not lie in the picture.
     """
     _check_size(piece.canvas, size)
-    patches = [fragment.patch for fragment in piece.fragments if fragment.patch.count]
-    everybody = channel.gather(patches, root)
-    if everybody is None:
-        pixels = [fragment.pixels for fragment in piece.fragments if fragment.patch.count]
-        if pixels:
-            channel.isend(np.concatenate(pixels) if len(pixels) > 1 else pixels[0], root, _TAG)
+    if piece.gathered:
+        return piece.picture if channel.rank == root else None
+    if channel.rank != root:
+        if channel.rank in piece.owners:
+            _send(piece, channel, root)
         channel.wait_sends()
         return None
-    rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype)
+    if out is None:
+        rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype)
+    else:
+        rgba = out
+        rgba.fill(0)
     for fragment in piece.fragments:
-        _paste(rgba, piece.canvas, fragment.patch, fragment.pixels)
-    _receive_all(rgba, piece, everybody, channel, root)
+        _paste(rgba, piece.canvas, fragment)
+    _Collection(rgba, piece.canvas, channel).run([rank for rank in piece.owners if rank != root])
     return rgba
+
+
+def _send(piece: Piece, channel: Channel, root: int) -> None:
+    """A header, a table where the header is too short, and the pixels, if there are any."""
+    fragments = [fragment for fragment in piece.fragments if fragment.patch.count]
+    rows = [_numbers(fragment.patch) for fragment in fragments]
+    head = [len(rows), *(number for row in rows[:_IN_HEADER] for number in row)]
+    channel.isend(np.array(head, np.int64), root, _HEADER)
+    if len(rows) > _IN_HEADER:
+        channel.isend(np.array(rows[_IN_HEADER:], np.int64), root, _TABLE)
+    if fragments:
+        pixels = [fragment.pixels for fragment in fragments]
+        channel.isend(np.concatenate(pixels) if len(pixels) > 1 else pixels[0], root, _PIXELS)
+
+
+def _numbers(patch: Patch) -> tuple[int, ...]:
+    rect = patch.rect
+    return patch.begin, patch.end, rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
 
 
 @dataclass(frozen=True, eq=False)
 class _Expected:
-    patches: list[Patch]
-    pixels: Pixels
+    """A message that is awaited from a rank; numbers describe patches, pixels fill them.
+
+    Attributes
+    ----------
+    tag : which kind of message
+    buffer : where it goes
+    patches : those that the rank has described so far
+    in_place : whether the buffer is a part of the picture
+    """
+
+    rank: int
+    tag: int
+    buffer: NDArray[Any]
+    patches: tuple[Patch, ...] = ()
+    in_place: bool = False
 
 
-def _receive_all(rgba: Pixels, piece: Piece, everybody: list[list[Patch]], channel: Channel, root: int) -> None:
-    """Receive what the others own, and paste whatever has arrived."""
-    waiting = []
-    for rank, patches in enumerate(everybody):
-        if rank != root and patches:
-            pixels: NDArray[Any] = np.empty((sum(patch.count for patch in patches), 4), piece.dtype)
-            waiting.append((channel.post_receive(pixels, rank, _TAG), _Expected(patches, pixels)))
-    while waiting:
-        done = {index for index, _ in channel.wait_some([pending for pending, _ in waiting])}
-        for index in sorted(done):
+class _Collection:
+    """The gather on the root: a header is awaited from each owner, and leads to what it announces."""
+
+    def __init__(self, rgba: Pixels, canvas: Rect, channel: Channel) -> None:
+        self._rgba = rgba
+        self._canvas = canvas
+        self._channel = channel
+        self._waiting: list[tuple[Any, _Expected]] = []
+
+    def run(self, owners: Iterable[int]) -> None:
+        """Until everything is in the picture."""
+        for rank in owners:
+            self._expect(_Expected(rank, _HEADER, np.empty(1 + _PATCH * _IN_HEADER, np.int64)))
+        while self._waiting:
+            done = {index for index, _ in self._channel.wait_some([pending for pending, _ in self._waiting])}
+            arrived = [self._waiting[index][1] for index in sorted(done)]
+            self._waiting = [item for index, item in enumerate(self._waiting) if index not in done]
+            for expected in arrived:
+                self._take(expected)
+
+    def _expect(self, expected: _Expected) -> None:
+        pending = self._channel.post_receive(expected.buffer, expected.rank, expected.tag)
+        self._waiting.append((pending, expected))
+
+    def _take(self, arrived: _Expected) -> None:
+        if arrived.tag == _HEADER:
+            self._announced(arrived.rank, int(arrived.buffer[0]), arrived.buffer[1:])
+        elif arrived.tag == _TABLE:
+            self._expect_pixels(arrived.rank, (*arrived.patches, *self._patches(arrived.buffer)))
+        elif not arrived.in_place:
             begin = 0
-            for patch in waiting[index][1].patches:
-                _paste(rgba, piece.canvas, patch, waiting[index][1].pixels[begin : begin + patch.count])
+            for patch in arrived.patches:
+                _paste(self._rgba, self._canvas, Fragment(patch, arrived.buffer[begin : begin + patch.count]))
                 begin += patch.count
-        waiting = [item for index, item in enumerate(waiting) if index not in done]
+
+    def _announced(self, rank: int, count: int, table: NDArray[np.int64]) -> None:
+        patches = self._patches(table[: _PATCH * count])
+        if count > _IN_HEADER:
+            self._expect(_Expected(rank, _TABLE, np.empty(_PATCH * (count - _IN_HEADER), np.int64), patches))
+        elif count:
+            self._expect_pixels(rank, patches)
+
+    def _patches(self, table: NDArray[np.int64]) -> tuple[Patch, ...]:
+        width = self._canvas.width
+        rows = table.reshape(-1, _PATCH).tolist()
+        return tuple(Patch(width, begin, end, Rect(*sides)) for begin, end, *sides in rows)
+
+    def _expect_pixels(self, rank: int, patches: tuple[Patch, ...]) -> None:
+        width, rect = self._rgba.shape[1], patches[0].rect
+        whole_rows = len(patches) == 1 and self._canvas.width == rect.width == width
+        if whole_rows:
+            begin = patches[0].first + (self._canvas.y_begin + rect.y_begin) * width
+            buffer: NDArray[Any] = self._rgba.reshape(-1, 4)[begin : begin + patches[0].count]
+        else:
+            buffer = np.empty((sum(patch.count for patch in patches), 4), self._rgba.dtype)
+        self._expect(_Expected(rank, _PIXELS, buffer, patches, whole_rows))
 
 
-def _paste(rgba: Pixels, canvas: Rect, patch: Patch, pixels: Pixels) -> None:
+def _paste(rgba: Pixels, canvas: Rect, fragment: Fragment) -> None:
     """Write a patch into the picture: its first and last row may be cut, those between are a rectangle."""
-    rect = patch.rect
+    rect, pixels = fragment.patch.rect, fragment.pixels
     x, y = canvas.x_begin + rect.x_begin, canvas.y_begin + rect.y_begin
-    column, taken = patch.first, 0
+    column, taken = fragment.patch.first, 0
     while taken < len(pixels):
         rows = (len(pixels) - taken) // rect.width if column == 0 else 0
         count = rows * rect.width if rows else min(rect.width - column, len(pixels) - taken)

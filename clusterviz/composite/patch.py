@@ -60,9 +60,9 @@ class Patch:
         return other.count == 0 or (in_range and self.rect.unite(other.rect) == self.rect)
 
 
-def unite(begin: int, end: int, patches: Sequence[Patch]) -> Patch:
-    """The smallest patch of the range [begin, end) that holds these, of which there is at least one."""
+def unite(width: int, begin: int, end: int, patches: Sequence[Patch]) -> Patch:
+    """The smallest patch of the range [begin, end) that holds these, on a canvas `width` wide."""
     rect = EMPTY
     for patch in patches:
         rect = rect.unite(patch.rect)
-    return Patch(patches[0].width, begin, end, rect).cut(begin, end)
+    return Patch(width, begin, end, rect).cut(begin, end)

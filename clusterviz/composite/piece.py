@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.codec.contract import Pixels
 from clusterviz.composite.fragment import Fragment
 from clusterviz.image.region import Rect
 
@@ -17,11 +18,17 @@ class Piece:
 
     Attributes
     ----------
-    canvas : the rectangle of the screen on which pixels are numbered; outside it the picture is transparent
-    dtype : float32 or uint8, the same on every rank
+    canvas : the rectangle of the screen on which pixels are numbered, the same on every rank
+    dtype : float32, float16 or uint8, the same on every rank
     fragments : ranges of the canvas with their pixels; none on ranks that own nothing
+    owners : the channel's ranks that may own something; outside what they own the picture is transparent
+    picture : (height, width, 4), where the transport has left the whole of it on this rank already
+    gathered : whether it has done so on some rank, so that nothing is left to be collected; the same on every rank
     """
 
     canvas: Rect
     dtype: np.dtype[Any]
     fragments: tuple[Fragment, ...]
+    owners: tuple[int, ...]
+    picture: Pixels | None = None
+    gathered: bool = False

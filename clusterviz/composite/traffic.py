@@ -3,60 +3,124 @@
 A schedule speaks of ranges. Footprints tell where the images are not blank, and since every rank knows all of them, it
 can follow what it will receive without being told: no message needs a header, and one that would be empty is neither
 sent nor waited for.
+
+A rank may begin with several layers (one for each convex group of its bricks). They travel side by side, each with
+its depth, to whoever merges them. After a merge there is one layer; it goes by the depth of the rank's own first layer,
+which is in it, and since layers are only merged with their neighbours, any of its depths would tell its place.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 from clusterviz.composite.patch import Patch, unite
-from clusterviz.composite.schedule import Schedule, Stage
+from clusterviz.composite.schedule import Schedule, Stage, Transfer
 
-Held = tuple[Patch, ...]
+
+@dataclass(frozen=True)
+class Part:
+    """A patch of one layer; `depth` is the layer's place in visibility order, 0 in front."""
+
+    depth: int
+    patch: Patch
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A range [begin, end) that a rank holds, and the parts of its layers that are not blank there, front to back."""
+
+    begin: int
+    end: int
+    parts: tuple[Part, ...]
+
+    def cut(self, begin: int, end: int) -> Zone:
+        """The range [begin, end) of it, which lies inside."""
+        cut = ((part.depth, part.patch.cut(begin, end)) for part in self.parts)
+        return Zone(begin, end, tuple(Part(depth, patch) for depth, patch in cut if patch.count))
+
+
+Held = tuple[Zone, ...]
+# What each rank begins with, front to back; a single patch for most.
+Layers = Sequence[Sequence[Part]]
 
 
 @dataclass(frozen=True)
 class Message:
-    """Patches that travel between this rank and a peer, one after the other, in one message."""
+    """Parts that travel between this rank and a peer, one after the other, in one message."""
 
     peer: int
-    patches: tuple[Patch, ...]
+    parts: tuple[Part, ...]
 
-    @property
+    @cached_property
     def pixels(self) -> int:
         """Pixels in the message, at least one."""
-        return sum(patch.count for patch in self.patches)
+        return sum(part.patch.count for part in self.parts)
+
+
+@dataclass(frozen=True)
+class Merge:
+    """All that comes together in one range that a rank keeps.
+
+    Attributes
+    ----------
+    zone : what remains of what the rank held
+    incoming : parts that arrive
+    result : the patch that holds all of it
+    depth : by which the merged layer goes
+    """
+
+    zone: Zone
+    incoming: tuple[Part, ...]
+    result: Patch
+    depth: int
+
+    @property
+    def merged(self) -> Zone:
+        """The range after the merge: one layer, or none."""
+        parts = (Part(self.depth, self.result),) if self.result.count else ()
+        return Zone(self.zone.begin, self.zone.end, parts)
 
 
 @dataclass(frozen=True)
 class StageTraffic:
-    """One stage as one rank sees it.
-
-    Attributes
-    ----------
-    sends, receives : what leaves and what comes, by peer; nothing empty
-    kept : what remains of what the rank held, cut where received ranges begin and end
-    held : what `kept` becomes when all that came is blended in, one for one
-    """
+    """One stage as one rank sees it: what leaves and comes, by peer (nothing empty), and what becomes of the rest."""
 
     sends: tuple[Message, ...]
     receives: tuple[Message, ...]
-    kept: Held
-    held: Held
+    merges: tuple[Merge, ...]
 
 
-def plan_traffic(schedule: Schedule, rank: int, footprints: Sequence[Patch]) -> tuple[StageTraffic, ...]:
-    """What one rank sends and receives, stage by stage; `footprints` are by position, over the whole canvas."""
+def layers_of(patches: Sequence[Patch]) -> Layers:
+    """One layer a rank, in order of position."""
+    return [(Part(depth, patch),) for depth, patch in enumerate(patches)]
+
+
+def plan_traffic(schedule: Schedule, rank: int, layers: Layers, width: int) -> tuple[StageTraffic, ...]:
+    """What one rank sends and receives, stage by stage.
+
+    Parameters
+    ----------
+    schedule : between positions
+    rank : this rank's position
+    layers : by position; each patch's range is the whole canvas
+    width : of the canvas
+    """
     concerned = _concerned(schedule, rank)
-    held: dict[int, Held] = {r: (footprints[r],) for r in concerned[0]}
+    held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
     result = []
     for number, stage in enumerate(schedule.stages):
-        result.append(_stage_traffic(stage, rank, held))
-        held = {r: _stage_traffic(stage, r, held).held for r in concerned[number + 1]}
+        views = {r: _stage_traffic(stage, r, held, layers[r][0].depth, width) for r in {rank, *concerned[number + 1]}}
+        result.append(views[rank])
+        held = {r: tuple(merge.merged for merge in views[r].merges) for r in concerned[number + 1]}
     return tuple(result)
+
+
+def _whole(pixels: int, layers: Sequence[Part]) -> Zone:
+    return Zone(0, pixels, tuple(part for part in layers if part.patch.count))
 
 
 def _concerned(schedule: Schedule, rank: int) -> list[set[int]]:
@@ -67,69 +131,71 @@ def _concerned(schedule: Schedule, rank: int) -> list[set[int]]:
     return needed[::-1]
 
 
-def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held]) -> StageTraffic:
-    received = stage.received_by(rank)
-    starts = {r: [patch.begin for patch in held[r]] for r in {rank, *(t.source for t in received)}}
-    leaving = [(t.target, _find(held[rank], starts[rank], t.begin, t.end)) for t in stage.sent_by(rank)]
-    coming = [(t.source, _find(held[t.source], starts[t.source], t.begin, t.end)) for t in received]
-    kept = _cut_out(held[rank], [patch for _, patch in leaving], [patch for _, patch in coming])
-    return StageTraffic(_messages(leaving), _messages(coming), kept, _merged(kept, [patch for _, patch in coming]))
+def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held], depth: int, width: int) -> StageTraffic:
+    leaving, coming = stage.sent_by(rank), stage.received_by(rank)
+    sent = [(t.target, _find(held[rank], t)) for t in leaving]
+    received = [(t.source, _find(held[t.source], t)) for t in coming]
+    kept = _cut_out(held[rank], leaving, coming)
+    incoming = [part for _, zone in received for part in zone.parts]
+    return StageTraffic(_messages(sent), _messages(received), _merges(kept, incoming, depth, width))
 
 
-def _find(held: Held, starts: list[int], begin: int, end: int) -> Patch:
-    """The range [begin, end) of what a rank holds.
+def _find(held: Held, transfer: Transfer) -> Zone:
+    """The range of a transfer in what a rank holds.
 
     Raises
     ------
     ValueError
-        The range is not inside one patch: no algorithm may ask for that.
+        The range is not inside one zone: no algorithm may ask for that.
     """
-    index = bisect_right(starts, begin) - 1
-    if index < 0 or end > held[index].end:
-        raise ValueError(f"pixels [{begin}, {end}) are not held in one piece")
-    return held[index].cut(begin, end)
+    index = bisect_right(held, transfer.begin, key=lambda zone: zone.begin) - 1
+    if index < 0 or transfer.end > held[index].end:
+        raise ValueError(f"pixels [{transfer.begin}, {transfer.end}) are not held in one piece")
+    return held[index].cut(transfer.begin, transfer.end)
 
 
-def _merged(kept: Held, received: Sequence[Patch]) -> Held:
-    """What is held when all that was received is blended in: each kept patch with what lies in its range."""
-    coming = sorted(received, key=lambda patch: patch.begin)
-    starts = [patch.begin for patch in coming]
-    merged = []
-    for patch in kept:
-        inside = coming[bisect_left(starts, patch.begin) : bisect_left(starts, patch.end)]
-        merged.append(unite(patch.begin, patch.end, [patch, *inside]) if inside else patch)
-    return tuple(merged)
+def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tuple[Merge, ...]:
+    """Each kept zone with the parts that lie in its range."""
+    coming = sorted(incoming, key=lambda part: (part.patch.begin, part.depth))
+    starts = [part.patch.begin for part in coming]
+    merges = []
+    for zone in kept:
+        inside = tuple(coming[bisect_left(starts, zone.begin) : bisect_left(starts, zone.end)])
+        patches = [part.patch for part in (*zone.parts, *inside)]
+        result = patches[0] if len(patches) == 1 and not inside else unite(width, zone.begin, zone.end, patches)
+        merges.append(Merge(zone, inside, result, depth))
+    return tuple(merges)
 
 
-def _messages(patches: Sequence[tuple[int, Patch]]) -> tuple[Message, ...]:
-    """One message for each peer, of the patches that hold something."""
-    by_peer: dict[int, list[Patch]] = {}
-    for peer, patch in patches:
-        if patch.count:
-            by_peer.setdefault(peer, []).append(patch)
+def _messages(zones: Iterable[tuple[int, Zone]]) -> tuple[Message, ...]:
+    """One message for each peer, of the parts that hold something."""
+    by_peer: dict[int, list[Part]] = {}
+    for peer, zone in zones:
+        if zone.parts:
+            by_peer.setdefault(peer, []).extend(zone.parts)
     return tuple(Message(peer, tuple(by_peer[peer])) for peer in sorted(by_peer))
 
 
-def _cut_out(held: Held, sent: Sequence[Patch], received: Sequence[Patch]) -> Held:
-    """What a rank keeps: its patches without what it sends, cut where a run of received ranges begins or ends."""
-    gone = sorted((patch.begin, patch.end) for patch in sent)
+def _cut_out(held: Held, leaving: Sequence[Transfer], coming: Sequence[Transfer]) -> Held:
+    """What a rank keeps: its zones without what it sends, cut where a run of received ranges begins or ends."""
+    gone = sorted((transfer.begin, transfer.end) for transfer in leaving)
     starts = [begin for begin, _ in gone]
-    borders = sorted({border for span in gone for border in span} | _run_borders(received))
+    borders = sorted({border for span in gone for border in span} | _run_borders(coming))
     kept = []
-    for patch in held:
-        inside = borders[bisect_right(borders, patch.begin) : bisect_left(borders, patch.end)]
-        for begin, end in pairwise([patch.begin, *inside, patch.end]):
+    for zone in held:
+        inside = borders[bisect_right(borders, zone.begin) : bisect_left(borders, zone.end)]
+        for begin, end in pairwise([zone.begin, *inside, zone.end]):
             index = bisect_right(starts, begin) - 1
             if index < 0 or end > gone[index][1]:
-                kept.append(patch.cut(begin, end))
+                kept.append(zone.cut(begin, end))
     return tuple(kept)
 
 
-def _run_borders(patches: Sequence[Patch]) -> set[int]:
+def _run_borders(transfers: Sequence[Transfer]) -> set[int]:
     """Where runs of ranges that overlap or touch begin and end: fragments that complete each other stay together."""
     borders: set[int] = set()
     reached = -1
-    for begin, end in sorted((patch.begin, patch.end) for patch in patches):
+    for begin, end in sorted((transfer.begin, transfer.end) for transfer in transfers):
         if begin > reached:
             borders |= {begin, reached} if reached >= 0 else {begin}
         reached = max(reached, end)

@@ -46,6 +46,7 @@ class RankFrame:
     bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
     peak_memory_bytes : the largest resident size of the process so far
     renderer : OpenGL's name of what drew
+    compositing : what was chosen, predicted and measured, stage by stage and peer by peer
     """
 
     seconds: dict[str, float]
@@ -59,6 +60,7 @@ class RankFrame:
     messages_sent: int = 0
     peak_memory_bytes: int = 0
     renderer: str = ""
+    compositing: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

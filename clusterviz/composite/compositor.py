@@ -1,0 +1,243 @@
+"""Frame after frame: partial images of all ranks in, pictures out, and what lasts from one to the next.
+
+The compositor keeps shared memory, the plan of the last frame (good as long as the footprints stay) and what was
+learnt about codecs. `composite` is the same for one frame and messages only, with the final gather apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from clusterviz.codec import AutoCodec, choose_codec, pack
+from clusterviz.codec.contract import Pixels
+from clusterviz.comm import Channel, as_channel
+from clusterviz.comm.agree import mark_agreed
+from clusterviz.composite.choice import Choice, Wanted, choose
+from clusterviz.composite.counters import CompositeCounters, StageCounters
+from clusterviz.composite.exchange import Pack
+from clusterviz.composite.footprints import Footprints, gather_footprints
+from clusterviz.composite.gather import collect
+from clusterviz.composite.hierarchical import compose_strip, place_images
+from clusterviz.composite.messages import Plan, plan_messages, run_messages
+from clusterviz.composite.network import Network, default_network
+from clusterviz.composite.node_memory import NodeMemory
+from clusterviz.composite.piece import Piece
+from clusterviz.composite.shared import blend_strip, share_images
+from clusterviz.errors import InputError
+from clusterviz.image.partial import PartialImage
+from clusterviz.image.region import Rect
+
+Images = PartialImage | Pixels | Sequence[PartialImage]
+
+
+class Compositor:
+    """Makes one picture of the partial images of all ranks, as often as asked; every method is collective.
+
+    Parameters
+    ----------
+    channel : to the other ranks: a Channel, or an mpi4py communicator
+    size : (width, height) of the picture
+    algorithm, codec, transport : a name of their registries, or "auto", which chooses by the time model
+    network : the constants of the time model; those that `clusterviz bench network` kept where None
+    root : the channel's rank that gets the picture
+
+    Raises
+    ------
+    InputError
+        On every rank: an unknown name; a shared transport across nodes.
+    """
+
+    def __init__(
+        self,
+        channel: Any,
+        size: tuple[int, int],
+        *,
+        algorithm: str = "auto",
+        codec: str = "auto",
+        transport: str = "auto",
+        network: Network | None = None,
+        root: int = 0,
+    ) -> None:
+        self._channel: Channel = as_channel(channel)
+        self._size, self._root = size, root
+        self._nodes = self._channel.nodes()
+        # The file may differ from node to node, and all must choose alike.
+        with _on_every_rank():
+            mine = network or default_network(len(self._nodes))
+        self._network = self._channel.broadcast(mine)
+        with _on_every_rank():
+            self._wanted = Wanted(algorithm, transport, choose_codec(codec))
+        self._pack = _packer(codec, self._network)
+        picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
+        self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
+        self._planned: tuple[Footprints, str, Plan] | None = None
+
+    def image(self, rect: Rect, dtype: Any) -> Pixels:
+        """Memory for this rank's next partial image, (height, width, 4), from which it need not be copied.
+
+        Not collective. Its contents are anything. It may be used until the next `composite` has returned.
+        """
+        if self._memory:
+            return self._memory.image(rect, np.dtype(dtype))
+        return np.empty((rect.height, rect.width, 4), dtype)
+
+    def composite(
+        self, images: Images, order: Sequence[int], out: Pixels | None = None
+    ) -> tuple[Pixels | None, CompositeCounters]:
+        """One picture.
+
+        Parameters
+        ----------
+        images : of this rank: one, or several from front to back; never changed. A bare array covers the picture
+        order : channel ranks from front to back, the same on every rank: one entry for each image of each rank
+        out : where messages shall make the picture on the root, (height, width, 4); new memory where None
+
+        Returns
+        -------
+        picture : (height, width, 4), premultiplied, of the images' type, on the root; None elsewhere. It may lie in
+            shared memory, which the next call changes
+        counters : what it cost on this rank
+
+        Raises
+        ------
+        InputError
+            On every rank: images of wrong or different types or shapes or outside of the picture, a wrong order, a
+            choice that does not fit them.
+        """
+        mine = as_images(images)
+        started = perf_counter()
+        if self._memory and len(self._nodes) == 1:
+            footprints = share_images(mine, order, self._channel, self._memory)
+        else:
+            footprints = gather_footprints(mine, order, self._channel)
+        with _on_every_rank():
+            choice = choose(self._wanted, footprints, self._nodes, self._network, several=footprints.several)
+        seconds_agree = perf_counter() - started
+        piece, stages = self._run(mine, footprints, choice)
+        started = perf_counter()
+        picture = collect(piece, self._size, self._channel, self._root, out)
+        seconds_collect = perf_counter() - started
+        return picture, _counters(choice, footprints, seconds_agree, stages, seconds_collect)
+
+    def close(self) -> None:
+        """Give the shared memory back, and every picture in it."""
+        if self._memory:
+            self._memory.free()
+
+    def _run(
+        self, images: Sequence[PartialImage], footprints: Footprints, choice: Choice
+    ) -> tuple[Piece, tuple[StageCounters, ...]]:
+        if choice.transport == "messages" or not self._memory:
+            return run_messages(images, footprints, self._plan(footprints, choice.algorithm), self._channel, self._pack)
+        if choice.transport == "shared":
+            piece, counters = blend_strip(footprints, self._channel, self._memory, self._size, self._root)
+            return piece, (counters,)
+        placed = place_images(images, footprints, self._channel, self._memory)
+        return compose_strip(placed, self._nodes, self._channel, self._memory, choice.algorithm, self._pack)
+
+    def _plan(self, footprints: Footprints, algorithm: str) -> Plan:
+        """The plan of the last frame, where nothing has changed; a rank without pixels has none."""
+        if self._channel.rank not in footprints.order:
+            return ()
+        if self._planned is None or self._planned[:2] != (footprints, algorithm):
+            plan = plan_messages(footprints, footprints.order.index(self._channel.rank), algorithm)
+            self._planned = (footprints, algorithm, plan)
+        return self._planned[2]
+
+    def _uses_memory(self) -> bool:
+        """Whether a transport that shares memory may be chosen; the ranks of the nodes are the same for all."""
+        if self._wanted.transport == "shared" and len(self._nodes) > 1:
+            text = "shared memory does not reach across nodes"
+            allowed = "messages, hierarchical, auto"
+            raise mark_agreed(InputError(text, where="cluster.transport", found="shared", allowed=allowed))
+        return self._wanted.transport != "messages" and any(len(ranks) > 1 for ranks in self._nodes)
+
+
+def composite(
+    images: Images, order: Sequence[int], channel: Any, algorithm: str = "auto", codec: str = "auto"
+) -> tuple[Piece, CompositeCounters]:
+    """Blend the partial images of all ranks by messages; collective.
+
+    Parameters
+    ----------
+    images : of this rank: one, or several from front to back; never changed. A bare array (height, width, 4) covers
+        the picture
+    order : channel ranks from front to back, the same on every rank: one entry for each image of each rank
+    channel : to the other ranks: a Channel, or an mpi4py communicator
+    algorithm, codec : a name of their registries, or "auto"
+
+    Returns
+    -------
+    piece : the part of the picture that this rank owns now; `collect` brings them together
+    counters : what it cost on this rank
+
+    Raises
+    ------
+    InputError
+        On every rank: an unknown name, images of a wrong type or shape, images of different types.
+    """
+    channel = as_channel(channel)
+    with _on_every_rank():
+        network = default_network(1)
+        wanted = Wanted(algorithm, "messages", choose_codec(codec))
+    started = perf_counter()
+    mine = as_images(images)
+    footprints = gather_footprints(mine, order, channel)
+    with _on_every_rank():
+        apart = tuple((rank,) for rank in range(channel.size))
+        choice = choose(wanted, footprints, apart, network, several=footprints.several)
+    seconds_agree = perf_counter() - started
+    present = channel.rank in footprints.order
+    plan = plan_messages(footprints, footprints.order.index(channel.rank), choice.algorithm) if present else ()
+    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network))
+    return piece, _counters(choice, footprints, seconds_agree, stages)
+
+
+def _counters(
+    choice: Choice,
+    footprints: Footprints,
+    seconds_agree: float,
+    stages: tuple[StageCounters, ...],
+    seconds_collect: float = 0.0,
+) -> CompositeCounters:
+    return CompositeCounters(
+        choice.algorithm,
+        choice.codec,
+        choice.transport,
+        len(footprints.order),
+        seconds_agree,
+        choice.seconds_predicted,
+        stages,
+        seconds_collect,
+    )
+
+
+def as_images(images: Images) -> Sequence[PartialImage]:
+    """The images of one rank as a sequence; a bare array lies in the picture's corner and covers it."""
+    if isinstance(images, PartialImage):
+        return (images,)
+    if isinstance(images, np.ndarray):
+        height, width = images.shape[:2] if images.ndim == 3 else (0, 0)
+        return (PartialImage(Rect(0, 0, width, height), images),)
+    return tuple(images)
+
+
+@contextmanager
+def _on_every_rank() -> Iterator[None]:
+    """Of what all ranks do alike, errors are alike too."""
+    try:
+        yield
+    except InputError as error:
+        raise mark_agreed(error) from None
+
+
+def _packer(codec: str, network: Network) -> Pack:
+    """How messages are packed: always alike, or as it pays."""
+    if codec == "auto":
+        return AutoCodec(network.seconds_per_byte).pack
+    return lambda pixels, rows, key: pack(pixels, codec, rows)
