@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
-from clusterviz.composite import collect, compile_kernels, composite
+from clusterviz.composite import Compositor, collect, compile_kernels, composite
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.source import Index, Source
@@ -42,7 +42,7 @@ CHECK_TOLERANCE = 1e-5
 HELD_SHARE_OF_MEMORY = 0.4
 STEPS = (
     *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
-    *("kernels", "composite", "collect", "check", "write"),
+    *("kernels", "composite", "check", "write"),
 )
 """What `Options.progress` is told, in this order; a frame may leave some out."""
 
@@ -236,17 +236,27 @@ def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame)
         compile_kernels(channel)
     run.options.progress("composite")
     with abort_on_failure(channel, 0, "composite", run.options.debug):
-        piece, counters = composite(partial, share.order, channel, cluster.compositing, cluster.codec)
+        compositor = Compositor(
+            channel, size, algorithm=cluster.compositing, codec=cluster.codec, transport=cluster.transport
+        )
+        composed, counters = compositor.composite(partial, share.order)
+        # The picture may lie in memory that goes with the compositor.
+        image = cast("Image | None", composed if composed is None else composed.copy())
+        compositor.close()
     total = counters.total
     run.clock.add("encode", total.seconds_encode)
     run.clock.add("exchange", total.seconds_wait + counters.seconds_agree)
     run.clock.add("blend", total.seconds_blend)
-    with run.together("collect", "collect"):
-        image = cast("Image | None", collect(piece, size, channel))
+    run.clock.add("collect", counters.seconds_collect)
     if run.options.check:
         _check(run, share, partial, image)
-    sent = replace(counts, bytes_raw=total.bytes_raw, bytes_sent=total.bytes_sent, messages_sent=total.messages_sent)
-    return image, sent
+    return image, replace(
+        counts,
+        bytes_raw=total.bytes_raw,
+        bytes_sent=total.bytes_sent,
+        messages_sent=total.messages_sent,
+        compositing={**asdict(counters), "seconds": counters.seconds},
+    )
 
 
 def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image | None:

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from clusterviz.comm.place import launched
@@ -46,18 +46,21 @@ def find_mpirun() -> str:
     raise ClustervizError("there is no mpirun, neither beside this Python nor on the PATH; see `clusterviz doctor`")
 
 
-def run_job(ranks: int, arguments: Sequence[str], timeout_seconds: float | None = None) -> str:
-    """Run clusterviz on some ranks, and return what it printed.
+def run_job(
+    ranks: int,
+    arguments: Sequence[str],
+    timeout_seconds: float | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> str:
+    """Run clusterviz on some ranks, with more environment variables if need be, and return what it printed.
 
     Raises
     ------
     ClustervizError, InputError
         The job failed: its last words, and an error of the kind that its status tells.
     """
-    environment = OVERSUBSCRIBE | os.environ
-    done = subprocess.run(
-        job_command(ranks, arguments), capture_output=True, text=True, env=environment, timeout=timeout_seconds
-    )
+    command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
+    done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)
     if done.returncode == 0:
         return done.stdout
     words = [line for line in done.stderr.splitlines() if line.startswith("clusterviz: ")] or done.stderr.splitlines()

@@ -22,13 +22,17 @@ from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, 
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.witness import Witness, compare_with_reference
+from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image
 from clusterviz.image.files import Pixels
 from clusterviz.scene import Cluster, Scene, open_scene
 
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
+TRANSPORTS = [name for name in get_args(Cluster.model_fields["transport"].annotation) if name != "auto"]
 USUAL = "serial,tree,direct-send,binary-swap"
+PRETENDED_RANKS_PER_NODE = 2
+"""What a node has while the hierarchical transport is checked, so that one machine has several."""
 FAINT = "1e-6"
 """Opacity of the scene that shows who owns what: after 10⁴ slabs, 99 % of the light still gets through."""
 FAINT_TOLERANCE = 1e-4
@@ -42,9 +46,15 @@ class Configuration:
     ranks: int
     algorithm: str
     brick: int
+    transport: str = "messages"
+
+    @property
+    def way(self) -> str:
+        """The algorithm over messages, or else the transport."""
+        return self.algorithm if self.transport == "messages" else self.transport
 
     def __str__(self) -> str:
-        return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.algorithm}, brick {self.brick}"
+        return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.way}, brick {self.brick}"
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,9 @@ def command(
     scene: SceneArgument,
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,3,4,7",
     algorithms: Annotated[str, typer.Option(metavar="A,A,…", help="Compositing algorithms, or all.")] = USUAL,
+    transports: Annotated[
+        str, typer.Option(metavar="T,T,…", help="Transports; messages with each algorithm.")
+    ] = "messages,shared,hierarchical",
     bricks: Annotated[str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's.")] = None,
     define: Define = None,
     size: Size = None,
@@ -90,6 +103,7 @@ def command(
         parse_counts(ranks, 1, "--ranks"),
         ALGORITHMS if algorithms == "all" else parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
         parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
+        parse_names(transports, TRANSPORTS, "--transports"),
     )
     results = run_all(scene, overrides, configurations, tolerance, ownership and bool(opened.volumes))
     witness = compare_with_reference(opened) if reference and opened.volumes else None
@@ -99,14 +113,20 @@ def command(
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
 
 
-def _configurations(ranks: Sequence[int], algorithms: Sequence[str], bricks: Sequence[int]) -> list[Configuration]:
-    """All combinations; on one rank there is nothing to composite, so one algorithm will do."""
-    return [
-        Configuration(count, algorithm, brick)
-        for brick in bricks
-        for count in ranks
-        for algorithm in (algorithms if count > 1 else algorithms[:1])
-    ]
+def _configurations(
+    ranks: Sequence[int], algorithms: Sequence[str], bricks: Sequence[int], transports: Sequence[str]
+) -> list[Configuration]:
+    """All combinations that differ: one rank has nothing to composite, and one node no hierarchy."""
+    result = []
+    for brick in bricks:
+        for count in ranks:
+            ways = [(algorithm, "messages") for algorithm in algorithms if "messages" in transports]
+            ways += [("auto", name) for name in transports if name == "shared"]
+            if count > PRETENDED_RANKS_PER_NODE:
+                ways += [("auto", name) for name in transports if name == "hierarchical"]
+            alone = [(algorithms[0], "messages")]
+            result += [Configuration(count, name, brick, how) for name, how in (ways if count > 1 else alone)]
+    return result
 
 
 def run_all(
@@ -151,10 +171,16 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
     """The picture of one configuration, and how many samples all ranks took."""
     picture, stats = folder / "picture.npy", folder / "statistics.json"
     settings = [
-        *overrides, f"cluster.compositing={configuration.algorithm}", f"cluster.brick={configuration.brick}"
-    ]  # fmt: skip
+        *overrides,
+        f"cluster.compositing={configuration.algorithm}",
+        f"cluster.transport={configuration.transport}",
+        f"cluster.brick={configuration.brick}",
+    ]
     defines = [word for setting in settings for word in ("-D", setting)]
-    run_job(configuration.ranks, ["render", scene, "-o", str(picture), "--stats", str(stats), *defines])
+    several_nodes = configuration.transport == "hierarchical"
+    environment = {RANKS_PER_NODE_VARIABLE: str(PRETENDED_RANKS_PER_NODE)} if several_nodes else {}
+    arguments = ["render", scene, "-o", str(picture), "--stats", str(stats), *defines]
+    run_job(configuration.ranks, arguments, environment=environment)
     frame = json_text.loads(stats.read_text())["frames"][0]
     return read_image(picture), sum(rank["samples"] for rank in frame["per_rank"])
 
@@ -194,7 +220,7 @@ def _print_table(results: list[Result], witness: Witness | None, scene: Scene) -
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for name in ("check", "ranks", "algorithm", "brick", "max", "rms", "samples", ""):
+    for name in ("check", "ranks", "compositing", "brick", "max", "rms", "samples", ""):
         table.add_column(name, no_wrap=True)
     for result in results:
         where = "ok" if not result.problem else "WRONG"
@@ -202,7 +228,7 @@ def _print_table(results: list[Result], witness: Witness | None, scene: Scene) -
             where += " at row {}, column {}".format(*result.first_wrong_pixel)
         c = result.configuration
         numbers = (f"{result.max:.2e}", f"{result.rms:.2e}", f"{result.samples:,}")
-        table.add_row(result.check, str(c.ranks), c.algorithm, str(c.brick), *numbers, where)
+        table.add_row(result.check, str(c.ranks), c.way, str(c.brick), *numbers, where)
     console = Console(highlight=False)
     console.print(table)
     if witness:

@@ -18,11 +18,11 @@ class PartialImage:
     ----------
     rect : Rect
         The footprint on the screen.
-    rgba : float32 or uint8 (rect.height, rect.width, 4), premultiplied, C order
+    rgba : float32, float16 or uint8 (rect.height, rect.width, 4), premultiplied, C order
     """
 
     rect: Rect
-    rgba: NDArray[np.float32] | NDArray[np.uint8]
+    rgba: NDArray[np.float32] | NDArray[np.float16] | NDArray[np.uint8]
 
 
 def blank() -> PartialImage:

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from composite.images import over_all, random_partial, random_rect
 
+from clusterviz.codec import pack
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.exchange import run_exchange
+from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.gather import collect
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.schedule import Schedule, Stage, Transfer, check, piece
-from clusterviz.composite.traffic import plan_traffic
+from clusterviz.composite.traffic import layers_of, plan_traffic
 from clusterviz.image.region import Rect
 
 WIDTH, HEIGHT = 13, 11
@@ -60,10 +61,12 @@ def test_any_schedule_makes_the_picture(name: str, dense: bool) -> None:
 
     def run(channel: LoopbackChannel) -> tuple[np.ndarray | None, int, int]:
         rank = channel.rank
-        own = Fragment(patches[rank], partials[rank].rgba.reshape(-1, 4), False)
-        moved = plan_traffic(schedule, rank, patches)
-        fragments, counters = run_exchange(own, moved, range(channel.size), rank, channel, "raw")
-        made = collect(Piece(canvas, np.dtype(np.float32), fragments), (WIDTH, HEIGHT), channel)
+        own = {rank: Fragment(patches[rank], partials[rank].rgba.reshape(-1, 4))}
+        moved = plan_traffic(schedule, rank, layers_of(patches), WIDTH)
+        order = tuple(range(channel.size))
+        link = Link(channel, order, rank, np.dtype(np.float32), lambda pixels, rows, key: pack(pixels, "raw", rows))
+        fragments, counters = run_exchange(own, moved, link)
+        made = collect(Piece(canvas, np.dtype(np.float32), fragments, order), (WIDTH, HEIGHT), channel)
         return made, sum(c.messages_sent for c in counters), sum(c.pixels_sent for c in counters)
 
     results = run_loopback(schedule.ranks, run)
@@ -88,9 +91,9 @@ def test_what_one_sends_is_what_the_other_expects(algorithm: str) -> None:
     for ranks in range(1, 20):
         patches = [Patch(WIDTH, 0, PIXELS, random_rect(rng, (WIDTH, HEIGHT))) for _ in range(ranks)]
         schedule = ALGORITHMS[algorithm](ranks, PIXELS, patches)
-        views = [plan_traffic(schedule, rank, patches) for rank in range(ranks)]
+        views = [plan_traffic(schedule, rank, layers_of(patches), WIDTH) for rank in range(ranks)]
         for number in range(len(schedule.stages)):
-            sent = {(r, m.peer): m.patches for r in range(ranks) for m in views[r][number].sends}
-            expected = {(m.peer, r): m.patches for r in range(ranks) for m in views[r][number].receives}
+            sent = {(r, m.peer): m.parts for r in range(ranks) for m in views[r][number].sends}
+            expected = {(m.peer, r): m.parts for r in range(ranks) for m in views[r][number].receives}
             assert sent == expected
-            assert all(patch.count > 0 for message in sent.values() for patch in message)
+            assert all(part.patch.count > 0 for message in sent.values() for part in message)

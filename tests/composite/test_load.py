@@ -16,7 +16,7 @@ from clusterviz.composite.flow import count_sparse
 from clusterviz.composite.load import Load, count_dense
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.rectangles import Rectangles
-from clusterviz.composite.traffic import plan_traffic
+from clusterviz.composite.traffic import layers_of, plan_traffic
 from clusterviz.image.region import Rect
 
 WIDTH, HEIGHT = 13, 11
@@ -62,7 +62,7 @@ def test_closed_forms_with_few_owners_equal_the_schedules(owners: int) -> None:
 def test_sparse_loads_are_what_the_exchange_sends(algorithm: str, ranks: int, seed: int) -> None:
     patches = _some_patches(np.random.default_rng(seed), ranks)
     schedule = ALGORITHMS[algorithm](ranks, PIXELS, patches)
-    views = [plan_traffic(schedule, rank, patches) for rank in range(ranks)]
+    views = [plan_traffic(schedule, rank, layers_of(patches), WIDTH) for rank in range(ranks)]
     load = count_sparse(schedule, Rectangles.of_patches(patches))
     assert load.messages_sent.tolist() == [sum(len(stage.sends) for stage in view) for view in views]
     assert load.messages_received.tolist() == [sum(len(stage.receives) for stage in view) for view in views]

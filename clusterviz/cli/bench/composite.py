@@ -1,7 +1,9 @@
 """`clusterviz bench composite`: how long the ranks take from their images to one picture.
 
-Rank r reads `DIR/img_<r>.rgba`: raw RGBA8, premultiplied, width · height pixels, rank 0 in front. A frame is timed from
-a barrier until the picture is whole on rank 0, by the slowest rank.
+Rank r reads `DIR/img_<r>.rgba`: raw RGBA8, premultiplied, width · height pixels, rank 0 in front. The box of its
+visible pixels is its partial image, as a renderer knows it from the box that it drew. A frame is timed from a barrier
+until the picture is whole on rank 0, by the slowest rank. With shared memory, images lie in it when the time starts,
+where a renderer's read-back leaves them; `--copy` starts with images elsewhere, so that writing them is timed too.
 """
 
 from __future__ import annotations
@@ -18,14 +20,11 @@ from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_size
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
-from clusterviz.codec import choose_codec
-from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
-from clusterviz.composite import CompositeCounters, choose_algorithm, collect, compile_kernels, composite
-from clusterviz.errors import DataError, InputError
+from clusterviz.comm import Channel, ThrottledChannel, abort_on_failure, agree, limit_threads, open_channel
+from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
+from clusterviz.errors import DataError
 from clusterviz.image import PartialImage, Rect
 from clusterviz.image.replace import check_replaceable, replacing
-
-TRANSPORTS = ("auto", "messages")
 
 
 @dataclass(frozen=True)
@@ -51,27 +50,30 @@ def command(
     algorithm: Annotated[str, typer.Option(metavar="A", help="Compositing algorithm.")] = "auto",
     codec: Annotated[str, typer.Option(metavar="C", help="How pixels are packed.")] = "auto",
     transport: Annotated[str, typer.Option(metavar="T", help="How pixels travel.")] = "auto",
+    copy: Annotated[bool, typer.Option("--copy", help="Time the writing of images into shared memory too.")] = False,
+    link: Annotated[
+        float | None, typer.Option("--link-gbit", metavar="G", min=1e-3, help="Slow each rank's link to G Gb/s.")
+    ] = None,
     frames: Frames = 20,
     out: Annotated[Path | None, typer.Option(metavar="F.rgba", help="Write the picture, raw RGBA8.")] = None,
     json: JsonOption = None,
 ) -> None:
     """Measure compositing of given images on the ranks of an mpirun."""
-    channel = open_channel()
+    channel: Channel = open_channel()
     limit_threads(channel.place())
+    if link:
+        channel = ThrottledChannel(channel, link * 1e9 / 8)
     with agree(channel, 0, "options"):
         shape = parse_size(size)
-        choose_algorithm(algorithm, channel.size)
-        choose_codec(codec)
-        if transport not in TRANSPORTS:
-            raise InputError("unknown transport", where="--transport", found=transport, allowed=", ".join(TRANSPORTS))
         for path in (out, json):
             if path and channel.rank == 0:
                 check_replaceable(path)
+    compositor = Compositor(channel, shape, algorithm=algorithm, codec=codec, transport=transport)
     with agree(channel, 0, "read"):
-        partial = PartialImage(Rect(0, 0, *shape), read_rgba(images / f"img_{channel.rank}.rgba", shape))
+        partial = visible_box(read_rgba(images / f"img_{channel.rank}.rgba", shape))
     with abort_on_failure(channel, 0, "composite", context.obj["debug"]):
-        timed = measure(partial, channel, algorithm, codec, frames)
-    report = _report(timed, shape, transport if transport != "auto" else "messages")
+        timed = measure(partial, channel, compositor, frames, copy)
+    report = _report(timed, shape)
     with agree(channel, 0, "write"):
         if timed.picture is not None:
             _write(report, timed.picture, out, json)
@@ -96,35 +98,61 @@ def read_rgba(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
     return pixels.reshape(size[1], size[0], 4)
 
 
-def measure(partial: PartialImage, channel: Channel, algorithm: str, codec: str, frames: int) -> Timed:
-    """Composite the ranks' images several times, after once that is not timed; collective."""
+def visible_box(rgba: NDArray[np.uint8]) -> PartialImage:
+    """The smallest rectangle that holds every pixel that is not transparent."""
+    rows, columns = (np.flatnonzero(rgba[..., 3].any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return PartialImage(Rect(0, 0, 0, 0), rgba[:0, :0])
+    rect = Rect(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+    box = rgba[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end]
+    return PartialImage(rect, np.ascontiguousarray(box))
+
+
+def measure(partial: PartialImage, channel: Channel, compositor: Compositor, frames: int, copy: bool = False) -> Timed:
+    """Composite the ranks' images several times, after twice that are not timed; collective."""
     compile_kernels(channel)
-    order, size = list(range(channel.size)), (partial.rect.width, partial.rect.height)
+    order = list(range(channel.size))
+    out, _ = compositor.composite(partial, order)
+    if not copy:
+        memory = compositor.image(partial.rect, partial.rgba.dtype)
+        np.copyto(memory, partial.rgba)
+        partial = PartialImage(partial.rect, memory)
     seconds = []
     for _ in range(frames + 1):
         channel.barrier()
         started = perf_counter()
-        piece, counters = composite(partial, order, channel, algorithm, codec)
-        picture = collect(piece, size, channel)
+        picture, counters = compositor.composite(partial, order, out)
         seconds.append(perf_counter() - started)
     by_rank = np.array(channel.allgather(seconds[1:]))
-    return Timed((1e3 * by_rank.max(axis=0)).tolist(), channel.allgather(counters), picture)
+    everybody = channel.allgather(counters)
+    return Timed((1e3 * by_rank.max(axis=0)).tolist(), everybody, picture)
 
 
-def _report(timed: Timed, size: tuple[int, int], transport: str) -> dict[str, Any]:
+def _report(timed: Timed, size: tuple[int, int]) -> dict[str, Any]:
     totals = [counters.total for counters in timed.counters]
+    first = timed.counters[0]
     return {
-        "algorithm": timed.counters[0].algorithm,
-        "codec": timed.counters[0].codec,
-        "transport": transport,
+        "algorithm": first.algorithm,
+        "codec": first.codec,
+        "transport": first.transport,
         "ranks": len(totals),
         "size": list(size),
         "frames": len(timed.milliseconds),
         "median_ms": median(timed.milliseconds),
         "min_ms": min(timed.milliseconds),
+        "predicted_ms": 1e3 * first.seconds_predicted,
         "messages_sent": [total.messages_sent for total in totals],
         "bytes_raw": [total.bytes_raw for total in totals],
         "bytes_sent": [total.bytes_sent for total in totals],
+        "seconds": [
+            {
+                "agree": counters.seconds_agree,
+                "encode": total.seconds_encode,
+                "wait": total.seconds_wait,
+                "blend": total.seconds_blend,
+            }
+            for counters, total in zip(timed.counters, totals, strict=True)
+        ],
     }
 
 
