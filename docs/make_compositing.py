@@ -12,11 +12,12 @@ from pathlib import Path
 
 from clusterviz.composite import ALGORITHMS
 from clusterviz.composite.network import open_network, shipped_networks
-from clusterviz.composite.simulate import simulate
+from clusterviz.composite.simulate import Options, count_load, simulate
 
 PAGE = Path(__file__).with_name("compositing.md")
 RANKS = (2, 3, 4, 5, 7, 8, 16, 31, 64)
 MANY = (64, 1000, 4096)
+BALANCED = (2, 4, 8, 16, 64)
 SIZE = (4096, 4096)
 
 HEAD = """# Compositing
@@ -41,6 +42,10 @@ along its diagonal, and sends the bounding rectangle of what it holds, as the re
 ranks, divided by n^(1/3)·P, at 4096x4096:
 """
 
+BALANCE = """Direct send chooses the borders of its pieces by the footprints. What the busiest rank receives of P, and
+the messages of all ranks, beside pieces of equal size (`--bands 1`) and rows interlaced among owners (`--bands 4`):
+"""
+
 
 def text() -> str:
     """The whole page."""
@@ -63,15 +68,23 @@ def _sparse() -> Iterator[str]:
     yield FOOTPRINTS
     yield _row("algorithm", *(f"n = {ranks}" for ranks in MANY))
     yield "|---" * (len(MANY) + 1) + "|"
+    canvas = SIZE[0] * SIZE[1] * 3**0.5 / 2
     for name in names:
         found = [simulate(name, ranks, SIZE, network, footprints="cubes") for ranks in MANY]
-        canvas = SIZE[0] * SIZE[1] * 3**0.5 / 2
         yield _row(f"`{name}`", *(f"{made.pixels_sent / canvas / made.ranks ** (1 / 3):.2f}" for made in found))
+    yield ""
+    yield BALANCE
+    yield _row("pieces", *(f"n = {ranks}" for ranks in BALANCED))
+    yield "|---" * (len(BALANCED) + 1) + "|"
+    for cut, bands in (("equal cover", None), ("equal size", 1), ("four bands each", 4)):
+        loads = [count_load("direct-send", ranks, SIZE, "cubes", Options(bands=bands))[0] for ranks in BALANCED]
+        yield _row(cut, *(f"{load.pixels_received.max() / canvas:.3f} ({load.messages_sent.sum()})" for load in loads))
     yield ""
 
 
 def _predictions() -> Iterator[str]:
-    yield "## Predicted seconds\n\nDense float32 images of 4096x4096, the final gather apart:\n"
+    yield "## Predicted seconds\n\nDense float32 images of 4096x4096, the final gather apart; for sparse images and"
+    yield "from 2 to 65,536 ranks see [composite times](composite-times.md):\n"
     networks = [open_network(name) for name in shipped_networks()]
     ranks = (60, 4096)
     yield _row("algorithm", *(f"{network.name}, n = {n}" for network in networks for n in ranks))

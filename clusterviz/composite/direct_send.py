@@ -5,13 +5,12 @@ such that as many covered pixels meet in each, and the pieces are handed out fro
 images lie there, so that a rank keeps much of what it owns. With b bands, the canvas is cut into b·n bands of rows,
 dealt to the ranks like cards, instead. With m owners, m ranks spread evenly own pieces, the others only send.
 When: up to some tens of ranks, and sparse images at any number: no pixel moves twice, and a rank sends nothing to the
-owner of a piece that its footprint does not touch, so sparse images move the least of all swaps and trees.
+owner of a piece that its footprint does not touch, so sparse images move less than with any swap or tree.
 When not: hundreds of ranks with dense images: the number of messages grows with n².
 Cost: 1 round, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1)
-messages; a rank sends at most P, an owner receives (n − 1)/m·P. On bricks of a cube, 8 ranks, one receives 0.21·P at
-most in 36 messages of all, with 4 bands 0.22·P in 56, and with plain equal pieces (1 band) 0.38·P in 28; 64 ranks:
-0.061·P in 1,480 messages, with 4 bands 0.062·P in 4,032, with one 0.121·P in 1,008. Hence the weighted borders are the
-rule; bands balance what rectangles do not tell, such as holes in the images, for more messages.
+messages; a rank sends at most P, an owner receives (n − 1)/m·P. Bricks of a cube on 8 ranks: none receives more than
+0.21·P, with pieces of equal size (1 band) 0.38·P. Bands balance as well as weighted borders, but nearly every rank
+then sends to every other; they are for what rectangles do not tell, such as holes in the images.
 Limits: any number of ranks and pixels; with more ranks than pixels some own nothing. Several partial images a rank:
 any number, in any order of depth, since an owner sorts all that it receives.
 Reference: W. M. Hsu, "Segmented ray casting for data parallel volume rendering"; U. Neumann, "Parallel volume-rendering

@@ -120,9 +120,8 @@ def simulate(
         An unknown name, an option that does not fit, or more ranks than can be simulated.
     """
     name = choose_algorithm(algorithm, ranks)
-    _check(name, ranks, footprints)
     options = options or Options()
-    load, counted = _count(name, ranks, size, footprints, options)
+    load, counted = count_load(name, ranks, size, footprints, options)
     busy = (
         np.maximum(load.messages_sent, load.messages_received) * network.overhead_seconds
         + np.maximum(load.pixels_sent, load.pixels_received) * bytes_per_pixel * network.seconds_per_byte
@@ -149,8 +148,15 @@ def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str
     return function(ranks, rectangles.canvas_pixels, patches)
 
 
-def _count(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
-    """The load, and how it was counted."""
+def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
+    """The load of each rank, whatever the network, and how it was counted: "closed form" or "schedule".
+
+    Raises
+    ------
+    InputError
+        As of `simulate`.
+    """
+    _check(name, ranks, footprints)
     options.algorithm(name)
     if footprints == "cubes":
         return _count_sparse(name, cube_footprints(ranks, size), options)
