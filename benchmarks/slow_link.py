@@ -90,7 +90,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     codecs = options.codecs.split(",")
-    head = ["images | ranks | pixels", "Gb/s", "raw ms", *(codec for codec in codecs if codec != "raw"), "auto"]
+    head = ["images | ranks | pixels", "Gb/s", "raw ms", *(codec for codec in codecs if codec != "raw"), "auto sent"]
     print(table(head, []))
     rows = []
     with tempfile.TemporaryDirectory(prefix="noise-") as folder:
