@@ -51,9 +51,7 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
         if not axes.get_ylim()[0] < level < axes.get_ylim()[1]:
             continue
         axes.axhline(level, color="#bbbbbb", linewidth=0.8, linestyle=":")
-        axes.annotate(
-            name, (0.995, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="#777777"
-        )
+        axes.annotate(name, (0.005, level), xycoords=("axes fraction", "data"), ha="left", va="bottom", color="#777777")
     _number_front(axes, rated, truth)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)

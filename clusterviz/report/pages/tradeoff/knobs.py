@@ -164,4 +164,7 @@ def _names(name: str) -> tuple[Any, ...]:
 
 
 def _shown(value: Any) -> str:
+    """A small share as it is thought of: 1/255, not 0.003922."""
+    if isinstance(value, float) and 0 < value < 0.1 and round(1 / value) * value == 1 and len(f"{value:g}") > 6:
+        return f"1/{1 / value:.0f}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

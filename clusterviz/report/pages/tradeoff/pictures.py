@@ -30,7 +30,7 @@ def shown(rgba: NDArray[Any], background: RGB | None) -> str:
 
 
 def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
-    """The largest error of each pixel's channels, from black (none) over red and yellow to white (1 / factor).
+    """The largest error of each pixel's channels, from black (none) over red and yellow to white (1 / factor or more).
 
     Parameters
     ----------
@@ -39,14 +39,23 @@ def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
     Returns
     -------
     url : a PNG in a data URL; made smaller, a pixel keeps the largest error of those that it stands for
-    factor : by how much the error is magnified, a power of ten, at most `MOST`
+    factor : by how much the error is magnified: 1, 2 or 5 times a power of ten, at most `MOST`. All but
+        2 % of the wrong pixels stay below white.
     """
     from PIL import Image
 
     error = _largest_of_blocks(np.abs(difference).max(axis=2))
-    largest = float(error.max())
-    factor = min(MOST, 10.0 ** math.floor(-math.log10(largest))) if 0 < largest < math.inf else 1.0
+    wrong = error[error > 0]
+    factor = _round_below(1 / float(np.percentile(wrong, 98))) if wrong.size else 1.0
     return _data_url(Image.fromarray(_heat(np.clip(error * factor, 0, 1)))), factor
+
+
+def _round_below(value: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, … that is not above a value, from 1 to `MOST`."""
+    if not 1 < value < MOST:
+        return 1.0 if value <= 1 else MOST
+    power = 10.0 ** math.floor(math.log10(value))
+    return power * max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-9))
 
 
 def _heat(values: NDArray[np.float64]) -> Bytes:

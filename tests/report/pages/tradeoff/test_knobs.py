@@ -40,7 +40,7 @@ def test_the_scene_comes_first_then_each_value_alone_then_combinations() -> None
     assert (kinds[0], left_out) == ("scene", 0)
     assert kinds == sorted(kinds, key=["scene", "alone", "control", "together"].index)
     alone = {str(setting) for setting in settings if setting.kind == "alone"}
-    assert {"step 0.5", "filter hardware", "early_termination 0.003922"} <= alone
+    assert {"step 0.5", "filter hardware", "early_termination 1/255"} <= alone
     assert "step 1" not in alone  # the scene's own
     together = [dict(setting.changes) for setting in settings if setting.kind == "together"]
     assert {"step": 2.0, "filter": "hardware", "early_termination": 1 / 255} in together
