@@ -1,0 +1,76 @@
+"""Compiled kernels as files: made once, loaded without numba, made again where they are damaged or cannot be kept."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from clusterviz.composite import native
+
+NAME = ("pair_kernels", "put")
+BLEND = """
+import sys
+import numpy as np
+from clusterviz.composite.blend import over_into
+from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.patch import Patch
+from clusterviz.image.region import Rect
+pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
+over_into(out, pixels, pixels)
+patch = Patch(8, 0, 8, Rect(0, 0, 8, 1))
+blend_layers([Layer(patch, pixels)] * 2, patch, out)
+print(out[0, 0], "numba" in sys.modules)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder for the files; nothing is loaded yet."""
+    native.kernel.cache_clear()
+    monkeypatch.setattr(native, "_folder", lambda: tmp_path / "kept")
+    yield tmp_path / "kept"
+    native.kernel.cache_clear()
+
+
+def test_a_second_process_needs_no_numba() -> None:
+    runs = [subprocess.run([sys.executable, "-c", BLEND], capture_output=True, text=True, check=True) for _ in range(2)]
+    assert runs[1].stdout.split() == ["192", "False"]
+
+
+def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    native.kernel(*NAME)
+    (file,) = folder.iterdir()
+    whole, code, names = file.read_bytes(), native._read(file), []
+    monkeypatch.setattr(native, "_compile", lambda module, name: (names.append(name), code)[1])
+    native.kernel.cache_clear()
+    native.kernel(*NAME)
+    assert names == []
+    for damaged in (b"", whole[:100], whole[:200] + b"\0" + whole[201:], whole + b"\0"):
+        file.write_bytes(damaged)
+        native.kernel.cache_clear()
+        native.kernel(*NAME)
+        assert names.pop() == "put"
+        assert file.read_bytes() == whole
+
+
+def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    native.kernel.cache_clear()
+    monkeypatch.setattr(native, "_folder", lambda: tmp_path / "file")
+    assert native.kernel(*NAME) is not None
+    native.kernel.cache_clear()
+
+
+def test_other_sources_or_processors_make_other_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = {native._fingerprint.__wrapped__()}
+    for source in native.SOURCES:
+        (tmp_path / f"{source}.py").write_text("changed")
+    monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
+    names.add(native._fingerprint.__wrapped__())
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
+    names.add(native._fingerprint.__wrapped__())
+    assert len(names) == 3
