@@ -22,9 +22,12 @@ from numpy.typing import NDArray
 from clusterviz.comm.agreed import mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.patience import ask_until
+from clusterviz.comm.place import granted_cores
 from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_numbers, check_sizes
 
+# A look takes a tenth of a microsecond. It pays only where the member that is waited for has a core meanwhile.
 _EAGER_LOOKS = 100
+_LOOKS_PER_PROGRESS = 32
 # Where MPI libraries keep what processes share, unless they are told otherwise.
 _SHARED_FOLDER = Path("/dev/shm")
 
@@ -108,6 +111,7 @@ class MpiWindow:
         self._parts = [segment[segment.size - _whole_pages(bytes_per_rank) :][:bytes_per_rank] for segment in segments]
         self._boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
         self._tickets = [[memoryview(row[:1]) for row in board] for board in self._boards]
+        self._eager_looks = _EAGER_LOOKS if len(members) <= len(granted_cores()) else 0
         self._round = 0
         self._sync = self._window.Sync
         self._mine = segments[self._index]
@@ -158,17 +162,18 @@ class MpiWindow:
         seen: Numbers = rows[:, 1 : 1 + count].copy()
         return seen
 
-    def _wait(self, seen: memoryview, ticket: int) -> None:
-        """Wait for one member's ticket."""
-        for _ in range(_EAGER_LOOKS):
-            if seen[0] == ticket:
-                return
-        ask_until(lambda: seen[0] == ticket or self._progress())
+    def _wait(self, raised: memoryview, ticket: int) -> None:
+        """Wait for one member's ticket; now and then let MPI work on messages that the member may be waiting for."""
+        looks = 0
 
-    def _progress(self) -> bool:
-        """Let MPI work on messages under way, for which the member that is waited for may itself be waiting."""
-        self._comm.Iprobe()
-        return False
+        def look() -> bool:
+            nonlocal looks
+            looks += 1
+            if not looks % _LOOKS_PER_PROGRESS:
+                self._comm.Iprobe()
+            return bool(raised[0] == ticket)
+
+        ask_until(look, self._eager_looks)
 
     def free(self) -> None:
         """Give the memory back."""

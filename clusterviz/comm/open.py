@@ -8,7 +8,9 @@ from typing import Any
 
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.comm.mpi import MpiChannel
 from clusterviz.comm.place import launched
+from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.errors import InputError
 
 
@@ -19,8 +21,6 @@ def open_channel() -> Channel:
     MPI is used where a launcher's variables are in the environment, or where the caller has imported mpi4py.MPI.
     """
     if launched() or "mpi4py.MPI" in sys.modules:
-        from clusterviz.comm.mpi import MpiChannel
-
         return MpiChannel()
     return LoopbackChannel()
 
@@ -36,13 +36,15 @@ def as_channel(comm_or_channel: Any) -> Channel:
     InputError
         Anything else, an intercommunicator and MPI.COMM_NULL included.
     """
+    if isinstance(comm_or_channel, MpiChannel | LoopbackChannel | ThrottledChannel):
+        return comm_or_channel
     # Whoever holds a communicator has imported mpi4py.MPI.
     mpi = sys.modules.get("mpi4py.MPI")
-    if mpi is not None and isinstance(comm_or_channel, mpi.Intracomm) and comm_or_channel != mpi.COMM_NULL:
-        from clusterviz.comm.mpi import MpiChannel
-
-        return MpiChannel.of(comm_or_channel)
-    if isinstance(comm_or_channel, Channel) and not isinstance(comm_or_channel, type):
+    if mpi is not None and isinstance(comm_or_channel, mpi.Comm):
+        if isinstance(comm_or_channel, mpi.Intracomm) and comm_or_channel != mpi.COMM_NULL:
+            return MpiChannel.of(comm_or_channel)
+    # Channels made elsewhere; this question takes a hundred times as long as the first.
+    elif isinstance(comm_or_channel, Channel) and not isinstance(comm_or_channel, type):
         return comm_or_channel
     allowed = "an mpi4py intracommunicator or a clusterviz channel"
     raise InputError("no way to talk to other ranks", found=repr(comm_or_channel), allowed=allowed)
