@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import random
 import time
 
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, WindowError, mpi_window, run_loopback
 from clusterviz.comm.agreed import is_agreed
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
@@ -50,7 +51,7 @@ def test_threads_share_memory(ranks: int, ranks_per_node: int | None, size: int)
     run_loopback(ranks, lambda channel: check_window(channel, size), ranks_per_node=ranks_per_node)
 
 
-@pytest.mark.mpi(ranks=[1, 2, 3, 5], timeout=60)
+@pytest.mark.mpi(ranks=[1, 2, 5], timeout=60)
 def test_processes_share_memory(mpi_ranks: int) -> None:
     channel = MpiChannel()
     assert channel.nodes() == (tuple(range(mpi_ranks)),)
@@ -127,3 +128,21 @@ def test_a_member_that_raises_ends_those_who_wait_in_a_window() -> None:
 
     with pytest.raises(KeyError, match="lost"):
         run_loopback(3, run)
+
+
+@pytest.mark.mpi(ranks=3, timeout=60)
+def test_memory_that_is_not_there_is_told_on_every_rank(monkeypatch: pytest.MonkeyPatch) -> None:
+    channel = MpiChannel()
+    with pytest.raises(WindowError, match=r"/dev/shm has \d+ bytes left of .* set cluster.transport to messages"):
+        channel.window(1 << 50)
+
+    def touch(window: mpi_window.MpiWindow) -> None:
+        if channel.rank == 1:
+            raise OSError(errno.EFAULT, "Bad address")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mpi_window.MpiWindow, "touch", touch)
+        with pytest.raises(WindowError, match="rank 1: Bad address while 100 bytes"):
+            channel.window(100)
+    check_window(channel, 100)
+    channel.close()
