@@ -4,7 +4,8 @@ numba's own loops stay scalar here (floats) or take twice as long as memory does
 for some pixels, four floats each; LLVM splits the vectors for processors with narrower registers. No address need be
 aligned. Products and sums are rounded one by one, never fused: NumPy does the same, and so does every processor.
 
-float16 is taken apart and put together with integers, so no processor needs instructions for it [1]_.
+float16 is converted by the processor where it can, and else taken apart and put together with integers [1]_; both round
+to the nearest, ties to even.
 
 References
 ----------
@@ -16,7 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir  # type: ignore[import-untyped]
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba.core import cgutils
 
 from clusterviz.composite.job_layout import BYTE, FLOAT, HALF
@@ -26,6 +28,10 @@ CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
 # numba's own building blocks carry no types.
 _function: Callable[..., Any] = cgutils.get_or_insert_function
 
+# Without it LLVM calls a function of the compiler's own library, which is not there.
+HALVES_IN_HARDWARE = bool(llvm.get_host_cpu_features().get("f16c"))
+
+_HALF = ir.HalfType()
 _FLOAT, _I8, _I16, _I32, _I64 = ir.FloatType(), ir.IntType(8), ir.IntType(16), ir.IntType(32), ir.IntType(64)
 
 
@@ -55,6 +61,8 @@ def load(builder: Any, kind: int, address: Any, pixels: int) -> Any:
         levels = builder.zext(levels, ir.VectorType(_I32, lanes))
         # The product with 1/255 is at most one unit in the last place off, and exact for 0 and 255.
         return builder.fmul(builder.sitofp(levels, floats), splat(_FLOAT, 1 / 255, lanes))
+    if HALVES_IN_HARDWARE:
+        return builder.fpext(builder.load(place(builder, address, _HALF, lanes), align=1), floats)
     words = builder.load(place(builder, address, _I16, lanes), align=1)
     return _float_of_half(builder, builder.zext(words, ir.VectorType(_I32, lanes)), lanes)
 
@@ -72,6 +80,9 @@ def store(builder: Any, kind: int, address: Any, floats: Any) -> None:
         levels = builder.fptosi(levels, ir.VectorType(_I32, lanes))
         levels = builder.trunc(levels, ir.VectorType(_I8, lanes))
         builder.store(levels, place(builder, address, _I8, lanes), align=1)
+    elif HALVES_IN_HARDWARE:
+        halves = builder.fptrunc(floats, ir.VectorType(_HALF, lanes))
+        builder.store(halves, place(builder, address, _HALF, lanes), align=1)
     else:
         words = builder.trunc(_half_of_float(builder, floats), ir.VectorType(_I16, lanes))
         builder.store(words, place(builder, address, _I16, lanes), align=1)

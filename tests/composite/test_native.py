@@ -26,6 +26,29 @@ blend_layers([Layer(patch, pixels)] * 2, patch, out)
 print(out[0, 0], "numba" in sys.modules)
 """
 
+HALVES = """
+import hashlib
+from pathlib import Path
+import numpy as np
+from clusterviz.composite import native, vector_code
+from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.patch import Patch
+from clusterviz.image.region import Rect
+vector_code.HALVES_IN_HARDWARE = eval(hardware)
+native._folder = lambda: Path(folder)
+halves = np.arange(0x7C00, dtype=np.uint16).view(np.float16)
+floats = halves.astype(np.float32)
+floats[:-1] = (floats[:-1] + floats[1:]) / 2
+near = [floats, np.nextafter(floats, np.float32(0)), np.nextafter(floats, np.float32(1e9))]
+for source in (halves, np.concatenate(near)):
+    count = len(source)
+    pixels = np.stack([source, -source, source, np.zeros_like(source)], axis=1)
+    patch, out = Patch(count, 0, count, Rect(0, 0, count, 1)), np.empty((count, 4), np.float16)
+    blend_layers([Layer(patch, pixels)], patch, out)
+    assert np.array_equal(out, pixels.astype(np.float16))
+    print(hashlib.sha256(out.tobytes()).hexdigest())
+"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
@@ -74,3 +97,13 @@ def test_other_sources_or_processors_make_other_files(tmp_path: Path, monkeypatc
     monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
     names.add(native._fingerprint.__wrapped__())
     assert len(names) == 3
+
+
+def test_processors_without_half_floats_get_the_same_bits(tmp_path: Path) -> None:
+    """All halves, and floats around the middle between them, through both ways of converting."""
+    outputs = []
+    for hardware in ("vector_code.HALVES_IN_HARDWARE", "False"):
+        text = f"hardware, folder = {hardware!r}, {str(tmp_path / hardware)!r}\n" + HALVES
+        outputs.append(subprocess.run([sys.executable, "-c", text], capture_output=True, check=True).stdout)
+    assert outputs[0] == outputs[1]
+    assert len(outputs[0]) > 100
