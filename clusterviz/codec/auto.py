@@ -4,8 +4,10 @@ A codec costs its encoding, the bytes that are left on the wire, and its decodin
 on the link, so they are measured on the messages themselves, separately for each stream of messages (one stage of the
 exchange, one peer): pictures of neighbouring frames are alike. A new stream sends one message by each candidate, then
 goes on with the cheapest, raw among them. It looks again after a number of messages that doubles each time up to a
-bound, and soon where messages no longer shrink as they did. What the receiver needs is measured on the sender, where a
-candidate is tried, by opening its own message. Messages below 64 KB are never packed.
+bound, and soon where messages no longer shrink as they did; candidates that were far off are tried at some looks only.
+What the receiver needs is measured on the sender, where a candidate is tried, by opening its own message. Seconds are
+those of the processor: packing waits for nothing, and others on the same core shall not count. Messages below 64 KB
+are never packed.
 
 References: for the bound of 64 KB, and for turning compression off and on again by the ratio, the thesis on distributed
 rendering whose sort-first system used LZO that way (its section 5.2.2).
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 
@@ -39,28 +41,34 @@ SQUEEZE_SECONDS_PER_BYTE = 4e-10
 # Messages from one look at all candidates to the next: at first, and at most.
 LEAST_INTERVAL, MOST_INTERVAL = 8, 256
 
+# A candidate that cost so many times the best is tried only once in so many looks.
+HOPELESS, HOPELESS_LOOKS = 2.0, 4
+
 # A ratio that has changed by this part of itself, and by this part of the raw bytes, is another picture.
 DRIFT, LEAST_DRIFT = 0.25, 0.02
 
 
 @dataclass
 class _Measured:
-    """What a candidate did to a stream's messages: bytes left, seconds to encode and to decode, all a raw byte."""
+    """What a candidate did to a stream's messages, all of it for a raw byte.
+
+    Attributes
+    ----------
+    ratio, kept : bytes of the message, and of the pixels that it opens to
+    encode, decode : seconds
+    """
 
     ratio: float
+    kept: float
     encode: float
     decode: float
-
-    def cost(self, seconds_per_byte: float) -> float:
-        """Seconds for a raw byte on a link."""
-        return self.encode + self.ratio * seconds_per_byte + self.decode
 
     def after(self, earlier: _Measured | None) -> _Measured:
         """What to believe of this, having measured that earlier: others on the same cores only make times longer."""
         if earlier is None:
             return self
         times = ((self.encode, earlier.encode), (self.decode, earlier.decode))
-        return _Measured(self.ratio, *(min(new, (new + old) / 2) for new, old in times))
+        return _Measured(self.ratio, self.kept, *(min(new, (new + old) / 2) for new, old in times))
 
 
 @dataclass
@@ -73,6 +81,7 @@ class _Stream:
     measured : by candidate
     untried : candidates that this look has still to try
     since, interval : messages since the last look, and how many there shall be
+    looks : so far
     """
 
     untried: list[str]
@@ -80,6 +89,7 @@ class _Stream:
     measured: dict[str, _Measured] = field(default_factory=dict)
     since: int = 0
     interval: int = LEAST_INTERVAL
+    looks: int = 0
 
 
 class AutoCodec:
@@ -88,11 +98,19 @@ class AutoCodec:
     Parameters
     ----------
     seconds_per_byte : of the link, the inverse of its bandwidth
+    seconds_per_blended_byte : of the receiver, which saves them for pixels that are not sent
     clock : seconds; for tests
     """
 
-    def __init__(self, seconds_per_byte: float, *, clock: Callable[[], float] = perf_counter) -> None:
+    def __init__(
+        self,
+        seconds_per_byte: float,
+        seconds_per_blended_byte: float = 0.0,
+        *,
+        clock: Callable[[], float] = thread_time,
+    ) -> None:
         self._seconds_per_byte = seconds_per_byte
+        self._seconds_per_blended_byte = seconds_per_blended_byte
         self._clock = clock
         self._streams: dict[tuple[Hashable, int], _Stream] = {}
 
@@ -130,17 +148,29 @@ class AutoCodec:
         started = self._clock()
         message = pack(pixels, name, rows, out)
         packed = self._clock()
-        open_message(message, len(pixels), pixels.dtype, rows)
+        kept, _ = open_message(message, len(pixels), pixels.dtype, rows)
         opened = self._clock()
         size = pixels.nbytes
-        found = _Measured(message.nbytes / size, (packed - started) / size, (opened - packed) / size)
+        found = _Measured(
+            message.nbytes / size, kept.nbytes / size, (packed - started) / size, (opened - packed) / size
+        )
         stream.measured[name] = found.after(stream.measured.get(name))
         if not stream.untried:
-            costs = {name: found.cost(self._seconds_per_byte) for name, found in stream.measured.items()}
-            best = min(costs, key=costs.__getitem__)
-            stream.chosen = best if costs[best] < self._seconds_per_byte else "raw"
-            stream.since = 0
+            self._choose(stream)
         return message
+
+    def _choose(self, stream: _Stream) -> None:
+        """Take what costs least."""
+        raw = self._cost(_Measured(1, 1, 0, 0))
+        costs = {name: self._cost(found) for name, found in stream.measured.items()}
+        best = min(costs, key=costs.__getitem__)
+        stream.chosen = best if costs[best] < raw else "raw"
+        stream.since = 0
+
+    def _cost(self, found: _Measured) -> float:
+        """Seconds for a raw byte from one rank's pixels to the other's picture."""
+        waits = found.ratio * self._seconds_per_byte + found.kept * self._seconds_per_blended_byte
+        return found.encode + found.decode + waits
 
     def _use(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
         """Send by the chosen codec; look again where it is time, or where the ratio is no longer what it was."""
@@ -151,8 +181,21 @@ class AutoCodec:
         stream.since += 1
         if drifted and stream.since >= LEAST_INTERVAL:
             stream.interval = LEAST_INTERVAL
-            stream.untried = self._worth_trying(pixels.itemsize)
+            stream.measured.clear()
+            self._begin_look(stream, pixels.itemsize)
         elif stream.since >= stream.interval:
             stream.interval = min(2 * stream.interval, MOST_INTERVAL)
-            stream.untried = self._worth_trying(pixels.itemsize)
+            self._begin_look(stream, pixels.itemsize)
         return message
+
+    def _begin_look(self, stream: _Stream, itemsize: int) -> None:
+        """Have the candidates tried again that may have become the best."""
+        costs = {name: self._cost(found) for name, found in stream.measured.items()}
+        limit = HOPELESS * min(costs.values(), default=0.0)
+        stream.looks += 1
+        stream.since = 0
+        stream.untried = [
+            name
+            for name in self._worth_trying(itemsize)
+            if name not in costs or costs[name] <= limit or stream.looks % HOPELESS_LOOKS == 0
+        ]

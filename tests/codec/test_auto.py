@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from clusterviz.codec import AutoCodec, Rows, auto, pack, unpack
+from clusterviz.codec import AutoCodec, Rows, auto, open_message, pack, unpack
 from clusterviz.codec.contract import Bytes, Pixels
 
 GIGABIT = 8e-9  # seconds a byte
@@ -46,8 +47,11 @@ class Workshop:
         self.now += pixels.nbytes * self._seconds.get(codec, (0, 0))[0]
         return pack(pixels, codec, rows, out)
 
-    def _open(self, message: Bytes, count: int, dtype: np.dtype[np.generic], rows: Rows) -> None:
+    def _open(
+        self, message: Bytes, count: int, dtype: np.dtype[np.generic], rows: Rows
+    ) -> tuple[Pixels, NDArray[np.int32] | None]:
         self.now += 4 * count * dtype.itemsize * self._seconds[self.used[-1]][1]
+        return open_message(message, count, dtype, rows)
 
     def time(self) -> float:
         return self.now
@@ -90,6 +94,10 @@ def test_a_fast_link_never_sees_lz4(workshop: Workshop) -> None:
     assert set(workshop.used) == {"active", "raw"}
 
 
+def test_blending_less_counts(workshop: Workshop) -> None:
+    assert settled(AutoCodec(1e-12, 1e-10, clock=workshop.time), sparse()) == "active"
+
+
 def test_small_messages_stay_raw(workshop: Workshop) -> None:
     codec = AutoCodec(GIGABIT, clock=workshop.time)
     pixels = np.zeros(((auto.MIN_BYTES - 4) // 4, 4), np.uint8)
@@ -108,6 +116,15 @@ def test_looks_become_rare_but_never_end(workshop: Workshop) -> None:
     candidates = len(auto.CANDIDATES[1])
     assert gaps[:6] == [candidates + messages for messages in (8, 16, 32, 64, 128, 256)]
     assert set(gaps[6:]) == {candidates + auto.MOST_INTERVAL}
+
+
+def test_what_is_far_off_is_tried_at_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    workshop = Workshop(monkeypatch, {**SECONDS, "active+lz4": (1e-7, 0)})
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    settled(codec, smooth(), 2000)
+    assert codec.codec_of("stream", np.dtype(np.uint8)) == "active+delta+shuffle+lz4"
+    # The first look, and every fourth of those after 8, 24, 56, 120, 248, 504, 760, 1016, 1272, 1528, 1784 messages.
+    assert workshop.used.count("active+lz4") == 1 + 11 // auto.HOPELESS_LOOKS
 
 
 def test_another_picture_is_noticed(workshop: Workshop) -> None:
