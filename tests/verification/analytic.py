@@ -32,6 +32,8 @@ from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volum
 Picture = np.ndarray[Any, Any]
 Way = Callable[[Scene, ArraySource], Picture]
 Formula = Callable[..., Any]
+Record = Callable[[str, object], None]
+"""Notes a measured value beside the test's result."""
 
 BLUE_RAMP = ((0.0, 1.0, 0.0, 0.0), (1.0, 1.0, 0.0, 1.0))  # red all along, blue the scalar itself
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 import pytest
 from verification.analytic import (
+    Record,
     Way,
     box_of,
     by_reference,
@@ -34,7 +35,7 @@ ALONG_X = (1.0, 0.0, 0.0)
 UP_TO_90 = ((0.0, 0.0), (1.0, 0.9))
 
 
-def check(record_property: pytest.RecordProperty, errors: list[float], order: float, band: float) -> None:
+def check(record_property: Record, errors: list[float], order: float, band: float) -> None:
     """Every halving but the first, which may still be outside of the range where the leading term rules."""
     found = orders(errors)
     record_property("orders", [round(value, 3) for value in found])
@@ -54,7 +55,7 @@ def test_a_homogeneous_slab_has_no_error_at_any_step(way: Way, step: float) -> N
 
 
 @EACH_WAY
-def test_a_ramp_of_opacities_against_the_step(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_a_ramp_of_opacities_against_the_step(way: Way, record_property: Record) -> None:
     source = box_of(lambda x, y, z: x / 64, (2, 2, 64), (0, 0, 0), (64, 2, 2))
     truth = 1 - ramp_transmittance(0.7, 64, 40.0)
     errors = []
@@ -65,7 +66,7 @@ def test_a_ramp_of_opacities_against_the_step(way: Way, record_property: pytest.
 
 
 @EACH_WAY
-def test_a_ramp_of_colours_against_the_step(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_a_ramp_of_colours_against_the_step(way: Way, record_property: Record) -> None:
     source = box_of(lambda x, y, z: x / 64, (2, 2, 64), (0, 0, 0), (64, 2, 2))
     truth = ramp_blue(0.8, 64, 20.0)
     scenes = [scene_along(ALONG_X, (32, 1, 1), opacity=0.8, unit=20.0, step=step) for step in (16, 8, 4, 2, 1)]
@@ -73,7 +74,7 @@ def test_a_ramp_of_colours_against_the_step(way: Way, record_property: pytest.Re
 
 
 @EACH_WAY
-def test_a_gaussian_against_the_step(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_a_gaussian_against_the_step(way: Way, record_property: Record) -> None:
     """From the middle to 1.5 σ: between two zeros the midpoint rule converges faster than by any power.
 
     The voxels are 256 to a σ: their own error is far below.
@@ -89,7 +90,7 @@ def test_a_gaussian_against_the_step(way: Way, record_property: pytest.RecordPro
 
 
 @EACH_WAY
-def test_a_gaussian_against_the_voxel(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_a_gaussian_against_the_voxel(way: Way, record_property: Record) -> None:
     """σ = 0.4 over [−1, 1], along a line of voxels; the step shrinks with the voxel, and stays 1/8 of it."""
     sigma = 0.4
     field = lambda x, y, z: np.exp(-(x**2 + y**2 + z**2) / (2 * sigma**2))  # noqa: E731
@@ -103,7 +104,7 @@ def test_a_gaussian_against_the_voxel(way: Way, record_property: pytest.RecordPr
 
 
 @EACH_WAY
-def test_marschner_lobb_against_the_voxel(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_marschner_lobb_against_the_voxel(way: Way, record_property: Record) -> None:
     """A picture of 8 × 8 rays aslant through a part of the field with two waves; rms over its pixels."""
     begin, end, direction = (0.35,) * 3, (0.6,) * 3, (0.64, 0.48, 0.6)
     errors = []
@@ -118,7 +119,7 @@ def test_marschner_lobb_against_the_voxel(way: Way, record_property: pytest.Reco
 
 
 @EACH_WAY
-def test_a_jump_of_opacity_against_the_step(way: Way, record_property: pytest.RecordProperty) -> None:
+def test_a_jump_of_opacity_against_the_step(way: Way, record_property: Record) -> None:
     """Of each ray one slab holds the jump, and is wrong by a part of its opacity: order 1, in the mean of many rays."""
     begin, middle, end = (0.0,) * 3, (32.0, 0.0, 0.0), (64.0,) * 3
     source = box_of(lambda x, y, z: x / 64 + 0 * (y + z), (8, 8, 64), begin, end)
