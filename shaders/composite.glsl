@@ -1,4 +1,4 @@
-// Emission and absorption: premultiplied colour and opacity, front to back.
+// Emission and absorption of a slab: premultiplied colour and opacity.
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     if (s >= buckets.w) { // nothing is visible below, and NaN compares false
         Segment segment = segment_at(s);
@@ -10,12 +10,4 @@ void take_last(inout vec4 sum, float s, Place place, float share) {
     if (!(s >= buckets.w)) return;
     Segment segment = segment_at(s);
     sum = slab_opacity(segment.unit_opacity, frame.optics.x * share) * vec4(lit(segment.colour, place, place.beyond), 1.0);
-}
-
-void add_run(inout Sum sum, vec4 run) {
-    add(sum, (1.0 - sum.high.a) * run);
-}
-
-bool is_done(Sum sum) {
-    return 1.0 - sum.high.a <= frame.optics.y;
 }

@@ -15,7 +15,7 @@ float difference(vec4 before, vec4 low, vec4 high, vec4 after, float along, vec2
 }
 
 vec3 gradient_at(int brick, ivec3 cell, vec3 beyond) {
-    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(0), SLOT_CELLS - 1);
+    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);
     vec3 w = beyond - vec3(at - cell);
     float c[8];
     for (int k = 0; k < 8; ++k) c[k] = voxel_at(brick, at + ivec3(k & 1, k >> 1 & 1, k >> 2));

@@ -1,7 +1,7 @@
 // Trilinear, eight fetches, float32 weights. NaN in any corner makes the whole cell NaN, and with it transparent.
 float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
-    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(0), SLOT_CELLS - 1);
+    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);
     vec3 w = beyond - vec3(at - cell);
     vec4 near = vec4(voxel_at(brick, at), voxel_at(brick, at + ivec3(0, 1, 0)),
                      voxel_at(brick, at + ivec3(0, 0, 1)), voxel_at(brick, at + ivec3(0, 1, 1)));

@@ -1,7 +1,7 @@
 // Trilinear, eight 8-bit voxels by four fetches, float32 weights; `linear.glsl` is its plain twin.
 float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
-    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(0), SLOT_CELLS - 1);
+    ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);
     vec3 w = beyond - vec3(at - cell);
     at += MARGIN;
     int word = third(at.x), shift = (at.x - 3 * word) * 8;

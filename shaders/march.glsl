@@ -61,10 +61,12 @@ Place place_of(Ray ray, int k, vec3 slab) {
     return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 
+int run_iterations; // of loops, that a run has counted
+
 // The look's: what a run of whole slabs inside a brick comes to, as if nothing were in front; the same for the last slab, which the exit
 // may have cut to a share; how a run is added behind what the ray has gathered; and whether nothing behind can matter.
-vec4 run_of(Place place, vec3 slab, int slabs);
-vec4 last_of(Place place, vec3 slab, float share);
+vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs);
+vec4 last_of(Ray ray, Place place, vec3 slab, float share);
 void add_run(inout Sum sum, vec4 run);
 bool is_done(Sum sum);
 
@@ -84,15 +86,16 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
         if (place.brick == OUTSIDE || is_done(sum)) k = ray.slabs;
         if (k >= last || place.brick == GAP) break;
         int slabs = min(place.slabs, last - k);
-        add_run(sum, run_of(place, slab, slabs));
+        run_iterations = 2;
+        add_run(sum, run_of(ray, k, place, slab, slabs));
         samples += uint(slabs);
         k += slabs;
-        iterations += 2 + slabs * (1 + SEARCH_ITERATIONS);
+        iterations += run_iterations;
     }
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
         if (place.brick >= 0 && k == last && ray.end == ray.slabs) {
-            add_run(sum, last_of(place, slab, ray.last_share));
+            add_run(sum, last_of(ray, place, slab, ray.last_share));
             ++samples;
         }
         k = ray.slabs;

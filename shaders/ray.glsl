@@ -6,6 +6,7 @@ struct Ray {
     dvec3 last;       // midpoint of the last slab, which the exit may have cut short
     int slabs;        // 0 where the ray misses the volume
     int begin, end;   // of these, what is not cut away
+    dvec2 kept;       // between which of them, midpoints at whole numbers, the ray itself is not cut away
     float last_share; // length of the last slab over that of a full one, in (0, 1]
 };
 
@@ -37,6 +38,7 @@ Ray ray_through(ivec2 pixel) {
     ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs)) : 0;
     ray.begin = 0;
     ray.end = ray.slabs;
+    ray.kept = dvec2(-1e300LF, 1e300LF);
     double last_share = length_in_slabs - double(ray.slabs - 1);
     ray.last_share = float(last_share);
     ray.slab = direction * step_world;

@@ -24,8 +24,9 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include "march.glsl"
 #include <GRADIENT>
 #include <LIGHT>
-#include "samples.glsl"
-#include <BLENDING>
+#include <RUN>
+#include <SAMPLE>
+#include <BEHIND>
 
 const int NEVER = 0x7fffffff;
 shared uint samples_of_group;
@@ -40,7 +41,7 @@ void main() {
         int pixel = inside.y * frame.rect.z + inside.x;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);
-        cut(ray);
+        cut(ray, WHOLE_SLABS);
         face(ray);
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];

@@ -3,16 +3,17 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond);
 // The last slab of a ray, of which the exit may have left a share only.
 void take_last(inout vec4 sum, float s, Place place, float share);
 
-vec4 run_of(Place place, vec3 slab, int slabs) {
+vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     vec4 sum = vec4(0.0);
-    for (int k = 0; k < slabs; ++k) {
-        vec3 beyond = place.beyond + float(k) * slab;
+    for (int at = 0; at < slabs; ++at) {
+        vec3 beyond = place.beyond + float(at) * slab;
         take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
     }
+    run_iterations += slabs * (1 + SEARCH_ITERATIONS);
     return sum;
 }
 
-vec4 last_of(Place place, vec3 slab, float share) {
+vec4 last_of(Ray ray, Place place, vec3 slab, float share) {
     vec4 sum = vec4(0.0);
     take_last(sum, scalar_at(place.brick, place.cell, place.beyond), place, share);
     return sum;

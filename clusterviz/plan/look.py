@@ -14,7 +14,7 @@ from clusterviz.plan.shading import Shading
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Volume
 
-Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum"]
+Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
 OPERATORS: dict[Blending, Operator] = {
     "composite": "over",
     "maximum": "maximum",
@@ -22,7 +22,30 @@ OPERATORS: dict[Blending, Operator] = {
     "average": "sum",
     "additive": "sum",
     "local-maximum": "stretch",
+    "isosurface": "over",
 }
+
+
+LONGEST_SLAB = 2.0
+"""Voxels; where surfaces are looked for, a slab's ends lie in its brick's margin."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An isosurface.
+
+    Attributes
+    ----------
+    value : in data values
+    units : the same in units of clim
+    colour : straight (r, g, b)
+    opacity : for no length
+    """
+
+    value: float
+    units: float
+    colour: tuple[float, float, float]
+    opacity: float
 
 
 @dataclass(frozen=True)
@@ -34,11 +57,13 @@ class Look:
     blending : as in the scene
     threshold : in units of clim; what a stretch of a local maximum is not below
     shading : how the volume is lit; None where it is not
+    surfaces : those that are not wholly transparent, by ascending value
     """
 
     blending: Blending
     threshold: float = 0.0
     shading: Shading | None = None
+    surfaces: tuple[Surface, ...] = ()
 
     @property
     def operator(self) -> Operator:
@@ -64,20 +89,45 @@ class Look:
             return np.asarray((low > high) | transfer.is_transparent(-np.inf, high))
         if self.blending == "minimum":
             return np.asarray((low > high) | transfer.is_transparent(low, np.inf))
+        if self.blending == "isosurface":
+            passed = [(low <= surface.value) & (surface.value <= high) for surface in self.surfaces]
+            return ~np.any(passed, axis=0) if passed else np.ones(low.shape, bool)
         return np.asarray(low > high)
+
+    def surface_block(self) -> NDArray[np.float32]:
+        """The block of surfaces.glsl, (2 · surfaces, 4)."""
+        rows = [row for s in self.surfaces for row in ((s.units, 0.0, 0.0, 0.0), (*s.colour, s.opacity))]
+        return np.array(rows, np.float32)
 
 
 def is_lit(volume: Volume) -> bool:
     """Whether light makes a difference to a volume."""
-    return volume.shade and volume.blending == "composite"
+    return volume.shade and volume.blending in ("composite", "isosurface")
+
+
+def reach_of(volume: Volume) -> int:
+    """Cells beyond its own in which a brick of the volume samples the field: the ends of slabs, for surfaces."""
+    return 1 if volume.blending == "isosurface" else 0
 
 
 def margin_of(volume: Volume) -> int:
-    """Samples beyond its cells' corners that a brick of the volume needs on every side: one for gradients."""
-    return 1 if is_lit(volume) else 0
+    """Samples beyond its cells' corners that a brick needs on every side: its reach, and one more for gradients."""
+    return reach_of(volume) + is_lit(volume)
 
 
-def make_look(volume: Volume, clim: tuple[float, float], shading: Shading | None) -> Look:
+def step_of(volume: Volume, step: float) -> float:
+    """The length of a slab in voxels; where surfaces are looked for it is bounded, which they do not depend on."""
+    return min(step, LONGEST_SLAB) if volume.blending == "isosurface" else step
+
+
+def make_look(volume: Volume, transfer: TransferFunction, shading: Shading | None) -> Look:
     """The look of a completed volume."""
-    threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *clim))
-    return Look(volume.blending, threshold, shading)
+    threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *transfer.domain))
+    surfaces = []
+    for entry in volume.isosurfaces if volume.blending == "isosurface" else ():
+        value, opacity = entry if isinstance(entry, tuple) else (entry, float(transfer.opacity(entry)))
+        red, green, blue = transfer.colour(value).tolist()
+        units = float(in_units_of_clim(value, *transfer.domain))
+        surfaces.append(Surface(value, units, (red, green, blue), opacity))
+    visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
+    return Look(volume.blending, threshold, shading, visible)

@@ -13,7 +13,7 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, make_look
+from clusterviz.plan.look import Look, is_lit, make_look, reach_of, step_of
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.plan.view import View, make_view
@@ -32,12 +32,14 @@ class March:
     slab_units : the same in opacity unit distances
     filter : "linear", "nearest" (both with float32 weights) or "hardware" (the texture unit's linear filter)
     residual : a ray ends when what lies behind it can add at most this share
+    reach : cells beyond its own in which a brick samples the field
     """
 
     step_world: float
     slab_units: float
     filter: Literal["linear", "nearest", "hardware"]
     residual: float
+    reach: int
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,10 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     volume = scene.volumes[0]
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
-    look = make_look(volume, transfer.domain, shading)
+    look = make_look(volume, transfer, shading)
     planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
-    step_world = scene.quality.step * min(grid.spacing)
+    step_world = step_of(volume, scene.quality.step) * min(grid.spacing)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -90,6 +92,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             step_world / transfer.unit_distance,
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
+            reach_of(volume),
         ),
         look,
         planes,

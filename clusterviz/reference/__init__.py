@@ -6,6 +6,7 @@
 - clipping.py     what planes and boxes keep
 - lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum
+- surfaces.py     isosurfaces
 - raycast.py      the picture of a scene
 - over.py         layers to one picture
 """

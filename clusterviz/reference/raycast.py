@@ -21,14 +21,14 @@ from clusterviz.reference.clipping import kept
 from clusterviz.reference.lighting import GRADIENTS, lit
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
-from clusterviz.reference.sample import nearest, trilinear
+from clusterviz.reference.sample import SAMPLERS
 from clusterviz.reference.slabs import slabs
+from clusterviz.reference.surfaces import march_surfaces
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 
 RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: cache, not memory
 DARK = 2.0**-60
-SAMPLERS = {"linear": trilinear, "nearest": nearest}
 
 
 def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float | None = None) -> Floats:
@@ -37,7 +37,7 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. Its scalar is interpolated at its midpoint and then classified; a slab of length d
     adds T · c · (1 − e^{−κd}) and multiplies the transmittance T by e^{−κd}; other blendings are said in
-    `projections.py`. Next to NaN and infinite voxels (in the
+    `projections.py` and `surfaces.py`. Next to NaN and infinite voxels (in the
     cells that they touch; for `nearest`, where they are the nearest) the volume is transparent, and where a midpoint is
     clipped.
 
@@ -75,6 +75,8 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
             some = Rays(rays.start[part], rays.direction[part])
             if scene.volumes[0].blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid)
+            elif scene.volumes[0].blending == "isosurface":
+                rgba[part] = march_surfaces(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
             else:
                 rgba[part] = _project(some, voxels, length, scene, grid)
     return rgba.reshape(height, width, 4)

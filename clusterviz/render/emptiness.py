@@ -61,13 +61,15 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 
 
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
-    """Reduce groups of GROUP cells, GROUP + 1 samples, along each axis in turn."""
+    """Reduce groups of GROUP cells, GROUP + 1 samples and as many more as the field is sampled with, axis by axis."""
     for axis, groups in enumerate(slot.groups_zyx):
-        samples = np.moveaxis(voxels, axis, 0)[slot.margin :]
-        samples = samples[: groups * GROUP + 1]
-        short = groups * GROUP + 1 - len(samples)
-        if short:
+        first, end = slot.margin, slot.margin + groups * GROUP
+        samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.reach]
+        short = end + 1 + slot.reach - len(samples)
+        if short > 0:
             samples = np.concatenate([samples, np.repeat(samples[-1:], short, axis=0)])
-        inner = pick.reduce(samples[:-1].reshape(groups, GROUP, *samples.shape[1:]), axis=1)
-        voxels = np.moveaxis(pick(inner, samples[GROUP::GROUP]), 0, axis)
+        found = pick.reduce(samples[first:end].reshape(groups, GROUP, *samples.shape[1:]), axis=1)
+        for beside in (*range(-slot.reach, 0), *range(GROUP, GROUP + 1 + slot.reach)):
+            found = pick(found, samples[first + beside : end + beside : GROUP])
+        voxels = np.moveaxis(found, 0, axis)
     return voxels

@@ -64,7 +64,7 @@ class Raycaster:
 
     def __init__(self, context: moderngl.Context, plan: Plan, box: BrickBox, block_bytes: int | None = None) -> None:
         self._context, self._box = context, box
-        self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march.filter == "hardware")
+        self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march.filter == "hardware", plan.march.reach)
         self._variant = variant_of(plan, self._slot, int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
         self._program = compile_compute(context, self._variant.source)
         self._capacity = capacity(context, self._slot, block_bytes)
@@ -107,6 +107,8 @@ class Raycaster:
             records = buffers.make(_padded(segments.records, self._variant.block_bytes))
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
+            if plan.look.surfaces:
+                buffers.make(plan.look.surface_block()).bind_to_uniform_block(4)
             if plan.look.shading:
                 buffers.make(plan.look.shading.block()).bind_to_uniform_block(2)
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)

@@ -31,12 +31,14 @@ class Slot:
     kind : the stored voxel type
     textured : kept as texels for the texture unit's filter, not as packed words
     margin : samples beyond the cells' corners, on every side
+    reach : cells beyond its own in which the brick samples the field
     """
 
     cells_zyx: Index
     kind: VoxelKind
     textured: bool
     margin: int = 0
+    reach: int = 0
 
     @property
     def samples_zyx(self) -> Index:
@@ -104,7 +106,7 @@ class Slot:
         return np.ascontiguousarray(words)
 
 
-def make_slot(layout: BrickLayout, encoding: Encoding, textured: bool) -> Slot:
+def make_slot(layout: BrickLayout, encoding: Encoding, textured: bool, reach: int = 0) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
     z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
-    return Slot((z, y, x), encoding.kind, textured, layout.margin)
+    return Slot((z, y, x), encoding.kind, textured, layout.margin, reach)

@@ -17,14 +17,17 @@ from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
-BLENDING_FILES: dict[Blending, str] = {
-    "composite": "composite.glsl",
-    "maximum": "extreme.glsl",
-    "minimum": "extreme.glsl",
-    "average": "sum.glsl",
-    "additive": "sum.glsl",
-    "local-maximum": "local_maximum.glsl",
+NOTHING = "// nothing\n"
+BLENDING_FILES: dict[Blending, tuple[str, str, str]] = {
+    "composite": ("samples.glsl", "composite.glsl", "over.glsl"),
+    "maximum": ("samples.glsl", "extreme.glsl", NOTHING),
+    "minimum": ("samples.glsl", "extreme.glsl", NOTHING),
+    "average": ("samples.glsl", "sum.glsl", NOTHING),
+    "additive": ("samples.glsl", "sum.glsl", NOTHING),
+    "local-maximum": ("samples.glsl", "local_maximum.glsl", NOTHING),
+    "isosurface": ("surfaces.glsl", NOTHING, "over.glsl"),
 }
+"""What runs of slabs are made of, what is taken of a sample, and how runs are added."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Variant:
     blending : what becomes of the samples
     lights : how many light the volume; 0: it is not lit
     planes : how many clip it
+    surfaces : isosurfaces that it shows
     """
 
     filter: Literal["linear", "nearest", "hardware"]
@@ -51,6 +55,7 @@ class Variant:
     blending: Blending = "composite"
     lights: int = 0
     planes: int = 0
+    surfaces: int = 0
 
     @property
     def source(self) -> ShaderSource:
@@ -61,13 +66,16 @@ class Variant:
         elif self.filter == "linear" and self.slot.kind == "u8":
             scalar = "linear_u8.glsl"
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
+        run, sample, behind = BLENDING_FILES[self.blending]
         slots = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
             "RECORDS": records,
             "VOXEL": voxel,
             "SCALAR": scalar,
-            "BLENDING": BLENDING_FILES[self.blending],
+            "RUN": run,
+            "SAMPLE": sample,
+            "BEHIND": behind,
             "GRADIENT": self._gradient,
             "CLIP": "clip.glsl" if self.planes else "unclipped.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
@@ -78,7 +86,7 @@ class Variant:
     def _gradient(self) -> str:
         """The file of the gradient, or a comment where none is needed."""
         if not self.lights:
-            return "// no gradient\n"
+            return NOTHING
         return "gradient.glsl" if self.filter == "linear" else "gradient_differences.glsl"
 
     @property
@@ -91,6 +99,7 @@ class Variant:
             f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // that a stored brick has room for",
             f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
+            f"const int REACH = {self.slot.reach}; // cells beyond them in which the field is sampled",
             f"const int ROW_WORDS = {self.slot.row_words};",
             f"const int SLICE_WORDS = {self.slot.slice_words};",
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
@@ -103,6 +112,9 @@ class Variant:
         ]
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
+        lines.append(f"const bool WHOLE_SLABS = {str(self.blending != 'isosurface').lower()}; // in which volumes are cut")
+        if self.blending == "isosurface":
+            lines.append(f"const int SURFACES = {max(1, self.surfaces)};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         if self.lights:
@@ -129,4 +141,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.look.blending,
         len(plan.look.shading.lights) if plan.look.shading else 0,
         len(plan.clip),
+        len(plan.look.surfaces),
     )

@@ -87,6 +87,20 @@ def check_opacity(value: Any) -> Any:
     return value
 
 
+def check_surface(value: Any) -> Any:
+    """A number or a list; what they hold is checked by their own types."""
+    value = plain(value)
+    if isinstance(value, bool) or not (isinstance(value, (int, float)) or _is_sequence(value)):
+        raise UnusableError("not a surface", "a data value, or [value, opacity]")
+    return value
+
+
+def check_surfaces(isosurfaces: tuple[object, ...] | None) -> None:
+    """A picture of isosurfaces needs some; None where another picture is asked for."""
+    if isosurfaces == ():
+        raise UnusableError("missing", "one data value or more, for blending: isosurface", key="isosurfaces")
+
+
 def check_light(position: Vector | None, focal_point: Vector) -> None:
     """A light that stays where it is needs a direction."""
     if position is None:

@@ -22,6 +22,8 @@ from clusterviz.scene.checks import (
     check_opacity,
     check_path,
     check_points,
+    check_surface,
+    check_surfaces,
     form_of,
     plain,
 )
@@ -51,6 +53,11 @@ Opacity = Annotated[
     | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
     Discriminator(form_of),
     BeforeValidator(check_opacity),
+]
+Isosurface = Annotated[
+    Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_surface),
 ]
 Background = Annotated[
     Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
@@ -90,10 +97,18 @@ class Volume(Section):
         description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
     )
     interpolation: Literal["linear", "nearest"] = Field(default="linear", description="How voxels become a field.")
-    blending: Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum"] = Field(
+    blending: Literal[
+        "composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"
+    ] = Field(
         default="composite",
         description="How the samples along a ray are combined: composite (emission and absorption); maximum, minimum "
-        "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey).",
+        "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey); "
+        "isosurface (the surfaces of isosurfaces).",
+    )
+    isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(plain)] = Field(
+        default=(),
+        description="The data values of surfaces, with cmap's colours; [value, opacity] where the opacity is not that "
+        "of the transfer function.",
     )
     threshold: Number | None = Field(
         default=None,
@@ -109,6 +124,11 @@ class Volume(Section):
     specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
         default=10.0, description="Sharpness of the highlight."
     )
+
+    @model_validator(mode="after")
+    def _has_surfaces(self) -> Volume:
+        check_surfaces(self.isosurfaces if self.blending == "isosurface" else None)
+        return self
 
 
 class Light(Section):
@@ -233,7 +253,6 @@ class Scene(Section):
 
 
 PLANNED: dict[str, tuple[object, ...]] = {
-    "blending": ("isosurface",),
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clusterviz.image.merge import MERGES
-from clusterviz.plan.look import OPERATORS, Look, make_look
+from clusterviz.plan.look import OPERATORS, Look, make_look, margin_of
 from clusterviz.scene import TransferFunction
 from clusterviz.scene.values import Volume
 
@@ -31,8 +31,26 @@ def test_only_what_cannot_matter_is_hidden(blending: str, hidden: list[bool]) ->
 
 def test_threshold_is_in_units_of_clim() -> None:
     volume = Volume(path="a", blending="local-maximum", threshold=5.0)
-    assert make_look(volume, (1.0, 9.0), None).threshold == 0.5
-    assert make_look(Volume(path="a"), (1.0, 9.0), None).operator == "over"
+    assert make_look(volume, BAND, None).threshold == 0.5
+    assert make_look(Volume(path="a"), BAND, None).operator == "over"
+
+
+def test_surfaces_take_their_looks_from_the_transfer_function() -> None:
+    volume = Volume(path="a", blending="isosurface", isosurfaces=(4.5, (1.0, 0.25), 2.0, 3.0))
+    surfaces = make_look(volume, BAND, None).surfaces
+    # The one at 2.0 is wholly transparent.
+    assert [(s.value, s.units, s.opacity) for s in surfaces] == [(1.0, 0.1, 0.25), (3.0, 0.3, 1.0), (4.5, 0.45, 0.5)]
+    hidden = Look("isosurface", surfaces=surfaces).hides(BAND, LOW, HIGH)
+    assert hidden.tolist() == [False, False, True, False, True]
+
+
+def test_margin_grows_with_what_a_volume_shows() -> None:
+    surfaces = {"path": "a", "blending": "isosurface", "isosurfaces": (1.0,)}
+    assert margin_of(Volume(path="a")) == 0
+    assert margin_of(Volume(path="a", shade=True)) == 1
+    assert margin_of(Volume(path="a", shade=True, blending="maximum")) == 0
+    assert margin_of(Volume(**surfaces)) == 1
+    assert margin_of(Volume(**surfaces, shade=True)) == 2
 
 
 def test_every_blending_has_an_operator_that_merges() -> None:

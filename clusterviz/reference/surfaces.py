@@ -1,0 +1,72 @@
+"""The witness of isosurfaces: roots by bisection, between the ends of every slab."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference.clipping import kept
+from clusterviz.reference.lighting import GRADIENTS, lit
+from clusterviz.reference.rays import Floats, Rays
+from clusterviz.reference.sample import SAMPLERS
+from clusterviz.reference.slabs import slabs
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.values import Scene
+
+HALVINGS = 40  # of a slab: far below what a picture can show
+
+
+def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
+    """The colours of some rays, (n, 4).
+
+    A slab whose ends are valid and on different sides of a value has its surface there; of several, the one that is
+    nearer in value to the begin is in front. Of each, the crossing that bisection finds is taken.
+    """
+    volume = scene.volumes[0]
+    classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
+    wanted = sorted(
+        (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
+    )
+    rgba = np.zeros((len(rays.direction), 4))
+    for slab in slabs(rays, voxels.shape, length, lambda: rgba[:, 3] < 1):
+        start, direction = rays.start[slab.rays], rays.direction[slab.rays]
+        ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (slab.begin, slab.end)]
+        (front, front_valid), (behind, behind_valid) = ends
+        valid = front_valid & behind_valid
+        for ordered, rises in ((wanted, True), (wanted[::-1], False)):
+            begin = slab.begin.copy()
+            for value, opacity in ordered:
+                crosses = valid & ((front < value) != (behind < value)) & ((behind > front) == rises)
+                here = np.flatnonzero(crosses)
+                if not here.size:
+                    continue
+                some = Rays(start[here], direction[here])
+                found = _root(some, voxels, sample, value, rises, begin[here], slab.end[here])
+                there = np.isfinite(found)
+                begin[here] = np.where(there, found, begin[here])
+                point = some.start + begin[here][:, None] * some.direction
+                colour = np.broadcast_to(classify.colour(value), point.shape)
+                if volume.shade:
+                    gradient = GRADIENTS[volume.interpolation](voxels, point)
+                    colour = lit(colour, gradient, some.direction, volume, scene.lights, grid)
+                alpha = np.where(there & kept(point, scene.clip, grid), opacity, 0)[:, None]
+                pixels = slab.rays[here]
+                rgba[pixels] += (1 - rgba[pixels, 3:]) * alpha * np.append(colour, np.ones((len(here), 1)), axis=1)
+    return rgba
+
+
+def _root(
+    rays: Rays, voxels: NDArray[Any], sample: Any, value: float, rises: bool, low: Floats, high: Floats
+) -> Floats:
+    """Where along each ray, between low and high, the field crosses a value; NaN if it is invalid on the way there."""
+    met = np.ones(len(low), bool)
+    for _ in range(HALVINGS):
+        middle = low + (high - low) / 2
+        scalar, valid = sample(voxels, *(rays.start + middle[:, None] * rays.direction).T)
+        met &= valid
+        before = (scalar < value) == rises
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return np.where(met, low, np.nan)

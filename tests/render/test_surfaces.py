@@ -1,0 +1,155 @@
+"""Isosurfaces against the witness: between the ends of slabs, refined, lit, cut by planes, in any bricks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import CAMERAS, SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.test_clip import clip_of
+from render.test_independence import in_parts
+from render.test_raycast import GRIDS
+from render.test_shading import LIGHTS, LIT, smooth
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference import render_reference
+
+pytestmark = pytest.mark.gl
+
+GRID = Grid(SHAPE)
+BOUND = 1e-4
+SIZE = (24, 20)
+
+
+def surfaces(voxels: np.ndarray, *shares: float, **look: Any) -> dict[str, Any]:
+    """The look of half-transparent surfaces at shares of the range; the last one is opaque."""
+    low, high = float(np.nanmin(voxels)), float(np.nanmax(voxels))
+    values = [low + share * (high - low) for share in shares]
+    entries = [*((value, 0.4) for value in values[:-1]), (values[-1], 1.0)]
+    return {"blending": "isosurface", "isosurfaces": entries, **look}
+
+
+# One pixel of the 480: where a slab crosses a value three times, any of the crossings will do.
+FEW = 0.0025
+
+
+def wrong(found: np.ndarray, expected: np.ndarray, bound: float = BOUND) -> float:
+    """The share of pixels beyond the bound, of pictures that show something."""
+    assert expected[..., 3].max() > 0.3
+    return float((np.abs(found - expected).max(axis=-1) > bound).mean())
+
+
+@pytest.mark.parametrize("lit", [False, True], ids=["flat", "lit"])
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+def test_surfaces_are_those_of_the_witness(context: moderngl.Context, dtype: str, lit: bool) -> None:
+    voxels = smooth(dtype=dtype)
+    look = surfaces(voxels, 0.55, 0.7, 0.4) | (LIT if lit else {})
+    for camera, step in (("outside", 1.0), ("inside", 1.4), ("parallel", 0.6)):
+        scene = scene_of(voxels, camera_at(camera, GRID), step=step, look=look, parts={"lights": LIGHTS})
+        expected = render_reference(scene, GRID, voxels)
+        assert wrong(picture(context, scene, voxels, brick=7), expected) <= FEW, camera
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_surfaces_of_noise_from_every_camera(context: moderngl.Context, camera: str) -> None:
+    """Every slab may hold a surface; a few that only just reach a value are a matter of the last bit."""
+    voxels = noise()
+    scene = scene_of(voxels, camera_at(camera, GRID), step=0.6, look=surfaces(voxels, 0.3, 0.5, 0.93, **LIT))
+    found = picture(context, scene, voxels, brick=7)
+    assert wrong(found, render_reference(scene, GRID, voxels), 1e-3) <= 0.01
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_surfaces_on_every_grid(context: moderngl.Context, name: str) -> None:
+    voxels, grid = smooth(dtype=np.uint16), GRIDS[name]
+    scene = scene_of(voxels, camera_at("outside", grid), look=surfaces(voxels, 0.55, 0.4, **LIT))
+    assert wrong(picture(context, scene, voxels, grid, brick=7), render_reference(scene, grid, voxels)) <= FEW
+
+
+def test_surfaces_between_nearest_voxels(context: moderngl.Context) -> None:
+    voxels = smooth()
+    look = surfaces(voxels, 0.55, 0.4)
+    scene = scene_of(voxels, camera_at("outside", GRID), look=look, interpolation="nearest", step=0.93)
+    assert wrong(picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)) == 0
+
+
+@pytest.mark.parametrize("name", ["plane", "both"])
+def test_planes_cut_surfaces_where_they_meet(context: moderngl.Context, name: str) -> None:
+    voxels = smooth()
+    for camera in ("outside", "parallel-along-an-axis"):
+        scene = scene_of(
+            voxels,
+            camera_at(camera, GRID),
+            look=surfaces(voxels, 0.55, 0.4, **LIT),
+            parts={"clip": clip_of(GRID, name)},
+            step=0.93,
+        )
+        expected = render_reference(scene, GRID, voxels)
+        assert wrong(picture(context, scene, voxels, brick=7), expected) <= 0.005, camera
+
+
+def test_position_does_not_depend_on_the_step(context: moderngl.Context) -> None:
+    """A ball: its picture with slabs of two voxels is that with slabs of a tenth, but for its very rim."""
+    z, y, x = np.indices((24, 24, 24)) - 11.5
+    voxels = (12 - np.sqrt(x * x + y * y + z * z)).astype(np.float32)
+    grid = Grid(voxels.shape)
+    look = surfaces(voxels, 0.55, shade=True)
+    pictures = [
+        picture(context, scene_of(voxels, camera_at("outside", grid), step=step, look=look), voxels, grid)
+        for step in (100.0, 2.0, 0.1)
+    ]
+    assert np.array_equal(pictures[0], pictures[1])
+    assert wrong(pictures[1], pictures[2], 1e-4) <= 0.01
+
+
+@pytest.mark.parametrize("brick", [5, 16, 33, 64])
+def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
+    voxels = smooth((40, 35, 70), np.uint8)
+    grid = Grid(voxels.shape)
+    scene = scene_of(voxels, camera_at("outside", grid), step=2.0, look=surfaces(voxels, 0.7, 0.55, **LIT))
+    one, other = (draw(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
+    assert wrong(whole(other.partial, SIZE), whole(one.partial, SIZE), 1e-5) == 0
+
+
+def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
+    voxels = smooth(dtype=np.uint8)
+    scene = scene_of(voxels, camera_at("outside", GRID), look=surfaces(voxels, 0.7, 0.55, **LIT))
+    prepared = prepare(scene, voxels, brick=7)
+    drawn = whole(draw(context, prepared).partial, SIZE)
+    for parts in (2, 5):
+        assert wrong(in_parts(context, scene, prepared, parts)[0], drawn, 1e-5) == 0
+
+
+def test_only_bricks_with_a_surface_are_drawn(context: moderngl.Context) -> None:
+    voxels = np.broadcast_to(np.arange(64, dtype=np.uint8), (20, 20, 64)).copy()
+    grid = Grid(voxels.shape)
+    look = {"blending": "isosurface", "isosurfaces": [20.0]}
+    scene = scene_of(voxels, camera_at("outside", grid), clim=(0, 64), opacity=1.0, look=look)
+    prepared = prepare(scene, voxels, grid, brick=8)
+    assert (prepared.plan.cost.any(axis=(0, 1)) == [False, False, True, False, False, False, False, False]).all()
+    assert wrong(picture(context, scene, voxels, grid, 8), render_reference(scene, grid, voxels)) == 0
+
+
+def test_surfaces_without_opacity_are_an_empty_picture(context: moderngl.Context) -> None:
+    voxels = smooth()
+    look = {"blending": "isosurface", "isosurfaces": [(0.5, 0.0)]}
+    assert not picture(context, scene_of(voxels, camera_at("outside", GRID), look=look), voxels).any()
+
+
+def test_invalid_voxels_hide_surfaces(context: moderngl.Context) -> None:
+    voxels = smooth()
+    voxels[np.random.default_rng(1).random(SHAPE) < 0.02] = np.nan
+    scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.1, 0.9), look=surfaces(voxels, 0.55, 0.4, **LIT))
+    found, expected = picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)
+    assert np.isfinite(found).all()
+    # Where the field between two valid ends is not valid, which root is found is open.
+    assert wrong(found, expected) <= 0.02
+
+
+def test_many_dispatches_find_every_surface(context: moderngl.Context) -> None:
+    voxels = noise((9, 8, 11))
+    grid = Grid(voxels.shape)
+    scene = scene_of(voxels, camera_at("outside", grid), step=2e-3, size=(6, 5), look=surfaces(voxels, 0.3, 0.9))
+    assert wrong(picture(context, scene, voxels, grid), render_reference(scene, grid, voxels)) == 0
