@@ -95,14 +95,12 @@ def deal(ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = N
     target = _fill(ranks, cells, blocks, np.argsort(-merges * length, kind="stable"), (end - begin) * merges[cell])
     # Each block comes from every member of its cell but the one that gets it.
     pair, member = _ranges(cells.first[cell], cells.first[cell + 1])
-    source, target = cells.members[member], target[pair]
-    kept = source != target
-    source, target, pair = source[kept], target[kept], pair[kept]
-    cell, begin, end = cell[pair], begin[pair], end[pair]
-    wide = wide[cell]
-    start = cells.top[cell] * width + np.where(wide, begin, begin * width + cells.left[cell])
-    stop = start + np.where(wide, end - begin, unit[cell])
-    return np.stack([source, target, start, stop], axis=1), np.where(wide, 1, end - begin)
+    kept = cells.members[member] != target[pair]
+    pair, source = pair[kept], cells.members[member[kept]]
+    start = cells.top[cell] * width + np.where(wide[cell], begin, begin * width + cells.left[cell])
+    stop = start + np.where(wide[cell], end - begin, unit[cell])
+    table = np.stack([source, target[pair], start[pair], stop[pair]], axis=1)
+    return table, np.where(wide[cell], 1, end - begin)[pair]
 
 
 def _fill(ranks: int, cells: Cells, blocks: Indices, order: Indices, merges: Indices) -> Indices:
