@@ -1,6 +1,6 @@
 """How fast the over operator is, against a copy of the same bytes: `clusterviz bench over`, as a script.
 
-python benchmarks/over.py [--size WxH] [--frames K] [--json F]
+python benchmarks/over.py [--size WxH | --sizes WxH,WxH,…] [--frames K] [--json F]
 """
 
 from __future__ import annotations
