@@ -64,6 +64,7 @@ class Sources(HTMLParser):
 def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -> None:
     out = tmp_path / "out"
     options = ("--ranks", str(ranks), "--knobs", "filter", "--budget", "30", "-D", "cluster.brick=4")
+    options += ("-D", "cluster.transport=messages")
     outcome = cli("tradeoff", FIELD, "-o", str(out), *SMALL, *options)
     assert (outcome.status, outcome.err) == (0, "")
     assert "As the scene is, a frame takes" in outcome.out

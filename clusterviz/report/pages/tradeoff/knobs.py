@@ -53,7 +53,8 @@ KNOBS = (
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
     ),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
-    Knob("codec", "how pixels are packed for sending", ranks=2, control=True),
+    Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
+    Knob("transport", "how pixels travel", ranks=2, control=True),
     Knob("brick", "voxels along the side of a brick", (16, 32, 128), control=True),
 )
 

@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.composite import collect, compile_kernels, composite
+from clusterviz.composite import compile_kernels
+from clusterviz.composite.compositor import Compositor
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, Share, prepare
 from clusterviz.gl.context import open_context
+from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage, blank
+from clusterviz.plan.plan import Plan
+from clusterviz.render.projection import finish_projection
 from clusterviz.render.raycast import Raycaster
 from clusterviz.report.statistics import peak_memory_bytes
 from clusterviz.scene.values import Scene
@@ -110,10 +114,12 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
     caster = _caster(run, share)
     with run.together("kernels", "kernels"):
         compile_kernels(channel)
-    drawn = [_frame(run, share, caster) for _ in range(warm_up + frames)]
+        compositor = _compositor(run, share)
+    drawn = [_frame(run, share, caster, compositor) for _ in range(warm_up + frames)]
     per_rank = channel.allgather([frame for frame, _ in drawn[warm_up:]])
     memory = channel.allgather((caster.voxel_bytes if caster else 0, peak_memory_bytes()))
     names = channel.allgather(caster.renderer if caster else "")
+    compositor.close()
     return Measured(_cost(per_rank, memory), drawn[-1][1], share.scene, next(filter(None, names), ""))
 
 
@@ -130,25 +136,44 @@ def _caster(run: Run, share: Share) -> Raycaster | None:
         return caster
 
 
-def _frame(run: Run, share: Share, caster: Raycaster | None) -> tuple[Frame, Image | None]:
+def _compositor(run: Run, share: Share) -> Compositor:
+    cluster, size = share.scene.cluster, share.scene.image.size
+    return Compositor(
+        run.channel, size, algorithm=cluster.compositing, codec=cluster.codec, transport=cluster.transport
+    )  # fmt: skip
+
+
+def _frame(run: Run, share: Share, caster: Raycaster | None, compositor: Compositor) -> tuple[Frame, Image | None]:
     """Draw, composite and collect once, all ranks together from a barrier on."""
     with run.together("barrier", "exchange"):
         run.channel.barrier()
     started = perf_counter()
     partial: PartialImage = blank()
+    picture: NDArray[Any] | None
     seconds, samples = 0.0, 0
     with run.alone("render", "render"):
         if caster and share.plan:
             drawn = caster.draw(share.plan)
             partial, seconds, samples = drawn.partial, drawn.seconds_render, drawn.samples
     with run.together("composite", "exchange"):
-        cluster = share.scene.cluster
-        piece, counters = composite(partial, share.order, run.channel, cluster.compositing, cluster.codec)
-        image = collect(piece, share.scene.image.size, run.channel)
+        if share.plan and share.plan.look.operator != "over":
+            picture, sent = _project(run, share, share.plan, partial), (0, 0)
+        else:
+            picture, counters = compositor.composite(partial, share.order)
+            sent = (counters.total.bytes_sent, counters.total.messages_sent)
     spent = perf_counter() - started
-    total = counters.total
-    whole = None if image is None else np.asarray(image, np.float32)
-    return Frame(seconds, spent, samples, total.bytes_sent, total.messages_sent), whole
+    # The picture may lie in memory that the next frame changes.
+    kept = None if picture is None else np.array(picture, np.float32)
+    return Frame(seconds, spent, samples, *sent), kept
+
+
+def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image | None:
+    """A picture that is not composited: its parts are merged on rank 0, as `frame` does it."""
+    parts = run.channel.gather(partial)
+    if parts is None:
+        return None
+    ordered = (parts[rank] for rank in share.order)
+    return finish_projection(plan, merge_partials(ordered, share.scene.image.size, plan.look.operator))
 
 
 def _cost(per_rank: list[list[Frame]], memory: list[tuple[int, int]]) -> Cost:

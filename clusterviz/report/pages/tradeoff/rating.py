@@ -106,16 +106,14 @@ def verdict(rated: Sequence[Rated], truth: Truth) -> list[str]:
     # Errors below the truth's own are no reason to prefer one setting to another.
     same = fastest_within(rated, max(scene.max, truth.max))
     if same and faster(same, scene):
-        sentences.append(f"It is had {ratio(scene, same)} faster at no larger error by {same.setting}.")
+        sentences.append(f"With {same.setting} it is {ratio(scene, same)} faster at no larger error.")
     else:
         sentences.append("No setting that was tried is faster at no larger error.")
     hidden = fastest_within(rated, INVISIBLE)
     if hidden is None:
         exact = min(rated, key=lambda one: one.max)
-        sentences.append(
-            f"None comes within 2 levels of 8 bits; {exact.setting} comes closest, with {levels(exact.max, truth)}, "
-            f"and takes {milliseconds(exact)}."
-        )
+        closest = f"; {exact.setting} comes closest, with {levels(exact.max, truth)}, and takes {milliseconds(exact)}"
+        sentences.append(f"None comes within 2 levels of 8 bits{'' if exact is scene else closest}.")
     elif hidden not in (scene, same):
         sentences.append(f"The fastest within 2 levels of 8 bits is {hidden.setting}: {milliseconds(hidden)}.")
     quickest = min(rated, key=lambda one: one.cost.total_seconds)

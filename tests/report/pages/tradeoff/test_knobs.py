@@ -31,7 +31,8 @@ def test_every_key_of_quality_is_a_knob() -> None:
 def test_names_come_from_the_scenes_own_types() -> None:
     choices = {knob.name: knob.choices for knob in KNOBS}
     assert choices["filter"] == get_args(Quality.model_fields["filter"].annotation)
-    assert set(choices["codec"]) == set(get_args(Cluster.model_fields["codec"].annotation)) - {"auto"}
+    assert set(choices["transport"]) == set(get_args(Cluster.model_fields["transport"].annotation)) - {"auto"}
+    assert set(choices["codec"]) <= set(get_args(Cluster.model_fields["codec"].annotation))
 
 
 def test_the_scene_comes_first_then_each_value_alone_then_combinations() -> None:

@@ -80,7 +80,7 @@ def test_the_verdict_names_what_is_faster_at_no_larger_error() -> None:
     rated = [setting(0.2, 4 * LEVEL), setting(0.05, 4 * LEVEL, early_termination=0.01), setting(0.4, LEVEL, step=0.5)]
     text = " ".join(verdict(rated, TRUTH))
     assert "takes 200 ms and errs by up to 4 levels of 255" in text
-    assert "4 times faster at no larger error by early_termination 0.01" in text
+    assert "With early_termination 0.01 it is 4 times faster at no larger error." in text
     assert "within 2 levels of 8 bits is step 0.5: 400 ms" in text
 
 
