@@ -106,13 +106,13 @@ class Channel(Protocol):
         """
         ...
 
-    def window(self, bytes_per_rank: int) -> SharedWindow:
-        """Memory that the ranks of each of these nodes share, so many bytes for each rank (none is allowed).
+    def window(self, own_bytes: int) -> SharedWindow:
+        """Memory that the ranks of each of these nodes share; each asks for its own part, of any size, 0 included.
 
         Raises
         ------
         InputError
-            On every rank: a negative size, or sizes that differ.
+            On every rank: a negative size.
         WindowError
             On every rank: there is no such memory on some node.
         """

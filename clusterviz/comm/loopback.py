@@ -168,11 +168,11 @@ class LoopbackChannel:
         """One node, or pretended ones as `run_loopback` was told."""
         return group_by_node([0] * self.size, self._world.ranks_per_node)
 
-    def window(self, bytes_per_rank: int) -> LoopbackWindow:
+    def window(self, own_bytes: int) -> LoopbackWindow:
         """Each rank brings its own part; the boards are those of the node's first member."""
-        check_sizes(self.allgather(bytes_per_rank))
+        check_sizes(self.allgather(own_bytes))
         members = next(node for node in self.nodes() if self._rank in node)
-        brought = self.allgather((np.zeros(bytes_per_rank, np.uint8), empty_boards(len(members))))
+        brought = self.allgather((np.zeros(own_bytes, np.uint8), empty_boards(len(members))))
         parts = [brought[member][0] for member in members]
         return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
 

@@ -241,9 +241,9 @@ class MpiChannel:
             self._nodes = group_by_node(self.allgather_numbers([first])[:, 0].tolist(), ranks_each)
         return self._nodes
 
-    def window(self, bytes_per_rank: int) -> MpiWindow:
+    def window(self, own_bytes: int) -> MpiWindow:
         """An MPI-3 window on each node."""
-        return open_window(self._mpi, self._comm, self, bytes_per_rank)
+        return open_window(self._mpi, self._comm, self, own_bytes)
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

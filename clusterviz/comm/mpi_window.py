@@ -32,26 +32,29 @@ _LOOKS_PER_PROGRESS = 32
 _SHARED_FOLDER = Path("/dev/shm")
 
 
-def open_window(mpi: Any, comm: Any, channel: Channel, bytes_per_rank: int) -> MpiWindow:
-    """Make a window on each of the channel's nodes; collective.
+def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWindow:
+    """Make a window on each of the channel's nodes, with a part of so many bytes for this rank; collective.
 
     Raises
     ------
     InputError, WindowError
         On every rank.
     """
-    check_sizes(channel.allgather_numbers([bytes_per_rank])[:, 0].tolist())
+    sizes = channel.allgather_numbers([own_bytes])[:, 0].tolist()
+    check_sizes(sizes)
     number, members = next((i, node) for i, node in enumerate(channel.nodes()) if channel.rank in node)
-    _agree(channel, _lack_of_room(_node_bytes(channel.place().local_size, bytes_per_rank)))
+    # Pretended nodes share the memory of a real one.
+    largest_node = channel.place().local_size * max(map(_segment_bytes, sizes))
+    _agree(channel, _lack_of_room(min(largest_node, sum(map(_segment_bytes, sizes)))))
     window: MpiWindow | None = None
     fault = ""
     try:
-        window = MpiWindow(mpi, comm.Split(number, channel.rank), members, bytes_per_rank)
+        window = MpiWindow(mpi, comm.Split(number, channel.rank), members, [sizes[member] for member in members])
         window.touch()
     except mpi.Exception as error:
         fault = str(error).splitlines()[0]
     except OSError as error:
-        fault = f"{error.strerror} while {bytes_per_rank} bytes were filled with zeros"
+        fault = f"{error.strerror} while {own_bytes} bytes were filled with zeros"
     # Also the barrier after which all boards are zero.
     _agree(channel, fault)
     return cast(MpiWindow, window)
@@ -73,8 +76,8 @@ def _lack_of_room(needed: int) -> str:
     return f"{_SHARED_FOLDER} has {left} bytes left of the {needed} needed" if left < needed else ""
 
 
-def _node_bytes(ranks: int, bytes_per_rank: int) -> int:
-    return ranks * (_whole_pages(bytes_per_rank) + _whole_pages(BOARDS * ROW_NUMBERS * 8) + mmap.PAGESIZE)
+def _segment_bytes(own_bytes: int) -> int:
+    return _whole_pages(own_bytes) + _whole_pages(BOARDS * ROW_NUMBERS * 8) + mmap.PAGESIZE
 
 
 class MpiWindow:
@@ -85,7 +88,7 @@ class MpiWindow:
     mpi : the MPI module
     comm : the ranks of the node
     members : their ranks in the channel
-    bytes_per_rank : of each part
+    part_bytes : of each member's part
 
     Raises
     ------
@@ -93,13 +96,13 @@ class MpiWindow:
         No memory, or none that can be shared.
     """
 
-    def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], bytes_per_rank: int) -> None:
+    def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], part_bytes: Sequence[int]) -> None:
         self._comm = comm
         self._members = members
         self._index = int(comm.rank)
         board_bytes = BOARDS * len(members) * ROW_NUMBERS * 8
         sizes = [
-            _whole_pages(bytes_per_rank) + (0 if index else _whole_pages(board_bytes)) for index in range(comm.size)
+            _whole_pages(size) + (0 if index else _whole_pages(board_bytes)) for index, size in enumerate(part_bytes)
         ]
         # Where a library does not begin segments at a page, the first page is given up.
         info = mpi.Info.Create({"alloc_shared_noncontig": "true"})
@@ -108,7 +111,8 @@ class MpiWindow:
         # Win_sync belongs into an epoch.
         self._window.Lock_all(mpi.MODE_NOCHECK)
         segments = [self._segment(index)[:size] for index, size in enumerate(sizes)]
-        self._parts = [segment[segment.size - _whole_pages(bytes_per_rank) :][:bytes_per_rank] for segment in segments]
+        ends = zip(segments, part_bytes, strict=True)
+        self._parts = [segment[segment.size - _whole_pages(size) :][:size] for segment, size in ends]
         self._boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
         self._tickets = [[memoryview(row[:1]) for row in board] for board in self._boards]
         self._eager_looks = _EAGER_LOOKS if len(members) <= len(granted_cores()) else 0

@@ -164,9 +164,9 @@ class ThrottledChannel:
         """As beneath."""
         return self._channel.nodes()
 
-    def window(self, bytes_per_rank: int) -> SharedWindow:
+    def window(self, own_bytes: int) -> SharedWindow:
         """As beneath."""
-        return self._channel.window(bytes_per_rank)
+        return self._channel.window(own_bytes)
 
     def abort(self, status: int) -> None:
         """As beneath."""

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec, choose_codec, pack
-from clusterviz.codec.contract import Pixels
+from clusterviz.codec import AutoCodec, Rows, choose_codec, pack
+from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.composite.choice import Choice, Wanted, choose
 from clusterviz.composite.counters import CompositeCounters, StageCounters
-from clusterviz.composite.exchange import Pack
 from clusterviz.composite.footprints import Footprints, gather_footprints
-from clusterviz.composite.gather import collect
+from clusterviz.composite.gather import Pack, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
 from clusterviz.composite.messages import Plan, plan_messages, run_messages
 from clusterviz.composite.network import Network, default_network
@@ -120,9 +120,17 @@ class Compositor:
         seconds_agree = perf_counter() - started
         piece, stages = self._run(mine, footprints, choice)
         started = perf_counter()
-        picture = collect(piece, self._size, self._channel, self._root, out)
+        messages: list[int] = []
+
+        def counted(pixels: Pixels, rows: Rows, key: tuple[int, int]) -> Bytes:
+            message = self._pack(pixels, rows, key)
+            messages.append(message.nbytes)
+            return message
+
+        picture = collect(piece, self._size, self._channel, self._root, out, counted)
         seconds_collect = perf_counter() - started
-        return picture, _counters(choice, footprints, seconds_agree, stages, seconds_collect)
+        counters = _counters(choice, footprints, seconds_agree, stages)
+        return picture, replace(counters, seconds_collect=seconds_collect, bytes_collected=sum(messages))
 
     def close(self) -> None:
         """Give the shared memory back, and every picture in it."""
@@ -141,11 +149,9 @@ class Compositor:
         return compose_strip(placed, self._nodes, self._channel, self._memory, choice.algorithm, self._pack)
 
     def _plan(self, footprints: Footprints, algorithm: str) -> Plan:
-        """The plan of the last frame, where nothing has changed; a rank without pixels has none."""
-        if self._channel.rank not in footprints.order:
-            return ()
+        """The plan of the last frame, where nothing has changed."""
         if self._planned is None or self._planned[:2] != (footprints, algorithm):
-            plan = plan_messages(footprints, footprints.order.index(self._channel.rank), algorithm)
+            plan = plan_messages(footprints, self._channel.rank, algorithm)
             self._planned = (footprints, algorithm, plan)
         return self._planned[2]
 
@@ -192,18 +198,13 @@ def composite(
         apart = tuple((rank,) for rank in range(channel.size))
         choice = choose(wanted, footprints, apart, network, several=footprints.several)
     seconds_agree = perf_counter() - started
-    present = channel.rank in footprints.order
-    plan = plan_messages(footprints, footprints.order.index(channel.rank), choice.algorithm) if present else ()
+    plan = plan_messages(footprints, channel.rank, choice.algorithm)
     piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network))
     return piece, _counters(choice, footprints, seconds_agree, stages)
 
 
 def _counters(
-    choice: Choice,
-    footprints: Footprints,
-    seconds_agree: float,
-    stages: tuple[StageCounters, ...],
-    seconds_collect: float = 0.0,
+    choice: Choice, footprints: Footprints, seconds_agree: float, stages: tuple[StageCounters, ...]
 ) -> CompositeCounters:
     return CompositeCounters(
         choice.algorithm,
@@ -213,7 +214,6 @@ def _counters(
         seconds_agree,
         choice.seconds_predicted,
         stages,
-        seconds_collect,
     )
 
 

@@ -64,6 +64,7 @@ class CompositeCounters:
     seconds_predicted : by the time model, from the footprints to the picture on the root
     stages : one for each stage of the schedule; empty on ranks without pixels
     seconds_collect : the final gather; 0 where it was left to the caller
+    bytes_collected : what this rank sent to the root in it
     """
 
     algorithm: str
@@ -74,6 +75,7 @@ class CompositeCounters:
     seconds_predicted: float
     stages: tuple[StageCounters, ...]
     seconds_collect: float = 0.0
+    bytes_collected: int = 0
 
     @property
     def seconds(self) -> float:

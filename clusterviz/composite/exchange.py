@@ -7,7 +7,7 @@ one target, and messages are merged as they arrive. It knows nothing of algorith
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.codec import Rows, open_message, unpack
-from clusterviz.codec.contract import Bytes, Pixels
+from clusterviz.codec.contract import Bytes
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import PeerCounters, StageCounters
 from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.gather import Pack
 from clusterviz.composite.layers import Layer
 from clusterviz.composite.merging import Merging
 from clusterviz.composite.patch import Patch
@@ -33,9 +34,6 @@ class Held:
 
     begin: int
     fragments: Mapping[int, Fragment]
-
-
-Pack = Callable[[Pixels, Rows, tuple[int, int]], Bytes]
 
 
 class ExchangeError(ClustervizError):

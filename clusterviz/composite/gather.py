@@ -1,19 +1,21 @@
 """The final gather: the pieces of all ranks become one picture on the root; no part of any algorithm.
 
-Only an owner knows what it owns in the end, so it sends a short header first, then its pixels. Whole rows of the
-picture are received where they belong, without a copy.
+Where the schedule tells who owns what, the root expects one message from each owner, and whole rows of the picture are
+received where they belong, without a copy. Where only an owner knows what it owns (SLIC leaves pixels with whoever
+covers them), it sends a short header first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.codec.contract import Pixels
+from clusterviz.codec import Rows, unpack
+from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.fragment import Fragment
@@ -23,14 +25,22 @@ from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 
 # Above every stage of every schedule, below the largest tag that each MPI allows.
-_HEADER, _TABLE, _PIXELS = 32_001, 32_002, 32_003
+_HEADER, _TABLE, PIXELS = 32_001, 32_002, 32_003
 # Fragments that a header describes; only SLIC makes more, and sends them in a second table.
 _IN_HEADER = 16
-_PATCH = 6
+_NUMBERS = 6
+
+# Turns pixels into a message, given their rows, and the stage and the peer that name the stream of messages.
+Pack = Callable[[Pixels, Rows, tuple[int, int]], Bytes]
 
 
 def collect(
-    piece: Piece, size: tuple[int, int], channel: Channel, root: int = 0, out: Pixels | None = None
+    piece: Piece,
+    size: tuple[int, int],
+    channel: Channel,
+    root: int = 0,
+    out: Pixels | None = None,
+    pack: Pack | None = None,
 ) -> Pixels | None:
     """Bring all pieces together; collective.
 
@@ -39,6 +49,7 @@ def collect(
     piece : what `composite` returned
     size : (width, height) of the picture, which holds the canvas
     out : where to make the picture, (height, width, 4), C order, of the pieces' type; new memory where None
+    pack : how to pack messages; raw where None
 
     Returns
     -------
@@ -48,37 +59,46 @@ def collect(
     ------
     InputError
         On every rank: a canvas does not lie in the picture.
+    CodecError
+        A message is damaged.
     """
     _check_size(piece.canvas, size)
     if piece.gathered:
         return piece.picture if channel.rank == root else None
     if channel.rank != root:
         if channel.rank in piece.owners:
-            _send(piece, channel, root)
+            _send(piece, channel, root, pack)
         channel.wait_sends()
         return None
-    if out is None:
-        rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype)
+    rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype) if out is None else out
+    collection = _Collection(rgba, piece.canvas, channel)
+    if piece.ranges is not None:
+        if out is not None:
+            _clear_around(rgba, piece.canvas)
+        collection.expect_ranges(piece.ranges, root)
     else:
-        rgba = out
         rgba.fill(0)
+        collection.expect_headers(rank for rank in piece.owners if rank != root)
     for fragment in piece.fragments:
         _paste(rgba, piece.canvas, fragment)
-    _Collection(rgba, piece.canvas, channel).run([rank for rank in piece.owners if rank != root])
+    collection.run()
     return rgba
 
 
-def _send(piece: Piece, channel: Channel, root: int) -> None:
-    """A header, a table where the header is too short, and the pixels, if there are any."""
+def _send(piece: Piece, channel: Channel, root: int, pack: Pack | None) -> None:
+    """The pixels in one message; before them a header, and a table where that is too short, if nobody knows of them."""
     fragments = [fragment for fragment in piece.fragments if fragment.patch.count]
-    rows = [_numbers(fragment.patch) for fragment in fragments]
-    head = [len(rows), *(number for row in rows[:_IN_HEADER] for number in row)]
-    channel.isend(np.array(head, np.int64), root, _HEADER)
-    if len(rows) > _IN_HEADER:
-        channel.isend(np.array(rows[_IN_HEADER:], np.int64), root, _TABLE)
+    if piece.ranges is None:
+        rows = [_numbers(fragment.patch) for fragment in fragments]
+        head = [len(rows), *(number for row in rows[:_IN_HEADER] for number in row)]
+        channel.isend(np.array(head, np.int64), root, _HEADER)
+        if len(rows) > _IN_HEADER:
+            channel.isend(np.array(rows[_IN_HEADER:], np.int64), root, _TABLE)
     if fragments:
-        pixels = [fragment.pixels for fragment in fragments]
-        channel.isend(np.concatenate(pixels) if len(pixels) > 1 else pixels[0], root, _PIXELS)
+        parts = [fragment.pixels for fragment in fragments]
+        pixels: Pixels = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        message = pack(pixels, Rows(0, len(pixels)), (PIXELS, root)) if pack else pixels
+        channel.isend(message, root, PIXELS)
 
 
 def _numbers(patch: Patch) -> tuple[int, ...]:
@@ -106,7 +126,7 @@ class _Expected:
 
 
 class _Collection:
-    """The gather on the root: a header is awaited from each owner, and leads to what it announces."""
+    """The gather on the root: what is awaited, and where it goes."""
 
     def __init__(self, rgba: Pixels, canvas: Rect, channel: Channel) -> None:
         self._rgba = rgba
@@ -114,42 +134,64 @@ class _Collection:
         self._channel = channel
         self._waiting: list[tuple[Any, _Expected]] = []
 
-    def run(self, owners: Iterable[int]) -> None:
-        """Until everything is in the picture."""
+    def expect_ranges(self, ranges: Iterable[tuple[int, int, int]], root: int) -> None:
+        """Await the pixels of all ranges that others own."""
+        whole = Rect(0, 0, self._canvas.width, self._canvas.height)
+        patches: dict[int, list[Patch]] = {}
+        for owner, begin, end in ranges:
+            if owner != root:
+                patch = Patch(whole.width, 0, whole.pixels, whole).cut(begin, end)
+                patches.setdefault(owner, []).append(patch)
+        for owner, owned in patches.items():
+            self._expect_pixels(owner, tuple(owned))
+
+    def expect_headers(self, owners: Iterable[int]) -> None:
+        """Await what the owners will tell."""
         for rank in owners:
-            self._expect(_Expected(rank, _HEADER, np.empty(1 + _PATCH * _IN_HEADER, np.int64)))
+            self._expect(_Expected(rank, _HEADER, np.empty(1 + _NUMBERS * _IN_HEADER, np.int64)))
+
+    def run(self) -> None:
+        """Until everything is in the picture."""
         while self._waiting:
-            done = {index for index, _ in self._channel.wait_some([pending for pending, _ in self._waiting])}
-            arrived = [self._waiting[index][1] for index in sorted(done)]
+            done = dict(self._channel.wait_some([pending for pending, _ in self._waiting]))
+            arrived = [(self._waiting[index][1], size) for index, size in sorted(done.items())]
             self._waiting = [item for index, item in enumerate(self._waiting) if index not in done]
-            for expected in arrived:
-                self._take(expected)
+            for expected, size in arrived:
+                self._take(expected, size)
 
     def _expect(self, expected: _Expected) -> None:
         pending = self._channel.post_receive(expected.buffer, expected.rank, expected.tag)
         self._waiting.append((pending, expected))
 
-    def _take(self, arrived: _Expected) -> None:
+    def _take(self, arrived: _Expected, size: int) -> None:
         if arrived.tag == _HEADER:
             self._announced(arrived.rank, int(arrived.buffer[0]), arrived.buffer[1:])
         elif arrived.tag == _TABLE:
             self._expect_pixels(arrived.rank, (*arrived.patches, *self._patches(arrived.buffer)))
-        elif not arrived.in_place:
-            begin = 0
-            for patch in arrived.patches:
-                _paste(self._rgba, self._canvas, Fragment(patch, arrived.buffer[begin : begin + patch.count]))
-                begin += patch.count
+        elif size < arrived.buffer.nbytes or not arrived.in_place:
+            self._paste_all(arrived, size)
+
+    def _paste_all(self, arrived: _Expected, size: int) -> None:
+        """Open a message, and write its patches into the picture."""
+        message = arrived.buffer.reshape(-1).view(np.uint8)[:size]
+        # A packed message in place lies where its own pixels go.
+        message = message.copy() if arrived.in_place else message
+        count = len(arrived.buffer)
+        pixels, begin = unpack(message, count, self._rgba.dtype, Rows(0, count)), 0
+        for patch in arrived.patches:
+            _paste(self._rgba, self._canvas, Fragment(patch, pixels[begin : begin + patch.count]))
+            begin += patch.count
 
     def _announced(self, rank: int, count: int, table: NDArray[np.int64]) -> None:
-        patches = self._patches(table[: _PATCH * count])
+        patches = self._patches(table[: _NUMBERS * count])
         if count > _IN_HEADER:
-            self._expect(_Expected(rank, _TABLE, np.empty(_PATCH * (count - _IN_HEADER), np.int64), patches))
+            self._expect(_Expected(rank, _TABLE, np.empty(_NUMBERS * (count - _IN_HEADER), np.int64), patches))
         elif count:
             self._expect_pixels(rank, patches)
 
     def _patches(self, table: NDArray[np.int64]) -> tuple[Patch, ...]:
         width = self._canvas.width
-        rows = table.reshape(-1, _PATCH).tolist()
+        rows = table.reshape(-1, _NUMBERS).tolist()
         return tuple(Patch(width, begin, end, Rect(*sides)) for begin, end, *sides in rows)
 
     def _expect_pixels(self, rank: int, patches: tuple[Patch, ...]) -> None:
@@ -160,7 +202,7 @@ class _Collection:
             buffer: NDArray[Any] = self._rgba.reshape(-1, 4)[begin : begin + patches[0].count]
         else:
             buffer = np.empty((sum(patch.count for patch in patches), 4), self._rgba.dtype)
-        self._expect(_Expected(rank, _PIXELS, buffer, patches, whole_rows))
+        self._expect(_Expected(rank, PIXELS, buffer, patches, whole_rows))
 
 
 def _paste(rgba: Pixels, canvas: Rect, fragment: Fragment) -> None:
@@ -175,6 +217,17 @@ def _paste(rgba: Pixels, canvas: Rect, fragment: Fragment) -> None:
         block = pixels[taken : taken + count].reshape(-1, width, 4)
         rgba[y : y + len(block), x + column : x + column + width] = block
         y, column, taken = y + len(block), 0, taken + count
+
+
+def _clear_around(rgba: Pixels, canvas: Rect) -> None:
+    """Make the picture transparent outside the canvas."""
+    if not canvas.pixels:
+        rgba.fill(0)
+        return
+    rgba[: canvas.y_begin] = 0
+    rgba[canvas.y_end :] = 0
+    rgba[canvas.y_begin : canvas.y_end, : canvas.x_begin] = 0
+    rgba[canvas.y_begin : canvas.y_end, canvas.x_end :] = 0
 
 
 def _check_size(canvas: Rect, size: tuple[int, int]) -> None:

@@ -22,9 +22,10 @@ from clusterviz.comm.channel import Channel
 from clusterviz.comm.window import MOST_NUMBERS
 from clusterviz.composite.algorithms import make_schedule
 from clusterviz.composite.counters import StageCounters
-from clusterviz.composite.exchange import Link, Pack, run_exchange
+from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.footprints import Footprint, Footprints
 from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.gather import Pack
 from clusterviz.composite.layers import Layer, blend_layers
 from clusterviz.composite.node_memory import NOWHERE, NodeMemory
 from clusterviz.composite.patch import Patch, unite

@@ -61,14 +61,16 @@ class Merging:
         """The merged range, after everything has come."""
         before, behind = self._before.layers(), self._behind.layers()
         layers = [*before, *behind]
-        only = layers[0]
-        if len(layers) == 1 and only.runs is None and only.patch == self._result and only.pixels.dtype == self._dtype:
-            return Fragment(self._result, only.pixels)
-        if len(layers) == 2 and (merged := _in_place(only, layers[1], self._result)):
+        if len(layers) == 1 and self._is_result(layers[0]):
+            return Fragment(self._result, layers[0].pixels)
+        if len(layers) == 2 and (merged := _in_place(layers[0], layers[1], self._result)):
             return merged
         pixels: Any = np.empty((self._result.count, 4), self._dtype)
         blend_layers(layers, self._result, pixels, split=len(before))
         return Fragment(self._result, pixels)
+
+    def _is_result(self, layer: Layer) -> bool:
+        return layer.runs is None and layer.patch == self._result and layer.pixels.dtype == self._dtype
 
 
 class _Line:

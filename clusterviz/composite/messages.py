@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.algorithms import make_schedule
 from clusterviz.composite.counters import StageCounters
-from clusterviz.composite.exchange import Link, Pack, run_exchange
+from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.footprints import Footprints
 from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.gather import Pack
 from clusterviz.composite.piece import Piece
-from clusterviz.composite.traffic import Part, StageTraffic, plan_traffic
+from clusterviz.composite.traffic import Part, StageTraffic, owned_ranges, plan_traffic
 from clusterviz.image.partial import PartialImage
 
-Plan = tuple[StageTraffic, ...]
+
+@dataclass(frozen=True)
+class Plan:
+    """What one rank does, and what everybody owns in the end.
+
+    Attributes
+    ----------
+    stages : what it sends and receives
+    owned : (channel rank, begin, end) of all ranges of the canvas, where that is known beforehand
+    """
+
+    stages: tuple[StageTraffic, ...]
+    owned: tuple[tuple[int, int, int], ...] | None
 
 
-def plan_messages(footprints: Footprints, position: int, algorithm: str) -> Plan:
-    """What the rank at a position sends and receives, stage by stage."""
+def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> Plan:
+    """The plan of one of the channel's ranks, which may have no pixels."""
     order = footprints.order
     patches = [footprints.patch(layer) for layer in footprints.layers]
     owners = [order.index(layer.rank) for layer in footprints.layers]
@@ -28,7 +42,12 @@ def plan_messages(footprints: Footprints, position: int, algorithm: str) -> Plan
     for depth, (owner, patch) in enumerate(zip(owners, patches, strict=True)):
         layers[owner].append(Part(depth, patch))
     schedule = make_schedule(algorithm, len(order), footprints.canvas.pixels, patches, owners)
-    return plan_traffic(schedule, position, layers, footprints.canvas.width)
+    ranges = owned_ranges(schedule)
+    owned = None if ranges is None else tuple((order[position], begin, end) for position, begin, end in ranges)
+    if rank not in order:
+        return Plan((), owned)
+    whole = owned is not None
+    return Plan(plan_traffic(schedule, order.index(rank), layers, footprints.canvas.width, whole=whole), owned)
 
 
 def run_messages(
@@ -44,8 +63,8 @@ def run_messages(
             for depth, layer in enumerate(footprints.layers)
             if layer.rank == channel.rank
         }
-        fragments, stages = run_exchange(own, plan, link)
-    return Piece(footprints.canvas, footprints.dtype, fragments, footprints.order), stages
+        fragments, stages = run_exchange(own, plan.stages, link)
+    return Piece(footprints.canvas, footprints.dtype, fragments, footprints.order, plan.owned), stages
 
 
 def _pixels(image: PartialImage) -> np.ndarray:

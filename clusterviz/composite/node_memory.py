@@ -80,7 +80,7 @@ class NodeMemory:
     def grow(self, images: Sequence[PartialImage]) -> None:
         """Make the window anew, with room for these images; collective."""
         size = self._picture_bytes + sum(_lines(image.rgba.nbytes) for image in images)
-        window = self._channel.window(self._channel.maximum(int(size * _ROOM)))
+        window = self._channel.window(int(size * _ROOM))
         if self._window is not None:
             self._retired.append(self._window)
         self._window, self._taken = window, 0

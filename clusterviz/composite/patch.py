@@ -9,40 +9,46 @@ of an image, for sending it or for keeping it, never copies.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from clusterviz.image.region import EMPTY, Rect
 
 
 @dataclass(frozen=True)
 class Patch:
-    """The pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide."""
+    """The pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide.
+
+    Attributes
+    ----------
+    first : how many pixels of the rectangle come before the range
+    count : how many pixels there are
+    """
 
     width: int
     begin: int
     end: int
     rect: Rect
+    first: int = field(init=False, compare=False)
+    count: int = field(init=False, compare=False)
 
-    @property
-    def first(self) -> int:
-        """How many pixels of the rectangle come before the range."""
-        return self._before(self.begin)
-
-    @property
-    def count(self) -> int:
-        """How many pixels there are."""
-        return self._before(self.end) - self._before(self.begin)
+    def __post_init__(self) -> None:
+        # Asked for at every turn, so counted once.
+        first = self._before(self.begin)
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "count", self._before(self.end) - first)
 
     def _before(self, number: int) -> int:
         rect = self.rect
-        if self.width == 0 or rect.pixels == 0:
+        left, top, right, bottom = rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
+        if self.width == 0 or right <= left or bottom <= top:
             return 0
         row, column = divmod(number, self.width)
-        if row < rect.y_begin:
+        if row < top:
             return 0
-        if row >= rect.y_end:
-            return rect.pixels
-        return (row - rect.y_begin) * rect.width + min(max(column - rect.x_begin, 0), rect.width)
+        width = right - left
+        if row >= bottom:
+            return (bottom - top) * width
+        return (row - top) * width + min(max(column - left, 0), width)
 
     def cut(self, begin: int, end: int) -> Patch:
         """What this patch holds of the range [begin, end), which lies in its own; the rectangle keeps its columns."""

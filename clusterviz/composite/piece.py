@@ -22,6 +22,8 @@ class Piece:
     dtype : float32, float16 or uint8, the same on every rank
     fragments : ranges of the canvas with their pixels; none on ranks that own nothing
     owners : the channel's ranks that may own something; outside what they own the picture is transparent
+    ranges : (owner, begin, end) of all that is owned, ascending, with blank pixels in the fragments too, where all
+        ranks know it; None where each owner has to tell
     picture : (height, width, 4), where the transport has left the whole of it on this rank already
     gathered : whether it has done so on some rank, so that nothing is left to be collected; the same on every rank
     """
@@ -30,5 +32,6 @@ class Piece:
     dtype: np.dtype[Any]
     fragments: tuple[Fragment, ...]
     owners: tuple[int, ...]
+    ranges: tuple[tuple[int, int, int], ...] | None = None
     picture: Pixels | None = None
     gathered: bool = False

@@ -68,4 +68,4 @@ def blend_strip(
     memory.exchange(np.zeros(1, np.int64))
     counters = StageCounters(seconds_blend=blended - started, seconds_wait=perf_counter() - blended)
     mine = picture if channel.rank == root else None
-    return Piece(footprints.canvas, footprints.dtype, (), (), mine, gathered=True), counters
+    return Piece(footprints.canvas, footprints.dtype, (), (), picture=mine, gathered=True), counters

@@ -13,12 +13,15 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
+import numpy as np
+
 from clusterviz.composite.patch import Patch, unite
 from clusterviz.composite.schedule import Schedule, Stage, Transfer
+from clusterviz.image.region import Rect
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,9 @@ def layers_of(patches: Sequence[Patch]) -> Layers:
     return [(Part(depth, patch),) for depth, patch in enumerate(patches)]
 
 
-def plan_traffic(schedule: Schedule, rank: int, layers: Layers, width: int) -> tuple[StageTraffic, ...]:
+def plan_traffic(
+    schedule: Schedule, rank: int, layers: Layers, width: int, *, whole: bool = False
+) -> tuple[StageTraffic, ...]:
     """What one rank sends and receives, stage by stage.
 
     Parameters
@@ -108,19 +113,48 @@ def plan_traffic(schedule: Schedule, rank: int, layers: Layers, width: int) -> t
     rank : this rank's position
     layers : by position; each patch's range is the whole canvas
     width : of the canvas
+    whole : whether the last merges shall make every pixel of their ranges, blank ones too, so that whoever gathers
+        them need not be told where they are not blank
     """
     concerned = _concerned(schedule, rank)
     held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
     result = []
     for number, stage in enumerate(schedule.stages):
         views = {r: _stage_traffic(stage, r, held, layers[r][0].depth, width) for r in {rank, *concerned[number + 1]}}
-        result.append(views[rank])
+        last = whole and number == len(schedule.stages) - 1
+        result.append(_whole_ranges(views[rank], schedule.pixels, width) if last else views[rank])
         held = {r: tuple(merge.merged for merge in views[r].merges) for r in concerned[number + 1]}
     return tuple(result)
 
 
 def _whole(pixels: int, layers: Sequence[Part]) -> Zone:
     return Zone(0, pixels, tuple(part for part in layers if part.patch.count))
+
+
+def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
+    """Who owns what in the end, as (rank, begin, end), ascending; None where pixels stay with whoever covers them.
+
+    The owner of a pixel is the target of the last transfer of it.
+    """
+    tables = [np.unique(stage.table[:, 1:], axis=0) for stage in schedule.stages]
+    cuts = np.unique(np.concatenate([[0, schedule.pixels], *(table[:, 1:].ravel() for table in tables)]))
+    owner = np.full(len(cuts) - 1, -1, np.int64)
+    for table in tables:
+        spans = np.searchsorted(cuts, table[:, 1:]).tolist()
+        for target, (first, last) in zip(table[:, 0].tolist(), spans, strict=True):
+            owner[first:last] = target
+    if np.any(owner < 0):
+        return None
+    new = np.flatnonzero(np.diff(owner, prepend=-1))
+    begins = cuts[new].tolist()
+    return list(zip(owner[new].tolist(), begins, [*begins[1:], schedule.pixels], strict=False))
+
+
+def _whole_ranges(stage: StageTraffic, pixels: int, width: int) -> StageTraffic:
+    """The same stage, with merges that make all pixels of their ranges."""
+    canvas = Patch(width, 0, pixels, Rect(0, 0, width, pixels // max(width, 1)))
+    merges = (replace(merge, result=canvas.cut(merge.zone.begin, merge.zone.end)) for merge in stage.merges)
+    return replace(stage, merges=tuple(merges))
 
 
 def _concerned(schedule: Schedule, rank: int) -> list[set[int]]:

@@ -8,7 +8,7 @@ where a renderer's read-back leaves them; `--copy` starts with images elsewhere,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -22,6 +22,7 @@ from clusterviz.cli.arguments import parse_size
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, ThrottledChannel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
+from clusterviz.composite.network import default_network
 from clusterviz.errors import DataError
 from clusterviz.image import PartialImage, Rect
 from clusterviz.image.replace import check_replaceable, replacing
@@ -68,7 +69,11 @@ def command(
         for path in (out, json):
             if path and channel.rank == 0:
                 check_replaceable(path)
-    compositor = Compositor(channel, shape, algorithm=algorithm, codec=codec, transport=transport)
+    network = default_network(len(channel.nodes()))
+    if link:
+        # The time model and the codecs shall know of it.
+        network = replace(network, seconds_per_byte=8e-9 / link, node_seconds_per_byte=8e-9 / link)
+    compositor = Compositor(channel, shape, algorithm=algorithm, codec=codec, transport=transport, network=network)
     with agree(channel, 0, "read"):
         partial = visible_box(read_rgba(images / f"img_{channel.rank}.rgba", shape))
     with abort_on_failure(channel, 0, "composite", context.obj["debug"]):
@@ -144,12 +149,14 @@ def _report(timed: Timed, size: tuple[int, int]) -> dict[str, Any]:
         "messages_sent": [total.messages_sent for total in totals],
         "bytes_raw": [total.bytes_raw for total in totals],
         "bytes_sent": [total.bytes_sent for total in totals],
+        "bytes_collected": [counters.bytes_collected for counters in timed.counters],
         "seconds": [
             {
                 "agree": counters.seconds_agree,
                 "encode": total.seconds_encode,
                 "wait": total.seconds_wait,
                 "blend": total.seconds_blend,
+                "collect": counters.seconds_collect,
             }
             for counters, total in zip(timed.counters, totals, strict=True)
         ],
