@@ -24,7 +24,8 @@ from clusterviz.image.replace import replacing
 Kernel = Callable[[int], int]
 
 # What kernels are made from.
-SOURCES = ("job_layout", "vector_code", "instructions", "places", "layer_kernels", "pair_kernels", "depth_kernels")
+_PARTS = ("job_layout", "vector_code", "instructions", "places", "sums")
+SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")
 _DIGEST_BYTES = 32
 # Loaded code lives as long as its engine.
 _ENGINES: list[Any] = []
