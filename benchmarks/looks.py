@@ -29,6 +29,8 @@ from clusterviz.scene import Scene, VolumeFacts, complete_scene
 from clusterviz.scene.values import ImageSettings, Volume
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
+SURFACES = ((0.5, 1.0), (0.3, 0.3), (0.7, 0.5))
+"""Shares of the range of values, and opacities."""
 LOOKS: dict[str, dict[str, Any]] = {
     "composite": {},
     "maximum": {"volume": {"blending": "maximum"}},
@@ -38,12 +40,25 @@ LOOKS: dict[str, dict[str, Any]] = {
     "additive": {"volume": {"blending": "additive"}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
+    "nearest": {"volume": {"interpolation": "nearest"}},
+    "cubic": {"volume": {"interpolation": "cubic"}},
+    "cubic, shade": {"volume": {"interpolation": "cubic", "shade": True}},
+    "isosurface": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1]}},
+    "isosurface, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1], "shade": True}},
+    "3 isosurfaces, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES, "shade": True}},
+    "clip": {"scene": {"clip": {"planes": [[[0.0, 0.0, 0.0], [1.0, 0.5, 0.2]]]}}},
 }
 
 
-def planned(path: str, source: Source, size: int, look: dict[str, Any]) -> tuple[Plan, dict[Any, Any]]:
+def planned(
+    path: str, source: Source, value_range: tuple[float, float], size: int, look: dict[str, Any]
+) -> tuple[Plan, dict[Any, Any]]:
     """The plan of a look, and its bricks."""
-    volume = Volume(path=path, **look.get("volume", {}))
+    keys = {"path": path} | look.get("volume", {})
+    if "isosurfaces" in keys:
+        low, high = value_range
+        keys["isosurfaces"] = [(low + share * (high - low), opacity) for share, opacity in keys["isosurfaces"]]
+    volume = Volume.model_validate(keys)
     scene = Scene.model_validate(
         {"volumes": (volume,), "image": ImageSettings(size=(size, size)), **look.get("scene", {})}
     )
@@ -64,9 +79,11 @@ def facts_of(source: Source, summary: VolumeSummary) -> VolumeFacts:
 def measure(path: str, size: int, frames: int, names: list[str]) -> list[dict[str, Any]]:
     """Time all looks, in turn."""
     source, context = open_source(path, None), open_context()
+    voxels = source.read((0, 0, 0), source.grid.shape_zyx)
+    value_range = float(voxels.min()), float(voxels.max())
     casters: dict[str, tuple[Raycaster, Plan]] = {}
     for name in names:
-        plan, bricks = planned(path, source, size, LOOKS[name])
+        plan, bricks = planned(path, source, value_range, size, LOOKS[name])
         casters[name] = Raycaster(context, plan, build_tree(plan.cost, 1).leaves[0].trimmed), plan
         casters[name][0].load(plan, bricks)
     seconds: dict[str, list[float]] = {name: [] for name in names}

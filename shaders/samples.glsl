@@ -9,7 +9,7 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
         vec3 beyond = place.beyond + float(at) * slab;
         take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
     }
-    run_iterations += slabs * (1 + SEARCH_ITERATIONS);
+    run_iterations += slabs * SAMPLE_ITERATIONS;
     return sum;
 }
 

@@ -66,9 +66,9 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
             found = crosses(front, behind);
         }
         if (found) take_surfaces(sum, ray, k + at - 1, place, place.beyond + float(at - 1) * slab, slab, 0.5, front, behind);
-        run_iterations += 1 + SURFACES * (1 + REFINEMENTS);
+        run_iterations += 1 + SURFACES * (SAMPLE_ITERATIONS + REFINEMENTS);
     }
-    run_iterations += slabs;
+    run_iterations += slabs * (1 + SURFACES);
     return sum;
 }
 

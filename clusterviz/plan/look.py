@@ -111,8 +111,13 @@ def reach_of(volume: Volume) -> int:
 
 
 def margin_of(volume: Volume) -> int:
-    """Samples beyond its cells' corners that a brick needs on every side: its reach, and one more for gradients."""
-    return reach_of(volume) + is_lit(volume)
+    """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
+    return reach_of(volume) + (is_lit(volume) or volume.interpolation == "cubic")
+
+
+def spread_of(volume: Volume) -> int:
+    """Samples beyond a cell's corners on which the field in it, or where its slabs end, may depend."""
+    return reach_of(volume) + (volume.interpolation == "cubic")
 
 
 def step_of(volume: Volume, step: float) -> float:

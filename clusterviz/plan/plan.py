@@ -13,13 +13,15 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, make_look, reach_of, step_of
+from clusterviz.plan.look import Look, is_lit, make_look, reach_of, spread_of, step_of
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
+
+Filter = Literal["linear", "nearest", "cubic", "hardware"]
 
 
 @dataclass(frozen=True)
@@ -30,16 +32,18 @@ class March:
     ----------
     step_world : length of a slab in world units
     slab_units : the same in opacity unit distances
-    filter : "linear", "nearest" (both with float32 weights) or "hardware" (the texture unit's linear filter)
+    filter : "linear", "nearest", "cubic" (with float32 weights) or "hardware" (the texture unit's linear filter)
     residual : a ray ends when what lies behind it can add at most this share
     reach : cells beyond its own in which a brick samples the field
+    spread : samples beyond a cell's corners on which what is shown of it depends
     """
 
     step_world: float
     slab_units: float
-    filter: Literal["linear", "nearest", "hardware"]
+    filter: Filter
     residual: float
     reach: int
+    spread: int
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
             reach_of(volume),
+            spread_of(volume),
         ),
         look,
         planes,
@@ -114,8 +119,8 @@ def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.flo
     return np.where(hidden, 0.0, cells)
 
 
-def _filter(interpolation: str, quality: str) -> Literal["linear", "nearest", "hardware"]:
-    """Nearest voxels need no weights, so the texture unit has nothing to add there."""
-    if interpolation == "nearest":
-        return "nearest"
+def _filter(interpolation: Literal["linear", "nearest", "cubic"], quality: str) -> Filter:
+    """The texture unit is for linear weights: nearest voxels need none, and splines would lose by its 8 bits."""
+    if interpolation != "linear":
+        return interpolation
     return "hardware" if quality == "hardware" else "linear"

@@ -3,6 +3,8 @@
 - rays.py         pixels to rays, rays to the box
 - slabs.py        rays to slabs
 - sample.py       trilinear and nearest look-up
+- spline.py       cubic B-splines
+- fields.py       all of these by name
 - clipping.py     what planes and boxes keep
 - lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,6 @@ from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import nearest_voxel, trilinear_cell
 from clusterviz.scene.values import Light, Volume
-
-Gradient = Callable[[NDArray[Any], Floats], Floats]
 
 
 def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
@@ -41,9 +39,6 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 def nearest_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
     """Central differences at the nearest voxel; otherwise as `trilinear_gradient`."""
     return _differences(voxels, nearest_voxel(voxels, point))
-
-
-GRADIENTS: dict[str, Gradient] = {"linear": trilinear_gradient, "nearest": nearest_gradient}
 
 
 def lit(colour: Floats, gradient: Floats, ray: Floats, volume: Volume, lights: Sequence[Light], grid: Grid) -> Floats:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.lighting import GRADIENTS, lit
+from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.lighting import lit
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
-from clusterviz.reference.sample import SAMPLERS
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
 from clusterviz.scene.complete import transfer_function

@@ -53,9 +53,6 @@ def nearest(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floa
     return np.where(valid, scalar, 0), valid
 
 
-SAMPLERS = {"linear": trilinear, "nearest": nearest}
-
-
 def trilinear_cell(voxels: NDArray[Any], point: Floats) -> tuple[NDArray[np.int64], Floats]:
     """The cells (n, 3) that points (n, 3) are in, along (x, y, z), and how far."""
     cells, fractions = zip(*(_cell(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)), strict=True)

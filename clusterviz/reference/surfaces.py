@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.lighting import GRADIENTS, lit
+from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
-from clusterviz.reference.sample import SAMPLERS
 from clusterviz.reference.slabs import slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene

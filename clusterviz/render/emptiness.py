@@ -61,15 +61,15 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 
 
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
-    """Reduce groups of GROUP cells, GROUP + 1 samples and as many more as the field is sampled with, axis by axis."""
+    """Reduce groups of GROUP cells, GROUP + 1 samples and those that it depends on, along each axis in turn."""
     for axis, groups in enumerate(slot.groups_zyx):
         first, end = slot.margin, slot.margin + groups * GROUP
-        samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.reach]
-        short = end + 1 + slot.reach - len(samples)
+        samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.spread]
+        short = end + 1 + slot.spread - len(samples)
         if short > 0:
             samples = np.concatenate([samples, np.repeat(samples[-1:], short, axis=0)])
         found = pick.reduce(samples[first:end].reshape(groups, GROUP, *samples.shape[1:]), axis=1)
-        for beside in (*range(-slot.reach, 0), *range(GROUP, GROUP + 1 + slot.reach)):
+        for beside in (*range(-slot.spread, 0), *range(GROUP, GROUP + 1 + slot.spread)):
             found = pick(found, samples[first + beside : end + beside : GROUP])
         voxels = np.moveaxis(found, 0, axis)
     return voxels

@@ -64,7 +64,7 @@ class Raycaster:
 
     def __init__(self, context: moderngl.Context, plan: Plan, box: BrickBox, block_bytes: int | None = None) -> None:
         self._context, self._box = context, box
-        self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march.filter == "hardware", plan.march.reach)
+        self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march)
         self._variant = variant_of(plan, self._slot, int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
         self._program = compile_compute(context, self._variant.source)
         self._capacity = capacity(context, self._slot, block_bytes)

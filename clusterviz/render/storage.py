@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.plan.encoding import Encoding, VoxelKind
+from clusterviz.plan.plan import March
 
 Index = tuple[int, int, int]
 GROUP = 8  # cells along the side of a group, as in march.glsl
@@ -32,6 +33,7 @@ class Slot:
     textured : kept as texels for the texture unit's filter, not as packed words
     margin : samples beyond the cells' corners, on every side
     reach : cells beyond its own in which the brick samples the field
+    spread : samples beyond a cell's corners on which what is shown of it depends
     """
 
     cells_zyx: Index
@@ -39,6 +41,7 @@ class Slot:
     textured: bool
     margin: int = 0
     reach: int = 0
+    spread: int = 0
 
     @property
     def samples_zyx(self) -> Index:
@@ -106,7 +109,7 @@ class Slot:
         return np.ascontiguousarray(words)
 
 
-def make_slot(layout: BrickLayout, encoding: Encoding, textured: bool, reach: int = 0) -> Slot:
+def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
     z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
-    return Slot((z, y, x), encoding.kind, textured, layout.margin, reach)
+    return Slot((z, y, x), encoding.kind, march.filter == "hardware", layout.margin, march.reach, march.spread)

@@ -7,11 +7,10 @@ which the compiler then folds into the addresses of every fetch. What changes fr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.look import Blending
-from clusterviz.plan.plan import Plan
+from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.storage import GROUP, Slot
@@ -47,7 +46,7 @@ class Variant:
     surfaces : isosurfaces that it shows
     """
 
-    filter: Literal["linear", "nearest", "hardware"]
+    filter: Filter
     slot: Slot
     brick: int
     further_starts: int
@@ -87,7 +86,8 @@ class Variant:
         """The file of the gradient, or a comment where none is needed."""
         if not self.lights:
             return NOTHING
-        return "gradient.glsl" if self.filter == "linear" else "gradient_differences.glsl"
+        files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl"}
+        return files.get(self.filter, "gradient_differences.glsl")
 
     @property
     def constants(self) -> str:
@@ -108,11 +108,13 @@ class Variant:
             f"const int PARTS = {RECORD.itemsize // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
-            f"const int SEARCH_ITERATIONS = {self.further_starts.bit_length()};",
+            f"const int SAMPLE_ITERATIONS = {1 + self.further_starts.bit_length() + self.lights}; // of loops, at most",
         ]
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
-        lines.append(f"const bool WHOLE_SLABS = {str(self.blending != 'isosurface').lower()}; // in which volumes are cut")
+        lines.append(
+            f"const bool WHOLE_SLABS = {str(self.blending != 'isosurface').lower()}; // in which volumes are cut"
+        )
         if self.blending == "isosurface":
             lines.append(f"const int SURFACES = {max(1, self.surfaces)};")
         if self.planes:

@@ -96,7 +96,9 @@ class Volume(Section):
         default=None,
         description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
     )
-    interpolation: Literal["linear", "nearest"] = Field(default="linear", description="How voxels become a field.")
+    interpolation: Literal["linear", "nearest", "cubic"] = Field(
+        default="linear", description="How voxels become a field; cubic: B-splines, smooth, not through the voxels' values."
+    )
     blending: Literal[
         "composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"
     ] = Field(

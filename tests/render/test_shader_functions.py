@@ -113,7 +113,7 @@ def test_segment_of_every_scalar_is_the_last_that_starts_at_or_below_it(
 ) -> None:
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at("outside", GRID), opacity=opacity, clim=(0.0, 1.0)), voxels).plan
-    slot = make_slot(plan.layout, plan.encoding, False)
+    slot = make_slot(plan.layout, plan.encoding, plan.march)
     starts = plan.segments.records["start"]
     scalars = np.concatenate([np.linspace(-1, 2, 3001), starts[1:], np.nextafter(starts[1:], -1), [-1e30, 1e30]])
     variant, buffers = variant_of(plan, slot, uniform_bytes), shader_buffers(plan, slot)
@@ -137,7 +137,7 @@ def test_classification_follows_the_transfer_function(context: moderngl.Context,
     voxels = noise()
     scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.0, 1.0), unit=1.0, step=slab)
     plan, transfer = prepare(scene, voxels).plan, transfer_function(scene.volumes[0])
-    slot = make_slot(plan.layout, plan.encoding, False)
+    slot = make_slot(plan.layout, plan.encoding, plan.march)
     scalars = np.linspace(-0.5, 1.5, 20001).astype(np.float32)
     body = "Segment s = segment_at(x.x); return vec4(s.colour, s.opacity);"
     found = evaluate(context, body, scalars, variant_of(plan, slot, 0), **shader_buffers(plan, slot))
@@ -153,7 +153,7 @@ def test_field_in_a_brick_is_that_of_its_samples(context: moderngl.Context, dtyp
     scene = scene_of(voxels, camera_at("outside", Grid(voxels.shape)), interpolation=interpolation)
     prepared = prepare(scene, voxels, brick=16)
     plan = prepared.plan
-    slot = make_slot(plan.layout, plan.encoding, False)
+    slot = make_slot(plan.layout, plan.encoding, plan.march)
     points = np.random.default_rng(2).random((4000, 3)) * (11, 8, 7)
     points[:512] = np.indices((8, 8, 8)).reshape(3, -1).T  # on samples
     points = points.astype(np.float32)
@@ -171,7 +171,7 @@ def test_first_slab_of_a_box_is_found_from_every_camera(context: moderngl.Contex
     """The estimate against a search through all slabs of the ray, for each brick as a box."""
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at(camera, GRID), step=0.7), voxels, brick=11).plan
-    slot = make_slot(plan.layout, plan.encoding, False)
+    slot = make_slot(plan.layout, plan.encoding, plan.march)
     width, height = plan.view.size
     pixels = np.indices((height, width)).reshape(2, -1).T[:, ::-1]
     body = """

@@ -1,0 +1,72 @@
+"""The witness's cubic B-splines: the field and its gradient from 4 × 4 × 4 voxels, in float64.
+
+References
+----------
+C. Sigg, M. Hadwiger: Fast third-order texture filtering, GPU Gems 2, 2005, chapter 20 (the weights).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.reference.rays import Floats
+from clusterviz.reference.sample import Flags, trilinear_cell
+
+
+def cubic(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats, Flags]:
+    """The field of cubic B-splines whose coefficients are the voxels; parameters and result as in `trilinear`.
+
+    A voxel beyond the volume is its neighbour in it, and an invalid one that is no corner of the cell is the corner
+    next to it. If a corner is invalid, the point has no scalar.
+    """
+    taps, fraction, valid = _taps(voxels, np.stack([x, y, z], axis=1))
+    along = [_weights(t) for t in fraction.T]
+    # Less a corner, so that a constant field stays constant.
+    base = taps[:, 1, 1, 1]
+    sums = np.einsum("nzyx,nx,ny,nz->n", taps - base[:, None, None, None], *along)
+    return np.where(valid, base + sums, 0), valid
+
+
+def cubic_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
+    """The derivative of the field, float64 (n, 3), per voxel along (x, y, z); anything where there is no scalar."""
+    taps, fraction, _ = _taps(voxels, point)
+    taps = taps - taps[:, 1, 1, 1][:, None, None, None]
+    along, slopes = [_weights(t) for t in fraction.T], [_slopes(t) for t in fraction.T]
+    gradient = np.zeros(point.shape)
+    for axis in range(3):
+        weights = [slopes[a] if a == axis else along[a] for a in range(3)]
+        gradient[:, axis] = np.einsum("nzyx,nx,ny,nz->n", taps, *weights)
+    return gradient
+
+
+def _taps(voxels: NDArray[Any], point: Floats) -> tuple[Floats, Floats, Flags]:
+    """Voxels around points (n, 4, 4, 4) in (z, y, x), how far these are in their cells (n, 3), and which are valid."""
+    cell, fraction = trilinear_cell(voxels, point)
+    taps = np.zeros((len(point), 4, 4, 4))
+    valid = np.ones(len(point), bool)
+    for offset in np.ndindex(4, 4, 4):
+        found, corner = (
+            voxels[
+                tuple(np.clip(cell[:, 2 - a] + o - 1, 0, voxels.shape[a] - 1) for a, o in enumerate(shifted))
+            ].astype(np.float64)
+            for shifted in (offset, np.clip(offset, 1, 2))
+        )
+        valid &= np.isfinite(corner)
+        found = np.where(np.isfinite(found), found, corner)
+        taps[(slice(None), *offset)] = np.where(np.isfinite(found), found, 0)
+    return taps, fraction, valid
+
+
+def _weights(t: Floats) -> Floats:
+    """The four B-splines that meet in a cell, (n, 4)."""
+    weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+    return np.stack(weights, axis=1) / 6
+
+
+def _slopes(t: Floats) -> Floats:
+    """Their derivatives."""
+    slopes = [-3 * (1 - t) ** 2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
+    return np.stack(slopes, axis=1) / 6

@@ -1,0 +1,115 @@
+"""Cubic B-splines against the witness, lit and unlit, in any bricks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.test_independence import in_parts
+from render.test_raycast import GRIDS
+from render.test_shading import LIGHTS, LIT, smooth
+from render.test_surfaces import FEW, surfaces, wrong
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference import render_reference
+
+pytestmark = pytest.mark.gl
+
+GRID = Grid(SHAPE)
+BOUND = 1e-5
+SIZE = (24, 20)
+
+
+def cubic_scene(voxels: np.ndarray, camera: str = "outside", grid: Grid = GRID, **keys: Any) -> Any:
+    return scene_of(voxels, camera_at(camera, grid), interpolation="cubic", parts={"lights": LIGHTS}, **keys)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+@pytest.mark.parametrize("camera", ["outside", "inside", "parallel"])
+def test_picture_is_that_of_the_witness(context: moderngl.Context, camera: str, dtype: str) -> None:
+    voxels = noise(dtype=dtype)
+    low, high = (
+        float(voxels.min()) / 2 + float(voxels.max()) / 2 + s * np.ptp(voxels.astype(float)) for s in (-0.2, 0.2)
+    )
+    scene = cubic_scene(voxels, camera, clim=(low, high), step=0.9)
+    expected = render_reference(scene, GRID, voxels)
+    linear = scene_of(voxels, camera_at(camera, GRID), clim=(low, high), step=0.9)
+    assert np.abs(expected - render_reference(linear, GRID, voxels)).max() > 0.05
+    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_light_follows_the_derivative_of_the_splines(context: moderngl.Context, dtype: str) -> None:
+    voxels = smooth(dtype=dtype)
+    scene = cubic_scene(voxels, look=LIT)
+    expected = render_reference(scene, GRID, voxels)
+    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= 4 * BOUND
+
+
+@pytest.mark.parametrize("name", ["turned-and-anisotropic", "nanometres"])
+def test_on_other_grids(context: moderngl.Context, name: str) -> None:
+    voxels, grid = smooth(dtype=np.uint16), GRIDS[name]
+    scene = cubic_scene(voxels, "outside", grid, look=LIT, unit=8 * min(grid.spacing))
+    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= 4 * BOUND
+
+
+@pytest.mark.parametrize("lit", [False, True], ids=["flat", "lit"])
+def test_invalid_voxels_hide_their_cells_and_no_others(context: moderngl.Context, lit: bool) -> None:
+    voxels = smooth()
+    voxels[np.random.default_rng(1).random(SHAPE) < 0.02] = np.nan
+    scene = cubic_scene(voxels, clim=(0.1, 0.9), look=LIT if lit else None, step=0.7)
+    expected = render_reference(scene, GRID, voxels)
+    assert expected[..., 3].max() > 0.2
+    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= 4 * BOUND
+
+
+def test_constant_field_stays_constant_and_has_no_normals(context: moderngl.Context) -> None:
+    for voxels in (np.full(SHAPE, 77, np.uint8), np.full(SHAPE, 0.123, np.float32)):
+        low, high = float(voxels[0, 0, 0]) - 0.3, float(voxels[0, 0, 0]) + 0.6
+        scene = cubic_scene(voxels, clim=(low, high), opacity=0.3, look=LIT)
+        dark = scene_of(voxels, camera_at("outside", GRID), clim=(low, high), opacity=0.3)
+        found, expected = picture(context, scene, voxels), picture(context, dark, voxels)
+        assert np.abs(found[..., :3] - 0.2 * expected[..., :3]).max() <= 1e-6
+        assert np.abs(found[..., 3] - expected[..., 3]).max() <= 1e-6
+
+
+@pytest.mark.parametrize("brick", [5, 16, 33])
+def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
+    voxels = smooth((40, 35, 70), np.uint8)
+    # A narrow band of opacity: groups are skipped whose splines do not reach it, and only these.
+    band = ((0.0, 0.0), (0.45, 0.0), (0.5, 0.5), (0.55, 0.0), (1.0, 0.0))
+    grid = Grid(voxels.shape)
+    scene = cubic_scene(voxels, "outside", grid, look=LIT, opacity=band)
+    one, other = (draw(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
+    assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= BOUND
+    assert np.abs(whole(one.partial, SIZE) - render_reference(scene, grid, voxels)).max() <= 20 * BOUND
+
+
+def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
+    voxels = noise(dtype=np.uint8)
+    scene = cubic_scene(voxels)
+    prepared = prepare(scene, voxels, brick=7)
+    drawn = draw(context, prepared)
+    for parts in (2, 5):
+        found, samples = in_parts(context, scene, prepared, parts)
+        assert samples == drawn.samples
+        assert np.abs(found - whole(drawn.partial, SIZE)).max() <= BOUND
+
+
+def test_surfaces_of_splines(context: moderngl.Context) -> None:
+    voxels = smooth(dtype=np.uint8)
+    scene = cubic_scene(voxels, look=surfaces(voxels, 0.55, 0.45, **LIT))
+    assert wrong(picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)) <= FEW
+
+
+def test_projections_of_splines(context: moderngl.Context) -> None:
+    from render.test_projections import look_of, projected
+
+    voxels = noise(dtype="uint8")
+    for blending in ("maximum", "average"):
+        scene = cubic_scene(voxels, look=look_of(blending, voxels))
+        found, _ = projected(context, scene, prepare(scene, voxels, brick=7))
+        assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
