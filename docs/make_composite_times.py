@@ -1,0 +1,219 @@
+"""Write docs/composite-times.svg and .md: predicted time against ranks of all algorithms on the networks that ship.
+
+Run `python docs/make_composite_times.py` after changing an algorithm or a network file; it takes some minutes, most of
+them for the parallel pipeline. `--loads F.json` keeps what was counted, which networks do not change, and takes it
+from there the next time. `--png F.png` makes the same picture for looking at, `--most N` stops earlier.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.composite import ALGORITHMS
+from clusterviz.composite.load import Load
+from clusterviz.composite.network import Network, open_network, shipped_networks
+from clusterviz.composite.simulate import MOST_RANKS, MOST_SPARSE_RANKS, Options, count_load
+
+PICTURE = Path(__file__).with_name("composite-times.svg")
+PAGE = PICTURE.with_suffix(".md")
+SIZE = (2048, 2048)
+BYTES_PER_PIXEL = 16
+KINDS = {"dense": "dense images", "cubes": "sparse images: bricks of a cube"}
+# Within this, two algorithms are as fast as each other: no network keeps to a model more closely.
+TIE = 1.1
+# Of algorithms as fast as each other, the first is named.
+STYLES = {
+    "direct-send": ("#d62728", "-"),
+    "radix-k": ("#9467bd", "-"),
+    "2-3-swap": ("#17becf", "-"),
+    "binary-swap": ("#1f77b4", "-"),
+    "binary-swap-telescope": ("#1f77b4", "--"),
+    "binary-swap-remainder": ("#1f77b4", ":"),
+    "slic": ("#ff7f0e", "-"),
+    "tree": ("#2ca02c", "-"),
+    "parallel-pipeline": ("#8c564b", "--"),
+    "pipeline": ("#8c564b", "-"),
+    "serial": ("#7f7f7f", "-"),
+}
+OVERTAKEN = (
+    ("dense", "direct-send", "radix-k"),
+    ("dense", "parallel-pipeline", "radix-k"),
+    ("cubes", "direct-send", "radix-k"),
+    ("cubes", "direct-send", "slic"),
+    ("cubes", "direct-send", "2-3-swap"),
+)
+# Seconds by number of ranks.
+Curve = dict[int, float]
+
+TEXT = """# How long compositing takes, from 2 to 65,536 ranks
+
+![Predicted seconds against ranks, all algorithms, three networks](composite-times.svg)
+
+Predicted by `clusterviz simulate`, made by `python docs/make_composite_times.py`: {width}x{height} pixels of
+{bytes} bytes (float32), the final gather apart, at 2, 3, 4, 6, 8, 12, … ranks. Above, every rank covers the picture;
+below, each has a brick of a cube, so that a rank's image shrinks as ranks are added. SLIC of sparse images is followed
+up to {slic:,} ranks. The model is T = rounds·α + messages·o + bytes·β + pixels·γ of the busiest rank, see
+[compositing](compositing.md#networks): links are as fast for all at once as for one alone, so a crowded network is
+slower.
+"""
+
+LESSON = """Dense images take about as long with every algorithm that keeps all ranks busy, since all move the same
+bytes; only messages tell them apart, and n² of them are too many in the end. Sparse images reward those that move no
+pixel twice: with direct send and SLIC a composition gets faster as ranks are added, until their messages count. A fold
+is dear: at 3·2^k ranks binary swap takes up to {fold:.1f} times as long as 2-3 swap. Serial (which leaves the frame)
+and the tree work on whole images and are right only for two or three ranks.
+"""
+
+
+# By footprints and algorithm: the load of the busiest rank, by number of ranks; the same for all networks.
+Loads = dict[tuple[str, str], dict[int, Load]]
+
+
+def count_loads(most: int) -> Loads:
+    """Count them all."""
+    found: Loads = {}
+    for kind in KINDS:
+        for name in ALGORITHMS:
+            end = min(most, MOST_SPARSE_RANKS.get(name, MOST_RANKS) if kind == "cubes" else MOST_RANKS)
+            # Bricks that are no regular grid make SLIC cut ever more cells.
+            numbers = [n for n in rank_numbers(end) if name != "slic" or n < 3000 or n & (n - 1) == 0]
+            found[kind, name] = {n: busiest(count_load(name, n, SIZE, kind, Options())[0]) for n in numbers}
+    return found
+
+
+def busiest(load: Load) -> Load:
+    """As if one rank had the most of everything: what the time model looks at."""
+    columns = (load.messages_sent, load.messages_received, load.pixels_sent, load.pixels_received)
+    return Load(load.rounds, *(column.max(keepdims=True) for column in columns))
+
+
+def kept_loads(path: Path, most: int) -> Loads:
+    """What the file holds, or else what is counted now, and kept there."""
+    if not path.exists():
+        counted = count_loads(most).items()
+        rows = [
+            [*key, n, load.rounds, *(int(c[0]) for c in list(vars(load).values())[1:])]
+            for key, of in counted
+            for n, load in of.items()
+        ]
+        path.write_text(json.dumps(rows), encoding="utf-8")
+    found: Loads = {}
+    for kind, name, n, rounds, *columns in json.loads(path.read_text(encoding="utf-8")):
+        found.setdefault((kind, name), {})[n] = Load(rounds, *(np.array([column]) for column in columns))
+    return found
+
+
+def rank_numbers(most: int) -> list[int]:
+    """Powers of two, and between them three halves of each, where the swaps differ."""
+    numbers = {2**k for k in range(1, 17)} | {3 * 2**k for k in range(15)}
+    return sorted(number for number in numbers if number <= most)
+
+
+def curves(kind: str, network: Network, loads: Loads) -> dict[str, Curve]:
+    """Seconds of each algorithm."""
+    return {
+        name: {n: network.seconds(load, BYTES_PER_PIXEL) for n, load in found.items()}
+        for (which, name), found in loads.items()
+        if which == kind
+    }
+
+
+def draw(loads: Loads) -> Any:
+    """Small multiples: footprints by networks."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.size": 9})
+    from matplotlib import pyplot as plt
+
+    networks = [open_network(name) for name in shipped_networks()]
+    figure, axes = plt.subplots(len(KINDS), len(networks), figsize=(11, 8.4), sharex=True, sharey="row")
+    for row, kind in zip(axes, KINDS, strict=True):
+        for axis, network in zip(row, networks, strict=True):
+            found = curves(kind, network, loads)
+            for name, (colour, dashes) in STYLES.items():
+                curve = found[name]
+                # Under the others, which are as fast in many places.
+                width = {"direct-send": 3.2, "slic": 1.8}.get(name, 1.1)
+                axis.loglog(list(curve), list(curve.values()), dashes, color=colour, label=name, linewidth=width)
+            axis.grid(which="major", color="#dddddd", linewidth=0.6)
+            axis.set_title(f"{network.name}\n{KINDS[kind]}", fontsize=9)
+    for axis, kind in zip(axes[:, 0], KINDS, strict=True):
+        axis.set_ylabel("seconds")
+        # Serial leaves the frame, or the others would lie on each other at its foot.
+        shown = [curves(kind, network, loads) for network in networks]
+        axis.set_ylim(top=2 * max(max(found["tree"].values()) for found in shown))
+    for axis in axes[-1]:
+        axis.set_xlabel("ranks")
+        axis.set_xticks([2, 16, 128, 1024, 8192, 65_536], ["2", "16", "128", "1,024", "8,192", "65,536"])
+        axis.minorticks_off()
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncol=6, frameon=False)
+    figure.tight_layout(rect=(0, 0.07, 1, 1))
+    return figure
+
+
+def text(loads: Loads) -> str:
+    """The page: the picture, how it was made, and who wins where."""
+    head = TEXT.format(width=SIZE[0], height=SIZE[1], bytes=BYTES_PER_PIXEL, slic=MOST_SPARSE_RANKS["slic"])
+    rows = ["| network | images | fastest or within a tenth of it, by number of ranks |", "|---|---|---|"]
+    for name in shipped_networks():
+        network = open_network(name)
+        best = {kind: "; ".join(winners(curves(kind, network, loads))) for kind in KINDS}
+        rows += [f"| {network.name} | {kind} | {found} |" for kind, found in best.items()]
+    rows += ["", "From how many ranks on the first takes a tenth longer than the second, for good:", ""]
+    rows += [f"- {KINDS[kind]}, {a} against {b}: {crossings(kind, a, b, loads)}" for kind, a, b in OVERTAKEN]
+    folds = [curves("dense", open_network(name), loads) for name in shipped_networks()]
+    worst = max(found["binary-swap"][n] / seconds for found in folds for n, seconds in found["2-3-swap"].items())
+    return "\n".join([head, *rows, "", LESSON.format(fold=worst)])
+
+
+def crossings(kind: str, slower: str, faster: str, loads: Loads) -> str:
+    """For each network, from how many ranks on."""
+    found = []
+    for network in map(open_network, shipped_networks()):
+        both = curves(kind, network, loads)
+        ahead = [n for n in both[faster] if n in both[slower] and both[slower][n] < both[faster][n] * TIE]
+        later = [n for n in both[faster] if n in both[slower] and n > max(ahead, default=0)]
+        found.append(f"{network.name} {f'{later[0]:,}' if later else 'never'}")
+    return ", ".join(found)
+
+
+def winners(found: Mapping[str, Curve]) -> list[str]:
+    """Runs of rank numbers with the same fastest algorithm; of those as fast as each other, the first of `STYLES`."""
+    best = []
+    # Not where an algorithm was left out between two numbers.
+    left_out = {n for a in found.values() for n in a for b in found.values() if n not in b and n < max(b)}
+    for number in sorted({n for curve in found.values() for n in curve} - left_out):
+        seconds = {name: curve[number] for name, curve in found.items() if number in curve}
+        fastest = min(seconds.values())
+        best.append((number, next(name for name in STYLES if seconds.get(name, fastest * 9) <= fastest * TIE)))
+    runs = [(name, [number for number, _ in run]) for name, run in groupby(best, key=lambda item: item[1])]
+    return [f"{name} {span(numbers)}" for name, numbers in runs]
+
+
+def span(numbers: Sequence[int]) -> str:
+    """The first and the last."""
+    return f"{numbers[0]:,}" if len(numbers) == 1 else f"{numbers[0]:,} to {numbers[-1]:,}"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--most", type=int, default=MOST_RANKS)
+    parser.add_argument("--png")
+    parser.add_argument("--loads", type=Path)
+    arguments = parser.parse_args()
+    loads = kept_loads(arguments.loads, arguments.most) if arguments.loads else count_loads(arguments.most)
+    figure = draw(loads)
+    if arguments.png:
+        figure.savefig(arguments.png)
+    else:
+        figure.savefig(PICTURE, metadata={"Date": None})
+        PAGE.write_text(text(loads), encoding="utf-8")
