@@ -25,12 +25,11 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.errors import ClustervizError
 from clusterviz.image.compare import compare
-from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.partition import BspTree, bricks_of, build_tree, front_to_back
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
-from clusterviz.render.projection import finish_projection
+from clusterviz.render.projection import project
 from clusterviz.report.machine import memory
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.scene.complete import VolumeFacts, complete_scene
@@ -263,10 +262,7 @@ def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image
     """A picture that is not composited: its parts are merged on rank 0, one after the other."""
     with run.together("composite", "collect"):
         parts = run.channel.gather(partial)
-        if parts is None:
-            return None
-        ordered = (parts[rank] for rank in share.order)
-        return finish_projection(plan, merge_partials(ordered, share.scene.image.size, plan.look.operator))
+        return project(plan, [parts[rank] for rank in share.order]) if parts is not None else None
 
 
 def _check(run: Run, share: Share, partial: PartialImage, image: Image | None) -> None:

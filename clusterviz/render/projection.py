@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.image.merge import EXISTS
+from clusterviz.image.merge import EXISTS, merge_partials
+from clusterviz.image.partial import PartialImage
 from clusterviz.plan.plan import Plan
 
 Pixels = NDArray[np.float32]
+
+
+def project(plan: Plan, parts: Sequence[PartialImage]) -> Pixels:
+    """The finished picture of parts, the first in front: float32 (h, w, 4), premultiplied."""
+    return finish_projection(plan, merge_partials(parts, plan.view.size, plan.look.operator))
 
 
 def finish_projection(plan: Plan, merged: Pixels) -> Pixels:

@@ -1,0 +1,169 @@
+"""A scene pays only for what it holds: programs, dispatches, buffers, textures, bytes and shader files, counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import camera_at, prepare, scene_of
+
+from clusterviz.data.grid import Grid
+from clusterviz.partition import build_tree
+from clusterviz.plan.plan import Plan
+from clusterviz.render import raycast
+from clusterviz.render.raycast import Raycaster
+from clusterviz.render.storage import make_slot
+from clusterviz.render.variant import variant_of
+from clusterviz.scene.values import Light
+
+SHAPE = (33, 33, 33)
+GRID = Grid(SHAPE)
+VOXELS = (np.indices(SHAPE).sum(axis=0) * 2).astype(np.uint8)
+BRICK = 16
+# Of every picture: pixels, samples, progress, the transfer function's buckets and records, visible groups, the frame.
+BUFFERS = 7
+ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
+PLAIN = "composite linear_u8 over samples unclipped unlit voxel_u8"
+
+CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
+LAMP = {"lights": (Light(type="headlight"),)}
+SURFACES = {"blending": "isosurface", "isosurfaces": [50.0, 100.0]}
+LOCAL = {"blending": "local-maximum", "threshold": 9.0}
+SHADE = {"shade": True}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and what it takes beside what a plain one does.
+
+    Attributes
+    ----------
+    keys : of the scene
+    less, more : shader files that it does without, and with
+    buffers, textures : more than a plain scene has
+    side : samples along the side of a stored brick
+    """
+
+    keys: dict[str, Any]
+    less: str = ""
+    more: str = ""
+    buffers: int = 0
+    textures: int = 0
+    side: int = 17
+
+
+CASES = {
+    "plain": Case({}),
+    "lights of an unlit volume": Case({"parts": LAMP}),
+    "maximum, not lit": Case({"look": {"blending": "maximum"} | SHADE}, "composite over", "extreme"),
+    "average": Case({"look": {"blending": "average"}}, "composite over", "sum"),
+    "local maximum": Case({"look": LOCAL}, "composite over", "local_maximum"),
+    "shade": Case({"look": SHADE}, "unlit", "gradient lights", buffers=1, side=19),
+    "nearest, shade": Case(
+        {"interpolation": "nearest", "look": SHADE},
+        "linear_u8 unlit",
+        "nearest gradient_differences lights",
+        buffers=1,
+        side=19,
+    ),
+    "cubic": Case({"interpolation": "cubic"}, "linear_u8", "cubic", side=19),
+    "cubic, shade": Case(
+        {"interpolation": "cubic", "look": SHADE},
+        "linear_u8 unlit",
+        "cubic gradient_cubic lights",
+        buffers=1,
+        side=19,
+    ),
+    "clip": Case({"parts": CLIP}, "unclipped", "clip", buffers=1),
+    "isosurfaces": Case({"look": SURFACES}, "samples composite", "surfaces", buffers=1, side=19),
+    "all of it": Case(
+        {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
+        "samples composite linear_u8 unlit unclipped",
+        "surfaces cubic gradient_cubic lights clip",
+        buffers=3,
+        side=19 + 2,
+    ),
+    "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
+}
+
+
+class Counted:
+    """A context that counts what is asked of it."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context, self.made = context, Counter[str]()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def buffer(self, *args: Any, **keys: Any) -> moderngl.Buffer:
+        self.made["buffers"] += 1
+        return self._context.buffer(*args, **keys)
+
+    def texture3d(self, *args: Any, **keys: Any) -> moderngl.Texture3D:
+        self.made["textures"] += 1
+        return self._context.texture3d(*args, **keys)
+
+    def compute_shader(self, source: str) -> moderngl.ComputeShader:
+        self.made["programs"] += 1
+        return self._context.compute_shader(source)
+
+    def memory_barrier(self) -> None:
+        self.made["dispatches"] += 1
+        self._context.memory_barrier()
+
+
+def planned(name: str) -> tuple[Plan, dict[Any, Any]]:
+    prepared = prepare(scene_of(VOXELS, camera_at("outside", GRID), **CASES[name].keys), VOXELS, GRID, BRICK)
+    return prepared.plan, prepared.bricks
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", CASES)
+def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> None:
+    case = CASES[name]
+    plan, bricks = planned(name)
+    counted = Counted(context)
+    caster = Raycaster(counted, plan, build_tree(plan.cost, 1).leaves[0].trimmed)
+    assert counted.made == {"programs": 1}
+    caster.load(plan, bricks)
+    shown = np.count_nonzero(plan.cost)
+    # Where the bricks begin, and the voxels: a buffer or a texture.
+    assert counted.made == {"programs": 1, "buffers": 2 - case.textures} | ({"textures": 1} if case.textures else {})
+    voxels = case.side**3 if case.textures else 4 * -(-(case.side - 1) // 3) * case.side**2
+    assert caster.voxel_bytes == shown * voxels
+    counted.made.clear()
+    caster.draw(plan)
+    assert counted.made == {"buffers": BUFFERS + case.buffers, "dispatches": 1}
+    caster.release()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_only_what_is_shown_is_compiled(name: str) -> None:
+    case, (plan, _) = CASES[name], planned(name)
+    source = variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 24).source
+    files = set(f"{ALWAYS} {PLAIN} {case.more}".split()) - set(case.less.split())
+    assert {part.removesuffix(".glsl") for part in source.names if part.endswith(".glsl")} == files
+    for constant, file in (("LIGHTS", "lights"), ("PLANES", "clip"), ("SURFACES", "surfaces")):
+        assert (f"const int {constant} " in source.text) == (file in files)
+
+
+def test_scenes_that_differ_in_numbers_share_a_program() -> None:
+    """Clim, opacity, camera, step, lights and planes are not constants: only how many there are is."""
+    sources = set()
+    for clim, step, normal in (((0.0, 150.0), 1.0, [1, 0, 0]), ((5.0, 120.0), 0.3, [1, 2, 3])):
+        parts = {"clip": {"planes": [[[1, 1, 1], normal]]}, "lights": (Light(position=tuple(normal)),)}
+        scene = scene_of(VOXELS, camera_at("inside", GRID), clim=clim, step=step, look={"shade": True}, parts=parts)
+        plan = prepare(scene, VOXELS, GRID, BRICK).plan
+        sources.add(variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 16).source.text)
+    assert len(sources) == 1
+
+
+def test_tile_is_that_of_the_shader() -> None:
+    plan, _ = planned("plain")
+    text = variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 16).source.text
+    assert f"local_size_x = {raycast.TILE}, local_size_y = {raycast.TILE}" in text
