@@ -24,7 +24,6 @@ from clusterviz.report.pages.folder import check_folder, replacing_folder
 from clusterviz.report.pages.tradeoff.knobs import parse_knobs, settings_of
 from clusterviz.report.pages.tradeoff.measure import Measured, cost_from_json, measure
 from clusterviz.report.pages.tradeoff.page import NUMBERS, PAGE, check_libraries, write_report
-from clusterviz.report.pages.tradeoff.rating import verdict
 from clusterviz.report.pages.tradeoff.survey import Survey
 from clusterviz.scene import Scene, open_scene
 
@@ -63,7 +62,7 @@ def command(
         report = survey.run(Path(scene).name, opened, MpirunJob(ranks, Path(folder)), progress)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
-    print("\n".join(verdict(report.rated, report.truth)))
+    print("\n".join(report.verdict))
     print(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}", flush=True)
 
 

@@ -56,6 +56,11 @@ class Report:
         both = (self.rated[0].cost.total_seconds, self.seconds_again)
         return max(both) / min(both)
 
+    @property
+    def verdict(self) -> list[str]:
+        """What there is to say, in sentences."""
+        return verdict(self.rated, self.truth, self.drift)
+
 
 def check_libraries() -> None:
     """Find out before minutes of work whether the page can be made.
@@ -90,7 +95,7 @@ def numbers(report: Report) -> dict[str, Any]:
         "frames": report.frames,
         "rounds": report.rounds,
         "renderer": report.renderer,
-        "verdict": verdict(report.rated, report.truth),
+        "verdict": report.verdict,
         "truth": truth,
         "settings": [_as_json(one) for one in report.rated],
         "failed": [
@@ -123,7 +128,7 @@ def html(report: Report) -> str:
         drift=report.drift,
         version=version("clusterviz"),
         size=report.scene.image.size,
-        verdict=verdict(report.rated, report.truth),
+        verdict=report.verdict,
         main_chart=charts.main_chart(report.rated, report.truth),
         small_charts=charts.small_charts(report.rated, report.truth),
         truth_picture=shown(report.truth.picture, background),

@@ -18,6 +18,8 @@ from clusterviz.scene.background import RGB
 LEVEL = 1 / 255
 INVISIBLE = 2 * LEVEL
 """An error that a screen of 8 bits hardly shows."""
+BUSY = 1.15
+"""A machine that does nothing else repeats its times to within this factor."""
 GREY: RGB = (0.5, 0.5, 0.5)
 """Behind a transparent picture, for its structure: neither dark nor light parts vanish into it."""
 
@@ -93,19 +95,20 @@ def fastest_within(rated: Sequence[Rated], largest: float) -> Rated | None:
     return min(fits, key=lambda one: one.cost.total_seconds, default=None)
 
 
-def verdict(rated: Sequence[Rated], truth: Truth) -> list[str]:
+def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[str]:
     """What the scene's trade is, in sentences.
 
     Parameters
     ----------
     rated : the scene as it is comes first
     truth : what they were measured against
+    drift : by which factor two measurements of the same differ; gains below it are not told
     """
     scene = rated[0]
     sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene.max, truth)}."]
     # Errors below the truth's own are no reason to prefer one setting to another.
     same = fastest_within(rated, max(scene.max, truth.max))
-    if same and faster(same, scene):
+    if same and faster(same, scene, drift):
         sentences.append(f"With {same.setting} it is {ratio(scene, same)} faster at no larger error.")
     else:
         sentences.append("No setting that was tried is faster at no larger error.")
@@ -117,10 +120,15 @@ def verdict(rated: Sequence[Rated], truth: Truth) -> list[str]:
     elif hidden not in (scene, same):
         sentences.append(f"The fastest within 2 levels of 8 bits is {hidden.setting}: {milliseconds(hidden)}.")
     quickest = min(rated, key=lambda one: one.cost.total_seconds)
-    if quickest not in (scene, same, hidden) and faster(quickest, scene):
+    if quickest not in (scene, same, hidden) and faster(quickest, scene, drift):
         sentences.append(
             f"The fastest of all, {quickest.setting}, is {ratio(scene, quickest)} faster than the scene as it is "
             f"and errs by {levels(quickest.max, truth)}."
+        )
+    if drift > BUSY:
+        sentences.append(
+            f"The machine was busy: the scene as it is, measured twice, took {drift:.2g} times as long once; smaller "
+            "differences mean nothing, and --rounds 3 helps."
         )
     return sentences
 
@@ -142,9 +150,10 @@ def ratio(slow: Rated, fast: Rated) -> str:
     return f"{slow.cost.total_seconds / fast.cost.total_seconds:.2g} times"
 
 
-def faster(one: Rated, other: Rated) -> bool:
+def faster(one: Rated, other: Rated, drift: float) -> bool:
     """Whether the difference is more than noise: half of one's frames took less than the fastest of the other's."""
-    return one.cost.total_seconds < min(other.cost.total_seconds_min, 0.95 * other.cost.total_seconds)
+    gain = max(1.05, drift)
+    return one.cost.total_seconds < min(other.cost.total_seconds_min, other.cost.total_seconds / gain)
 
 
 def _grey(rgba: NDArray[np.float32], background: RGB | None) -> NDArray[np.float64]:

@@ -100,5 +100,13 @@ def test_noise_is_no_gain() -> None:
     assert "No setting that was tried is faster" in text
 
 
+def test_a_busy_machine_is_told_and_smaller_gains_are_not() -> None:
+    rated = [setting(0.2, 0.1), setting(0.12, 0.1, brick=32)]
+    assert "1.7 times faster" in " ".join(verdict(rated, TRUTH, 1.1))
+    busy = " ".join(verdict(rated, TRUTH, 1.8))
+    assert "No setting that was tried is faster" in busy
+    assert "took 1.8 times as long" in busy
+
+
 def test_an_error_below_what_is_known_is_said_to_be_that() -> None:
     assert "errs by less than 1.0e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
