@@ -235,9 +235,9 @@ def _composite(run: Run, share: Share, partial: PartialImage, counts: RankFrame)
         compile_kernels(channel)
     run.options.progress("composite")
     with abort_on_failure(channel, 0, "composite", run.options.debug):
-        compositor = Compositor(
-            channel, size, algorithm=cluster.compositing, codec=cluster.codec, transport=cluster.transport
-        )
+        # One frame is over before it is learnt which codec pays.
+        codec = "raw" if cluster.codec == "auto" else cluster.codec
+        compositor = Compositor(channel, size, algorithm=cluster.compositing, codec=codec, transport=cluster.transport)
         composed, counters = compositor.composite(partial, share.order)
         # The picture may lie in memory that goes with the compositor.
         image = cast("Image | None", composed if composed is None else composed.copy())

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec, Rows, choose_codec, pack
+from clusterviz.codec import AutoCodec, Rows, choose_codec, pack, prepare_codecs
 from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import mark_agreed
@@ -76,6 +76,7 @@ class Compositor:
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._planned: tuple[Footprints, str, Plan] | None = None
+        self._prepared = codec == "raw"
 
     def image(self, rect: Rect, dtype: Any) -> Pixels:
         """Memory for this rank's next partial image, (height, width, 4), from which it need not be copied.
@@ -140,6 +141,8 @@ class Compositor:
     def _run(
         self, images: Sequence[PartialImage], footprints: Footprints, choice: Choice
     ) -> tuple[Piece, tuple[StageCounters, ...]]:
+        if choice.transport != "shared":
+            self._prepare_codecs(footprints.dtype)
         if choice.transport == "messages" or not self._memory:
             return run_messages(images, footprints, self._plan(footprints, choice.algorithm), self._channel, self._pack)
         if choice.transport == "shared":
@@ -147,6 +150,16 @@ class Compositor:
             return piece, (counters,)
         placed = place_images(images, footprints, self._channel, self._memory)
         return compose_strip(placed, self._nodes, self._channel, self._memory, choice.algorithm, self._pack)
+
+    def _prepare_codecs(self, dtype: np.dtype[Any]) -> None:
+        """Compile what codecs need, once: one rank of each node does, and the others find it done; collective."""
+        if self._prepared:
+            return
+        if self._channel.place().local_rank == 0:
+            prepare_codecs((dtype,))
+        self._channel.barrier()
+        prepare_codecs((dtype,))
+        self._prepared = True
 
     def _plan(self, footprints: Footprints, algorithm: str) -> Plan:
         """The plan of the last frame, where nothing has changed."""

@@ -71,7 +71,7 @@ def collect(
         channel.wait_sends()
         return None
     rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype) if out is None else out
-    collection = _Collection(rgba, piece.canvas, channel)
+    collection = _Collection(rgba, piece.canvas, channel, piece.ranges is None)
     if piece.ranges is not None:
         if out is not None:
             _clear_around(rgba, piece.canvas)
@@ -80,7 +80,7 @@ def collect(
         rgba.fill(0)
         collection.expect_headers(rank for rank in piece.owners if rank != root)
     for fragment in piece.fragments:
-        _paste(rgba, piece.canvas, fragment)
+        collection.paste(fragment)
     collection.run()
     return rgba
 
@@ -96,7 +96,7 @@ def _send(piece: Piece, channel: Channel, root: int, pack: Pack | None) -> None:
             channel.isend(np.array(rows[_IN_HEADER:], np.int64), root, _TABLE)
     if fragments:
         parts = [fragment.pixels for fragment in fragments]
-        pixels: Pixels = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        pixels: Any = np.concatenate(parts) if len(parts) > 1 else parts[0]
         message = pack(pixels, Rows(0, len(pixels)), (PIXELS, root)) if pack else pixels
         channel.isend(message, root, PIXELS)
 
@@ -126,10 +126,16 @@ class _Expected:
 
 
 class _Collection:
-    """The gather on the root: what is awaited, and where it goes."""
+    """The gather on the root: what is awaited, and where it goes.
 
-    def __init__(self, rgba: Pixels, canvas: Rect, channel: Channel) -> None:
+    Parameters
+    ----------
+    overlapping : whether pieces may cover each other with blank pixels, as boxes around several images of a rank do
+    """
+
+    def __init__(self, rgba: Pixels, canvas: Rect, channel: Channel, overlapping: bool) -> None:
         self._rgba = rgba
+        self._overlapping = overlapping
         self._canvas = canvas
         self._channel = channel
         self._waiting: list[tuple[Any, _Expected]] = []
@@ -159,6 +165,21 @@ class _Collection:
             for expected, size in arrived:
                 self._take(expected, size)
 
+    def paste(self, fragment: Fragment) -> None:
+        """Write a patch into the picture: its first and last row may be cut, those between are a rectangle."""
+        rect, pixels = fragment.patch.rect, fragment.pixels
+        x, y = self._canvas.x_begin + rect.x_begin, self._canvas.y_begin + rect.y_begin
+        column, taken = fragment.patch.first, 0
+        while taken < len(pixels):
+            rows = (len(pixels) - taken) // rect.width if column == 0 else 0
+            count = rows * rect.width if rows else min(rect.width - column, len(pixels) - taken)
+            width = rect.width if rows else count
+            block = pixels[taken : taken + count].reshape(-1, width, 4)
+            target = self._rgba[y : y + len(block), x + column : x + column + width]
+            # No pixel has two owners, so of two values one is zero.
+            target[:] = np.maximum(target, block) if self._overlapping else block
+            y, column, taken = y + len(block), 0, taken + count
+
     def _expect(self, expected: _Expected) -> None:
         pending = self._channel.post_receive(expected.buffer, expected.rank, expected.tag)
         self._waiting.append((pending, expected))
@@ -179,7 +200,7 @@ class _Collection:
         count = len(arrived.buffer)
         pixels, begin = unpack(message, count, self._rgba.dtype, Rows(0, count)), 0
         for patch in arrived.patches:
-            _paste(self._rgba, self._canvas, Fragment(patch, pixels[begin : begin + patch.count]))
+            self.paste(Fragment(patch, pixels[begin : begin + patch.count]))
             begin += patch.count
 
     def _announced(self, rank: int, count: int, table: NDArray[np.int64]) -> None:
@@ -203,20 +224,6 @@ class _Collection:
         else:
             buffer = np.empty((sum(patch.count for patch in patches), 4), self._rgba.dtype)
         self._expect(_Expected(rank, PIXELS, buffer, patches, whole_rows))
-
-
-def _paste(rgba: Pixels, canvas: Rect, fragment: Fragment) -> None:
-    """Write a patch into the picture: its first and last row may be cut, those between are a rectangle."""
-    rect, pixels = fragment.patch.rect, fragment.pixels
-    x, y = canvas.x_begin + rect.x_begin, canvas.y_begin + rect.y_begin
-    column, taken = fragment.patch.first, 0
-    while taken < len(pixels):
-        rows = (len(pixels) - taken) // rect.width if column == 0 else 0
-        count = rows * rect.width if rows else min(rect.width - column, len(pixels) - taken)
-        width = rect.width if rows else count
-        block = pixels[taken : taken + count].reshape(-1, width, 4)
-        rgba[y : y + len(block), x + column : x + column + width] = block
-        y, column, taken = y + len(block), 0, taken + count
 
 
 def _clear_around(rgba: Pixels, canvas: Rect) -> None:

@@ -63,11 +63,18 @@ class Merging:
         layers = [*before, *behind]
         if len(layers) == 1 and self._is_result(layers[0]):
             return Fragment(self._result, layers[0].pixels)
-        if len(layers) == 2 and (merged := _in_place(layers[0], layers[1], self._result)):
+        if len(layers) == 2 and (merged := self._in_place(*layers)):
             return merged
         pixels: Any = np.empty((self._result.count, 4), self._dtype)
         blend_layers(layers, self._result, pixels, split=len(before))
         return Fragment(self._result, pixels)
+
+    def _in_place(self, front: Layer, back: Layer) -> Fragment | None:
+        """Two dense layers as one, where one of them can hold the result."""
+        types = {front.pixels.dtype, back.pixels.dtype}
+        if front.runs is not None or back.runs is not None or types != {self._dtype}:
+            return None
+        return merge_in_place(Fragment(front.patch, front.pixels), Fragment(back.patch, back.pixels), self._result)
 
     def _is_result(self, layer: Layer) -> bool:
         return layer.runs is None and layer.patch == self._result and layer.pixels.dtype == self._dtype
@@ -101,10 +108,3 @@ class _Line:
         """What there is before a place, front to back."""
         rest = [layer for layer in self._places[self._folded : end] if layer is not None]
         return [self._front, *rest] if self._front else rest
-
-
-def _in_place(front: Layer, back: Layer, result: Patch) -> Fragment | None:
-    """Two dense layers of one type as one, where one of them can hold the result."""
-    if front.runs is not None or back.runs is not None or front.pixels.dtype != back.pixels.dtype:
-        return None
-    return merge_in_place(Fragment(front.patch, front.pixels), Fragment(back.patch, back.pixels), result)
