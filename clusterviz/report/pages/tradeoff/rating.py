@@ -19,7 +19,7 @@ LEVEL = 1 / 255
 INVISIBLE = 2 * LEVEL
 """An error that a screen of 8 bits hardly shows."""
 BUSY = 1.15
-"""A machine that does nothing else repeats its times to within this factor."""
+"""Above this factor between two measurements of the same, other work is taken to be the reason."""
 GREY: RGB = (0.5, 0.5, 0.5)
 """Behind a transparent picture, for its structure: neither dark nor light parts vanish into it."""
 
