@@ -5,21 +5,22 @@ Only numbers that every rank has go in (the footprints, the nodes, the network f
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import NoReturn
 
 from clusterviz.composite.algorithms import ALGORITHMS, SEVERAL_IMAGES
 from clusterviz.composite.footprints import Footprints
+from clusterviz.composite.moves import Scene
 from clusterviz.composite.network import Network
-from clusterviz.composite.prediction import Places, Scene, predict
+from clusterviz.composite.prediction import Places, place_ranks, predict
 from clusterviz.composite.radix_k import LARGEST_FACTOR
 from clusterviz.errors import InputError
 
 TRANSPORTS = ("messages", "shared", "hierarchical", "auto")
+# A tree leaves most of its work to one rank, which nothing helps when it is disturbed; it has to win clearly.
+HANDICAPS = {"tree": 1.5}
 
 
 @dataclass(frozen=True)
@@ -71,36 +72,26 @@ def choose(
         Unknown names, or a combination that cannot be.
     """
     where = nodes if isinstance(nodes, tuple) else tuple(tuple(ranks) for ranks in nodes)
-    scene, places = _summary(footprints, where)
-    return _fastest(wanted, scene, places, several, window_possible, network)
+    places = place_ranks([layer.rank for layer in footprints.layers], where)
+    return _fastest(wanted, _summary(footprints), places, several, window_possible, network)
 
 
-def _summary(footprints: Footprints, nodes: tuple[tuple[int, ...], ...]) -> tuple[Scene, Places]:
+def _summary(footprints: Footprints) -> Scene:
     """The footprints in few numbers."""
-    layers, node_of, most = footprints.layers, _node_of(nodes), max(map(len, nodes))
-    size, canvas = 4 * footprints.dtype.itemsize, footprints.canvas.pixels
+    layers, size = footprints.layers, 4 * footprints.dtype.itemsize
     if not layers:
-        return Scene(0, 0, 1.0, 1.0, size, True), Places(len(nodes), most, 1, most, most, 0, False)
-    covered = [layer.rect.pixels / canvas for layer in layers]
-    count = len(footprints.order)
-    scene = Scene(count, canvas, sum(covered) / count, max(covered), size, footprints.order[0] == 0)
-    busy = Counter(node_of[rank] for rank in footprints.order)
-    sizes = [len(nodes[node]) for node in busy]
-    runs = sum(a != b for a, b in pairwise(node_of[layer.rank] for layer in layers)) + 1
-    places = Places(len(nodes), most, len(busy), max(sizes), min(sizes), max(busy.values()), runs > len(busy))
-    return scene, places
-
-
-@lru_cache(maxsize=8)
-def _node_of(nodes: tuple[tuple[int, ...], ...]) -> dict[int, int]:
-    return {rank: number for number, ranks in enumerate(nodes) for rank in ranks}
+        return Scene(0, 0, 1.0, 1.0, size, True)
+    covered = [layer.rect.pixels / footprints.canvas.pixels for layer in layers]
+    ranks = len(footprints.order)
+    front_is_root = footprints.order[0] == 0
+    return Scene(ranks, footprints.canvas.pixels, sum(covered) / ranks, max(covered), size, front_is_root)
 
 
 @lru_cache(maxsize=64)
 def _fastest(
     wanted: Wanted, scene: Scene, places: Places, several: bool, window_possible: bool, network: Network
 ) -> Choice:
-    """The first of the fastest candidates."""
+    """The first of the fastest candidates, where a tree has a handicap."""
     found = []
     for transport in _transports(wanted, places, window_possible):
         across = transport == "hierarchical"
@@ -109,7 +100,7 @@ def _fastest(
         for algorithm in algorithms:
             seconds = predict(algorithm, transport, scene, places, network)
             found.append(Choice(algorithm, transport, wanted.codec, seconds))
-    return min(found, key=lambda choice: choice.seconds_predicted)
+    return min(found, key=lambda choice: choice.seconds_predicted * HANDICAPS.get(choice.algorithm, 1.0))
 
 
 def _transports(wanted: Wanted, places: Places, window_possible: bool) -> list[str]:

@@ -52,6 +52,7 @@ class Network:
     seconds_per_float_pixel : γ of float32 pixels
     copy_seconds_per_byte : of a copy into memory that the ranks of a node share
     barrier_seconds : of keeping the ranks of a node in step, where each has a core
+    turn_seconds : of each round, for each rank that a core has beyond the first: they take turns
     frame_seconds, message_seconds : of this program: for each composition, and for each message beyond o
     cores : of a node; 0 where each rank has one of its own
     nodes : how many there were when the constants were measured; 1 tells nothing of a network
@@ -69,6 +70,7 @@ class Network:
     seconds_per_float_pixel: float = math.nan
     copy_seconds_per_byte: float = math.nan
     barrier_seconds: float = math.nan
+    turn_seconds: float = 0.0
     frame_seconds: float = 0.0
     message_seconds: float = 0.0
     cores: int = 0

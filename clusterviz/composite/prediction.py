@@ -1,47 +1,24 @@
-"""How long a composition should take: closed forms of what each algorithm moves, put into the time model.
+"""How long a composition should take: what an algorithm moves, put into the time model.
 
-A frame has no time to follow every message of every algorithm, so a few numbers stand for the footprints: how many
-images, how much of the canvas each covers, and which share a node. Neighbours in depth are taken to lie close: a share
-c of the canvas covered by one of n images grows to c^(1 − log k / log n) for the bounding rectangle of k of them, which
-is 1 for all n, and c·k^(2/3) for bricks of a cube. docs/time-model.md compares the predictions with measured times.
+docs/time-model.md says what is in the model, and compares predictions with measured times.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
 
+from clusterviz.composite.moves import MOVES, Moves, Scene
 from clusterviz.composite.network import Network
-from clusterviz.composite.pipeline import automatic_batches
-from clusterviz.composite.radix_k import automatic_factors
 
+Nodes = tuple[tuple[int, ...], ...]
 
-@dataclass(frozen=True)
-class Scene:
-    """What is composed, in few numbers.
-
-    Attributes
-    ----------
-    images : that are not empty, of as many ranks unless some have several
-    pixels : of the canvas
-    cover, largest : the mean and the largest share of the canvas that one image covers
-    bytes_per_pixel : 4, 8 or 16
-    front_is_root : whether the front image lies where the picture shall be
-    """
-
-    images: int
-    pixels: int
-    cover: float
-    largest: float
-    bytes_per_pixel: int
-    front_is_root: bool
-
-    def union(self, images: float) -> float:
-        """The share of the canvas that the bounding rectangle of so many neighbours in depth covers."""
-        if self.images < 2:
-            return self.cover
-        return min(1.0, float(self.cover ** (1 - math.log(images) / math.log(self.images))))
+# Inside a node, large messages pass through small buffers: the library's, of this order. Where ranks outnumber cores,
+# sender and receiver take turns at each of them.
+CHUNK_BYTES = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -66,175 +43,20 @@ class Places:
     interleaved: bool
 
 
-@dataclass(frozen=True)
-class Moves:
-    """What an algorithm moves, until every pixel has an owner.
-
-    Attributes
-    ----------
-    rounds : one after the other
-    messages : of the busiest rank, sent or received
-    pixels : sent or received by the busiest rank
-    pixels_all : sent by all ranks together
-    messages_all : likewise
-    gathered : pixels that the root still has to receive, and `pieces`, from how many ranks
-    """
-
-    rounds: float
-    messages: float
-    pixels: float
-    pixels_all: float
-    messages_all: float
-    gathered: float
-    pieces: int
+def place_ranks(images: Sequence[int], nodes: Nodes) -> Places:
+    """Where images lie whose ranks are given from front to back, a rank for each."""
+    node_of, most = _node_of(nodes), max(map(len, nodes))
+    busy = Counter(node_of[rank] for rank in dict.fromkeys(images))
+    if not busy:
+        return Places(len(nodes), most, 1, most, most, 0, False)
+    sizes = [len(nodes[node]) for node in busy]
+    runs = 1 + sum(a != b for a, b in pairwise(node_of[rank] for rank in images))
+    return Places(len(nodes), most, len(busy), max(sizes), min(sizes), max(busy.values()), runs > len(busy))
 
 
-def _at_one(scene: Scene, rounds: float, messages: float, pixels: float, pixels_all: float) -> Moves:
-    """An algorithm that ends with the whole picture on one rank, the front one."""
-    away = not scene.front_is_root
-    return Moves(rounds, messages, pixels, pixels_all, scene.images - 1, away * scene.pixels, int(away))
-
-
-def _spread(scene: Scene, rounds: float, messages: float, pixels: float, pixels_all: float, all_: float) -> Moves:
-    """An algorithm that ends with a piece on every rank."""
-    gathered = scene.pixels * (1 - 1 / scene.images)
-    return Moves(rounds, messages, pixels, pixels_all, all_, gathered, scene.images - 1)
-
-
-def serial(scene: Scene) -> Moves:
-    """Everybody sends the root what it has."""
-    pixels = (scene.images - 1) * scene.cover * scene.pixels
-    return _at_one(scene, 1, scene.images - 1, pixels, pixels)
-
-
-def tree(scene: Scene) -> Moves:
-    """The front rank receives the unions of 1, 2, 4, … images."""
-    rounds = math.ceil(math.log2(scene.images))
-    unions = [scene.union(min(2**r, scene.images)) * scene.pixels for r in range(rounds)]
-    # In round r half as many ranks send as in the one before.
-    return _at_one(
-        scene, rounds, rounds, sum(unions), sum(u * scene.images / 2 ** (r + 1) for r, u in enumerate(unions))
-    )
-
-
-def pipeline(scene: Scene) -> Moves:
-    """Batches pass all ranks, one a round: rounds that each move a batch stand for what the busiest rank moves."""
-    batches = automatic_batches(scene.pixels)
-    rounds = scene.images - 2 + batches
-    mean = _mean_union(scene) * scene.pixels
-    made = _at_one(scene, rounds, rounds, rounds / batches * mean, (scene.images - 1) * mean)
-    return replace(made, messages_all=(scene.images - 1.0) * batches)
-
-
-def parallel_pipeline(scene: Scene) -> Moves:
-    """n − 1 rounds, in each of which every rank hands on the n-th part of what it has merged."""
-    n, mean = scene.images, _mean_union(scene) * scene.pixels
-    return _spread(scene, n - 1, n - 1, (1 - 1 / n) * mean, (n - 1) * mean, n * (n - 1))
-
-
-def _mean_union(scene: Scene) -> float:
-    """The mean share that the unions of 1, 2, …, n images cover."""
-    return 1 / (1 - math.log(scene.cover) / math.log(scene.images)) if scene.images > 1 else scene.cover
-
-
-def direct_send(scene: Scene) -> Moves:
-    """Full-width strips with as much cover each, dealt to ranks whose images lie there."""
-    n, depth = scene.images, max(1.0, scene.images * scene.cover)
-    # Of what lies on a strip, its owner has between 1 / n (dealt blindly) and 1 / depth (if the images were strips).
-    foreign = 1 - 1 / math.sqrt(n * depth)
-    # An image is about as high as the root of its share, and touches the strips there; in the middle lie more of them.
-    touched = min(n - 1.0, 1.25 * n * math.sqrt(scene.cover))
-    pixels = foreign * max(scene.cover, scene.largest) * scene.pixels
-    all_pixels = n * scene.cover * foreign * scene.pixels
-    return _spread(scene, min(1, n - 1), min(n - 1.0, 1.5 * touched), pixels, all_pixels, n * touched)
-
-
-def _swap(scene: Scene, factors: Sequence[int]) -> Moves:
-    """Rounds of direct send in groups of each factor's size, with the images of groups before merged."""
-    pixels, pixels_all, group = 0.0, 0.0, 1
-    for factor in factors:
-        union = scene.union(group)
-        group *= factor
-        # A piece is one of `group`, as wide as the union at most: it may be full where others are blank.
-        pixels += (factor - 1) * min(union, math.sqrt(union) / group)
-        pixels_all += (factor - 1) * union * scene.images / group
-    messages = sum(factors) - len(factors)
-    size, count = scene.pixels, messages * scene.images
-    return _spread(scene, len(factors), messages, pixels * size, pixels_all * size, count)
-
-
-def _power_of_two(scene: Scene) -> tuple[Moves, int]:
-    """Binary swap of as many images as the largest power of two holds, merged from all; and how many are too many."""
-    depth = scene.images.bit_length() - 1
-    kept = replace(scene, images=2**depth, cover=scene.union(scene.images / 2**depth))
-    made = _swap(kept, (2,) * depth)
-    return replace(made, gathered=scene.pixels * (1 - 1 / scene.images)), scene.images - 2**depth
-
-
-def binary_swap(scene: Scene) -> Moves:
-    """What exceeds a power of two is folded into it first: whole images, in a round of their own."""
-    made, rest = _power_of_two(scene)
-    return _extended(made, scene, 1, 1, rest, 1.0) if rest else made
-
-
-def telescope(scene: Scene) -> Moves:
-    """Blocks of powers of two swap by themselves, and hand their pieces to the next larger block in a round more."""
-    made, rest = _power_of_two(scene)
-    blocks = [bit for bit in range(scene.images.bit_length()) if scene.images >> bit & 1]
-    count = sum(bit * 2**bit for bit in blocks) + sum(2**bit for bit in blocks[:-1]) - made.messages_all
-    return _extended(made, scene, 1, 1, count, 1 / (scene.images - rest)) if rest else made
-
-
-def remainder(scene: Scene) -> Moves:
-    """In each round one group of three, where the number is odd; one of the three drops out."""
-    made, rest = _power_of_two(scene)
-    count, left, groups = 0, scene.images, 1
-    while left > 1:
-        count += groups * (left - left % 2 + 2 * (left % 2))
-        left, groups = left // 2, 2 * groups
-    return _extended(made, scene, 0, 1, count - made.messages_all, 1 / (scene.images - rest)) if rest else made
-
-
-def swap_2_3(scene: Scene) -> Moves:
-    """Groups of two or three, where a rank's new piece is cut from up to two old ones of each other child."""
-    made, rest = _power_of_two(scene)
-    depth = made.rounds
-    count = 1.7 * depth * scene.images - made.messages_all
-    return _extended(made, scene, 0, depth, count, 1 / (scene.images - rest)) if rest else made
-
-
-def _extended(made: Moves, scene: Scene, rounds: int, messages: float, messages_all: float, share: float) -> Moves:
-    """A swap with more rounds, more messages of the busiest rank and of all, and a share of an image more to move."""
-    pixels = share * scene.cover * scene.pixels
-    rest = scene.images - 2 ** (scene.images.bit_length() - 1)
-    return replace(
-        made,
-        rounds=made.rounds + rounds,
-        messages=made.messages + messages,
-        messages_all=made.messages_all + messages_all,
-        pixels=made.pixels + pixels,
-        pixels_all=made.pixels_all + rest * scene.cover * scene.pixels,
-    )
-
-
-def radix_k(scene: Scene) -> Moves:
-    """Automatic factors."""
-    return _swap(scene, automatic_factors(scene.images))
-
-
-MOVES: dict[str, Callable[[Scene], Moves]] = {
-    "serial": serial,
-    "pipeline": pipeline,
-    "tree": tree,
-    "direct-send": direct_send,
-    "binary-swap": binary_swap,
-    "binary-swap-telescope": telescope,
-    "binary-swap-remainder": remainder,
-    "2-3-swap": swap_2_3,
-    "radix-k": radix_k,
-    "parallel-pipeline": parallel_pipeline,
-    "slic": direct_send,
-}
+@lru_cache(maxsize=8)
+def _node_of(nodes: Nodes) -> dict[int, int]:
+    return {rank: number for number, ranks in enumerate(nodes) for rank in ranks}
 
 
 def predict(algorithm: str, transport: str, scene: Scene, places: Places, network: Network) -> float:
@@ -260,6 +82,9 @@ class Clock:
         self._scene, self._places, self._network = scene, places, network
         self._cores = min(network.cores or places.ranks, places.ranks)
         self._crowd = places.ranks / self._cores
+        self._turn = (self._crowd - 1) * network.turn_seconds
+        waiting = network.turn_seconds / CHUNK_BYTES if self._crowd > 1 else 0.0
+        self._node_per_byte = network.node_seconds_per_byte + waiting
         self._blend = network.seconds_per_pixel if scene.bytes_per_pixel == 4 else network.seconds_per_float_pixel
         self._copy = network.copy_seconds_per_byte * scene.bytes_per_pixel
         # The share of what a rank sends that leaves its node.
@@ -274,7 +99,7 @@ class Clock:
         """The algorithm, then the final gather."""
         network, size, nodes = self._network, self._scene.bytes_per_pixel, self._places.nodes
         message, _, latency = self._link(self._away)
-        pixel = self._blend + (1 - self._away) * size * network.node_seconds_per_byte
+        pixel = self._blend + (1 - self._away) * size * self._node_per_byte
         busiest = moves.messages * message + moves.pixels * pixel
         everybody = (moves.messages_all * message + moves.pixels_all * pixel) / (self._cores * nodes)
         link = self._away * max(moves.pixels, moves.pixels_all / nodes) * size * network.seconds_per_byte
@@ -284,28 +109,32 @@ class Clock:
         """Seconds of a message, of a byte, and of a round, of which such a share leaves the node."""
         network, near = self._network, 1 - away
         message = away * network.overhead_seconds + near * network.node_overhead_seconds + network.message_seconds
-        per_byte = away * network.seconds_per_byte + near * network.node_seconds_per_byte
+        per_byte = away * network.seconds_per_byte + near * self._node_per_byte
         latency = network.latency_seconds if away else network.node_latency_seconds
-        return message, per_byte, latency * self._crowd
+        return message, per_byte, latency + self._turn
 
     def _gather(self, moves: Moves) -> float:
         """The root receives the pieces of all others, one after the other."""
         if not moves.pieces:
             return 0.0
         message, per_byte, latency = self._link(1 - 1 / self._places.nodes)
+        # A piece is put in its place, not merged: this program does half as much for it as for another message.
+        message -= self._network.message_seconds / 2
         return latency + moves.pieces * message + moves.gathered * self._scene.bytes_per_pixel * per_byte
 
     def shared(self) -> float:
-        """Every image is copied into the window, every rank blends a strip of all images; in step, twice."""
-        steps = 2 * self._network.barrier_seconds * self._crowd
-        return self.frame() + steps + self._in_window(self._scene.images)
+        """Every rank blends a strip of all images where they lie."""
+        return self.frame() + self._step() + self._in_window(self._scene.images)
+
+    def _step(self) -> float:
+        """Keeping a node in step twice, and the one merge of each rank, which costs this program as in a message."""
+        network = self._network
+        return 2 * (network.barrier_seconds + self._turn) + network.message_seconds * self._crowd
 
     def _in_window(self, images: float) -> float:
-        """Copying so many images, and blending them and writing the result, by all cores of a node."""
-        scene = self._scene
-        covered = images * scene.cover * scene.pixels
-        copied = max(covered / self._cores, scene.largest * scene.pixels) * self._copy
-        return copied + (covered * self._blend + scene.pixels * self._copy) / self._cores
+        """Blending so many images that lie in the window already, and writing the result, by all cores of a node."""
+        pixels = self._scene.pixels
+        return (images * self._scene.cover * pixels * self._blend + pixels * self._copy) / self._cores
 
     def hierarchical(self, algorithm: str) -> float:
         """Strips are blended on each node, then composed among the nodes, all strips at once."""
@@ -320,5 +149,4 @@ class Clock:
         exchange = moves.rounds * latency + moves.messages * message * places.strips / cores + moves.pixels * pixel
         pieces = places.nodes * places.strips - 1
         gather = self._gather(replace(moves, pieces=pieces if moves.pieces else 0))
-        steps = 2 * network.barrier_seconds * self._crowd
-        return self.frame() + steps + self._in_window(images) + exchange + gather
+        return self.frame() + self._step() + self._in_window(images) + exchange + gather

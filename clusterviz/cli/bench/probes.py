@@ -1,0 +1,200 @@
+"""What `clusterviz bench network` measures; each probe is collective, and gives every rank the same seconds.
+
+A probe tells its least time over all repetitions, since whatever else a machine does can only add to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from clusterviz.comm import Channel
+from clusterviz.composite import Compositor
+from clusterviz.composite.fitting import Link, fit_link
+from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.patch import Patch
+from clusterviz.image.partial import PartialImage
+from clusterviz.image.region import EMPTY, Rect
+
+Bytes = NDArray[np.uint8]
+
+SIZES = (0, 64, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20, 1 << 22, 1 << 24)
+LARGE_BYTES = 1 << 16  # from here on, bytes are what a message costs
+BURSTS = (1, 2, 4, 8, 16)
+BURST_BYTES = 64
+ARENA_BYTES = 1 << 26
+IMAGE = (1024, 1024)
+LAYERS = 4
+TINY = 16  # width and height of images whose pixels cost nothing
+MANY = 5  # times as many repetitions of what is short
+WARM = 3  # frames that are not counted
+COPY_BYTES = 1 << 24
+STEPS = 20  # exchanges for one measured time
+_ANSWER = 1000
+
+
+@dataclass(frozen=True)
+class LinkTimes:
+    """Seconds, one for each repetition.
+
+    Attributes
+    ----------
+    by_size : of one message, by its bytes
+    by_swap : of one message each way at once, by the bytes of one: what ranks do when they compose
+    by_count : of so many small messages one way
+    """
+
+    by_size: dict[int, list[float]]
+    by_swap: dict[int, list[float]]
+    by_count: dict[int, list[float]]
+
+    def fit(self) -> Link:
+        """The constants of this link."""
+        by_size, by_count, by_swap = (
+            {key: min(found) for key, found in times.items()} for times in (self.by_size, self.by_count, self.by_swap)
+        )
+        return fit_link(by_size, by_count, by_swap)
+
+
+def time_link(channel: Channel, pair: Sequence[int], frames: int) -> LinkTimes:
+    """Ping-pong, swaps and bursts between two ranks; the times of the first are those of all.
+
+    A repetition goes through all sizes and all numbers, so that a disturbance meets all of them.
+    """
+    by_size: dict[int, list[float]] = {size: [] for size in SIZES}
+    by_swap: dict[int, list[float]] = {size: [] for size in SIZES if size >= LARGE_BYTES}
+    by_count: dict[int, list[float]] = {count: [] for count in BURSTS}
+    channel.barrier()
+    if channel.rank in pair:
+        mine = list(pair).index(channel.rank)
+        peer = pair[1 - mine]
+        # Every message comes from, and goes to, memory that no cache holds any more, as pixels of a frame do.
+        data = [np.ones(ARENA_BYTES, np.uint8) for _ in range(2)]
+        for frame in range(frames + 1):
+            for size in SIZES:
+                begin = frame * size % (ARENA_BYTES - size)
+                parts = [memory[begin : begin + size] for memory in data]
+                seconds = _ping_pong(channel, peer, mine, parts)
+                by_size[size] += [seconds] * (frame > 0)
+                if size in by_swap:
+                    seconds = _swap(channel, peer, parts)
+                    by_swap[size] += [seconds] * (frame > 0)
+            for count in BURSTS:
+                seconds = _burst(channel, peer, mine, data, count)
+                by_count[count] += [seconds] * (frame > 0)
+    return channel.broadcast(LinkTimes(by_size, by_swap, by_count), pair[0])
+
+
+def _ping_pong(channel: Channel, peer: int, answers: int, data: Sequence[Bytes]) -> float:
+    """Half the time of a message and its answer, of the same size."""
+    pending = channel.post_receive(data[1], peer, 0)
+    started = perf_counter()
+    if answers:
+        channel.wait_some([pending])
+    channel.isend(data[0], peer, 0)
+    if not answers:
+        channel.wait_some([pending])
+    channel.wait_sends()
+    return (perf_counter() - started) / 2
+
+
+def _swap(channel: Channel, peer: int, data: Sequence[Bytes]) -> float:
+    """The time of a message each way at once, after the two have met."""
+    channel.isend(data[0][:0], peer, _ANSWER)
+    channel.wait_some([channel.post_receive(data[1][:0], peer, _ANSWER)])
+    channel.wait_sends()
+    started = perf_counter()
+    pending = channel.post_receive(data[1], peer, 0)
+    channel.isend(data[0], peer, 0)
+    channel.wait_some([pending])
+    channel.wait_sends()
+    return perf_counter() - started
+
+
+def _burst(channel: Channel, peer: int, answers: int, data: Sequence[Bytes], count: int) -> float:
+    """The time of so many small messages at once in one direction, and the empty answer to all of them."""
+    if answers:
+        parts = np.split(data[1][: count * BURST_BYTES], count)
+        waiting = [channel.post_receive(part, peer, tag) for tag, part in enumerate(parts)]
+        channel.isend(data[0][:0], peer, _ANSWER)
+        while waiting:
+            done = {index for index, _ in channel.wait_some(waiting)}
+            waiting = [pending for index, pending in enumerate(waiting) if index not in done]
+        channel.isend(data[0][:0], peer, _ANSWER)
+        channel.wait_sends()
+        return 0.0
+    channel.wait_some([channel.post_receive(data[1][:0], peer, _ANSWER)])
+    pending = channel.post_receive(data[1][:0], peer, _ANSWER)
+    started = perf_counter()
+    for tag in range(count):
+        channel.isend(data[0][:BURST_BYTES], peer, tag)
+    channel.wait_some([pending])
+    channel.wait_sends()
+    return perf_counter() - started
+
+
+def time_blend(channel: Channel, dtype: DTypeLike, busy: bool, frames: int) -> float:
+    """Seconds for each pixel of each of four images blended in one pass, over all busy ranks, which blend at once."""
+    count = IMAGE[0] * IMAGE[1]
+    rng, patch = np.random.default_rng(channel.rank), Patch(IMAGE[0], 0, count, Rect(0, 0, *IMAGE))
+    largest = 100 if np.dtype(dtype).kind == "u" else 0.4
+    layers = [Layer(patch, (rng.random((count, 4), np.float32) * largest).astype(dtype)) for _ in range(LAYERS)]
+    out = np.empty((count, 4), dtype)
+    return min(time_calls(channel, lambda: blend_layers(layers, patch, out), busy, frames)) / (count * LAYERS)
+
+
+def time_copy(channel: Channel, busy: bool, frames: int) -> float:
+    """Seconds a byte of a copy, over all busy ranks, which copy at once."""
+    source, target = np.zeros(COPY_BYTES, np.uint8), np.ones(COPY_BYTES, np.uint8)
+    return min(time_calls(channel, lambda: np.copyto(target, source), busy, frames)) / COPY_BYTES
+
+
+def time_step(channel: Channel, frames: int) -> float:
+    """Seconds of an exchange of small numbers through the memory of a node, on all nodes at once."""
+    window = channel.window(0)
+    numbers = np.zeros(4, np.int64)
+
+    def steps() -> None:
+        for _ in range(STEPS):
+            window.exchange(numbers)
+
+    seconds = min(time_calls(channel, steps, True, MANY * frames)) / STEPS
+    window.free()
+    return seconds
+
+
+def time_tiny(channel: Channel, ranks: int, frames: int) -> float:
+    """Seconds of direct send of so many tiny images, by messages, until the picture is whole, by the slowest rank.
+
+    Before each frame much memory is touched, as drawing does: with warm caches this program takes half the time.
+    """
+    rect = Rect(0, 0, TINY, TINY) if channel.rank < ranks else EMPTY
+    image = PartialImage(rect, np.ones((rect.height, rect.width, 4), np.uint8))
+    compositor = Compositor(channel, (TINY, TINY), algorithm="direct-send", codec="raw", transport="messages")
+    order = range(channel.size)
+    seconds = []
+    drawn = np.zeros((2, COPY_BYTES), np.uint8)
+    for _ in range(MANY * frames + WARM):
+        np.copyto(drawn[0], drawn[1])
+        channel.barrier()
+        started = perf_counter()
+        compositor.composite(image, order)
+        seconds.append(perf_counter() - started)
+    compositor.close()
+    return float(min(map(max, zip(*channel.allgather(seconds[WARM:]), strict=True))))
+
+
+def time_calls(channel: Channel, call: Callable[[], object], busy: bool, frames: int) -> list[float]:
+    """The times of a call on all busy ranks at once, by the slowest, for each repetition; the others wait."""
+    seconds = []
+    for _ in range(frames + 1):
+        channel.barrier()
+        started = perf_counter()
+        if busy:
+            call()
+        seconds.append(perf_counter() - started if busy else 0.0)
+    return [max(times) for times in zip(*channel.allgather(seconds[1:]), strict=True)]

@@ -1,0 +1,152 @@
+"""Closed forms of what algorithms move, beside the counts of their schedules; and how times answer to constants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clusterviz.composite.algorithms import ALGORITHMS
+from clusterviz.composite.closed_forms_sparse import direct_send_sparse
+from clusterviz.composite.cubes import cube_footprints
+from clusterviz.composite.flow import count_sparse
+from clusterviz.composite.load import Load, count_dense
+from clusterviz.composite.moves import MOVES, Scene
+from clusterviz.composite.network import Network, open_network
+from clusterviz.composite.prediction import place_ranks, predict
+
+PIXELS = 512 * 512
+SWAPS = ("tree", "binary-swap", "binary-swap-telescope", "binary-swap-remainder", "2-3-swap", "radix-k")
+
+
+def dense(ranks: int, bytes_per_pixel: int = 4) -> Scene:
+    return Scene(ranks, PIXELS, 1.0, 1.0, bytes_per_pixel, True)
+
+
+def cubes(ranks: int) -> tuple[Scene, Load]:
+    """Bricks of a cube, and what direct send moves of them; more rows than strips."""
+    footprints = cube_footprints(ranks, (512, 512) if ranks < 1000 else (4096, 4096))
+    cover = footprints.count() / footprints.canvas_pixels
+    scene = Scene(ranks, footprints.canvas_pixels, float(cover.mean()), float(cover.max()), 4, True)
+    return scene, direct_send_sparse(footprints)
+
+
+def test_every_algorithm_has_a_closed_form() -> None:
+    assert list(MOVES) == list(ALGORITHMS)
+
+
+@pytest.mark.parametrize("ranks", [2, 4, 8, 16, 64, 128])
+@pytest.mark.parametrize("algorithm", MOVES)
+def test_dense_images_of_a_power_of_two_are_counted_exactly(algorithm: str, ranks: int) -> None:
+    moves, load = MOVES[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
+    assert moves.rounds == load.rounds
+    assert moves.messages_all == load.messages_sent.sum()
+    assert moves.pixels_all == pytest.approx(load.pixels_sent.sum())
+    if algorithm != "pipeline":  # of which the closed form counts the rounds that wait, too
+        assert moves.messages == max(load.messages_sent.max(), load.messages_received.max())
+        assert moves.pixels == pytest.approx(max(load.pixels_sent.max(), load.pixels_received.max()), rel=0.01)
+
+
+@pytest.mark.parametrize("ranks", [3, 5, 6, 7, 11, 31, 100])
+@pytest.mark.parametrize("algorithm", MOVES)
+def test_dense_images_of_any_number_are_nearly_counted(algorithm: str, ranks: int) -> None:
+    moves, load = MOVES[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
+    assert abs(moves.rounds - load.rounds) <= 1
+    assert moves.pixels_all == pytest.approx(load.pixels_sent.sum(), rel=0.2)
+    assert moves.messages_all == pytest.approx(load.messages_sent.sum(), rel=0.3)
+    if algorithm != "pipeline":
+        most = max(load.pixels_sent.max(), load.pixels_received.max())
+        assert most / 1.35 <= moves.pixels <= most * 1.35
+
+
+@pytest.mark.parametrize("ranks", [2, 4, 8, 16, 31, 64, 100])
+@pytest.mark.parametrize("algorithm", SWAPS)
+def test_bricks_of_a_cube_move_what_the_growing_of_their_unions_says(algorithm: str, ranks: int) -> None:
+    scene, _ = cubes(ranks)
+    footprints = cube_footprints(ranks, (512, 512))
+    load = count_sparse(ALGORITHMS[algorithm](ranks, footprints.canvas_pixels, ()), footprints)
+    moves = MOVES[algorithm](scene)
+    most = max(load.pixels_sent.max(), load.pixels_received.max())
+    assert load.pixels_sent.sum() / 1.6 <= moves.pixels_all <= load.pixels_sent.sum() * 1.6
+    assert most / 1.8 <= moves.pixels <= most * 1.8
+
+
+@pytest.mark.parametrize("ranks", [2, 4, 8, 16, 31, 64, 128, 1000])
+def test_direct_send_of_bricks(ranks: int) -> None:
+    scene, load = cubes(ranks)
+    moves = MOVES["direct-send"](scene)
+    most = max(load.pixels_sent.max(), load.pixels_received.max())
+    assert load.pixels_sent.sum() / 1.6 <= moves.pixels_all <= load.pixels_sent.sum() * 1.6
+    assert most / 1.8 <= moves.pixels <= most * 1.8
+    assert load.messages_sent.sum() / 1.7 <= moves.messages_all <= load.messages_sent.sum() * 1.7
+
+
+@pytest.mark.parametrize("algorithm", MOVES)
+def test_one_image_moves_nothing_but_to_the_root(algorithm: str) -> None:
+    moves = MOVES[algorithm](dense(1))
+    assert (moves.messages, moves.pixels, moves.pixels_all, moves.gathered) == (0, 0, 0, 0)
+
+
+def test_between_single_ranks_the_time_is_that_of_the_plain_model() -> None:
+    network = Network("", "", 3.0, 5.0, 7e-6, 11e-6)
+    ranks = 8
+    load = count_dense(ALGORITHMS["binary-swap"](ranks, PIXELS, ()))
+    nodes = tuple((rank,) for rank in range(ranks))
+    found = predict("binary-swap", "messages", dense(ranks), place_ranks(range(ranks), nodes), network)
+    share = (1 - 1 / ranks) * PIXELS * 4 * 7e-6
+    assert found == pytest.approx(network.seconds(load, 4) + 3.0 + 7 * 5.0 + share)
+
+
+@pytest.mark.parametrize("transport", ["messages", "shared", "hierarchical"])
+def test_no_constant_makes_anything_faster_by_growing(transport: str) -> None:
+    network = open_network("laptop")
+    nodes = ((0, 1, 2, 3), (4, 5, 6, 7)) if transport != "shared" else (tuple(range(8)),)
+    places = place_ranks(range(8), nodes)
+    before = predict("direct-send", transport, dense(8), places, network)
+    times = [name for name in vars(network) if "seconds" in name]
+    grown = [predict("direct-send", transport, dense(8), places, replace(network, **{name: 1.0})) for name in times]
+    assert min(grown) >= before
+    assert sum(seconds > before for seconds in grown) >= 3
+
+
+def test_ranks_that_share_cores_take_longer() -> None:
+    network = open_network("laptop")
+    places = place_ranks(range(8), (tuple(range(8)),))
+    for transport in ("messages", "shared"):
+        times = [
+            predict("direct-send", transport, dense(8), places, replace(network, cores=cores)) for cores in (8, 4, 2, 1)
+        ]
+        assert times == sorted(times)
+        assert times[-1] > 2 * times[0]
+
+
+def test_ranks_of_a_node_share_its_link() -> None:
+    network = Network("", "", 0.0, 0.0, 1.0, 0.0, node_seconds_per_byte=0.0)
+    apart = predict("direct-send", "messages", dense(8), place_ranks(range(8), tuple((r,) for r in range(8))), network)
+    pairs = tuple((r, r + 1) for r in range(0, 8, 2))
+    together = predict("direct-send", "messages", dense(8), place_ranks(range(8), pairs), network)
+    merged = predict("direct-send", "hierarchical", dense(8), place_ranks(range(8), pairs), network)
+    assert merged < apart < together
+
+
+def test_floats_take_longer_than_bytes() -> None:
+    network, places = open_network("laptop"), place_ranks(range(4), ((0, 1, 2, 3),))
+    for transport in ("messages", "shared"):
+        byte, half, single = (predict("direct-send", transport, dense(4, size), places, network) for size in (4, 8, 16))
+        assert byte < half <= single
+
+
+def test_places() -> None:
+    nodes = ((0, 1, 2), (3, 4), (5,))
+    places = place_ranks([0, 3, 1, 4], nodes)
+    assert (places.all_nodes, places.most, places.nodes) == (3, 3, 2)
+    assert (places.ranks, places.strips, places.busy, places.interleaved) == (3, 2, 2, True)
+    assert not place_ranks([1, 0, 4], nodes).interleaved
+    assert place_ranks([], nodes).busy == 0
+    assert not np.isnan(
+        predict("direct-send", "shared", Scene(0, 0, 1.0, 1.0, 4, True), place_ranks([], nodes), _LAPTOP)
+    )
+
+
+_LAPTOP = open_network("laptop")
