@@ -97,11 +97,10 @@ class Volume(Section):
         description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
     )
     interpolation: Literal["linear", "nearest", "cubic"] = Field(
-        default="linear", description="How voxels become a field; cubic: B-splines, smooth, not through the voxels' values."
+        default="linear",
+        description="How voxels become a field; cubic: B-splines, smooth, not through the voxels' values.",
     )
-    blending: Literal[
-        "composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"
-    ] = Field(
+    blending: Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"] = Field(
         default="composite",
         description="How the samples along a ray are combined: composite (emission and absorption); maximum, minimum "
         "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey); "
@@ -232,8 +231,24 @@ class Cluster(Section):
         "parallel-pipeline",
         "slic",
     ] = Field(default="auto", description="The algorithm that joins the partial images.")
-    codec: Literal["auto", "raw"] = Field(default="auto", description="How pixels are packed for sending.")
-    transport: Literal["auto", "messages"] = Field(default="auto", description="How pixels travel.")
+    codec: Literal[
+        "auto",
+        "raw",
+        "active",
+        "rectangle",
+        "lz4",
+        "shuffle+lz4",
+        "delta+lz4",
+        "active+lz4",
+        "active+shuffle+lz4",
+        "active+delta+lz4",
+        "rectangle+lz4",
+        "rectangle+shuffle+lz4",
+        "rectangle+delta+lz4",
+    ] = Field(default="auto", description="How pixels are packed for sending.")
+    transport: Literal["auto", "messages", "shared", "hierarchical"] = Field(
+        default="auto", description="How pixels travel: messages, memory shared by a node's ranks, or both."
+    )
     distribution: Literal["auto"] = Field(default="auto", description="How bricks are dealt to ranks.")
     brick: Annotated[int, Field(strict=True, ge=2, le=1024), BeforeValidator(plain)] = Field(
         default=64, description="Voxels along the side of a brick."
