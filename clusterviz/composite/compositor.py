@@ -202,7 +202,7 @@ def composite(
     """
     channel = as_channel(channel)
     with _on_every_rank():
-        network = default_network(1)
+        network = channel.broadcast(default_network(1))
         wanted = Wanted(algorithm, "messages", choose_codec(codec))
     started = perf_counter()
     mine = as_images(images)
