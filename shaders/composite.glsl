@@ -6,8 +6,8 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     }
 }
 
-void take_last(inout vec4 sum, float s, Place place, float share) {
+void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(s >= buckets.w)) return;
     Segment segment = segment_at(s);
-    sum = slab_opacity(segment.unit_opacity, frame.optics.x * share) * vec4(lit(segment.colour, place, place.beyond), 1.0);
+    sum += ((1.0 - sum.a) * slab_opacity(segment.unit_opacity, frame.optics.x * share)) * vec4(lit(segment.colour, place, beyond), 1.0);
 }

@@ -5,8 +5,8 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     if (further || (sum.w == 0.0 && abs(s) <= 3e38)) sum = vec4(s, 0.0, 0.0, 1.0);
 }
 
-void take_last(inout vec4 sum, float s, Place place, float share) {
-    take(sum, s, place, vec3(0.0));
+void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
+    take(sum, s, place, beyond);
 }
 
 void add_run(inout Sum sum, vec4 run) {

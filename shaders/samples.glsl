@@ -1,7 +1,7 @@
 // Runs of slabs that are sampled at their midpoints; how a sample is taken is the blending's.
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
-// The last slab of a ray, of which the exit may have left a share only.
-void take_last(inout vec4 sum, float s, Place place, float share);
+// A share of a slab: what the exit has left of the last one.
+void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);
 
 vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     vec4 sum = vec4(0.0);
@@ -15,6 +15,6 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
 
 vec4 last_of(Ray ray, Place place, vec3 slab, float share) {
     vec4 sum = vec4(0.0);
-    take_last(sum, scalar_at(place.brick, place.cell, place.beyond), place, share);
+    take_share(sum, scalar_at(place.brick, place.cell, place.beyond), place, place.beyond, share);
     return sum;
 }

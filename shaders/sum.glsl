@@ -1,11 +1,11 @@
 // Averages and sums: opacity times scalar, cut to clim's range, times slabs; and the slabs that had a sample.
-void take_last(inout vec4 sum, float s, Place place, float share) {
+void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(abs(s) <= 3e38)) return; // NaN compares false
     sum += share * vec4(segment_at(s).unit_opacity * clamp(s, 0.0, 1.0), 0.0, 0.0, 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    take_last(sum, s, place, 1.0);
+    take_share(sum, s, place, beyond, 1.0);
 }
 
 void add_run(inout Sum sum, vec4 run) {

@@ -83,15 +83,15 @@ class Look:
             Averages count transparent samples as well, sums show black where the volume is, and stretches end there.
         """
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
-        if self.blending == "composite":
-            return transfer.is_transparent(low, high)
+        if self.blending in ("composite", "isosurface"):
+            nothing = np.ones(low.shape, bool) if self.blending == "isosurface" else transfer.is_transparent(low, high)
+            for surface in self.surfaces:
+                nothing = nothing & ~((low <= surface.value) & (surface.value <= high))
+            return np.asarray(nothing)
         if self.blending == "maximum":
             return np.asarray((low > high) | transfer.is_transparent(-np.inf, high))
         if self.blending == "minimum":
             return np.asarray((low > high) | transfer.is_transparent(low, np.inf))
-        if self.blending == "isosurface":
-            passed = [(low <= surface.value) & (surface.value <= high) for surface in self.surfaces]
-            return ~np.any(passed, axis=0) if passed else np.ones(low.shape, bool)
         return np.asarray(low > high)
 
     def surface_block(self) -> NDArray[np.float32]:
@@ -105,9 +105,14 @@ def is_lit(volume: Volume) -> bool:
     return volume.shade and volume.blending in ("composite", "isosurface")
 
 
+def has_surfaces(volume: Volume) -> bool:
+    """Whether isosurfaces are shown, alone or in the volume."""
+    return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
+
+
 def reach_of(volume: Volume) -> int:
     """Cells beyond its own in which a brick of the volume samples the field: the ends of slabs, for surfaces."""
-    return 1 if volume.blending == "isosurface" else 0
+    return int(has_surfaces(volume))
 
 
 def margin_of(volume: Volume) -> int:
@@ -122,14 +127,14 @@ def spread_of(volume: Volume) -> int:
 
 def step_of(volume: Volume, step: float) -> float:
     """The length of a slab in voxels; where surfaces are looked for it is bounded, which they do not depend on."""
-    return min(step, LONGEST_SLAB) if volume.blending == "isosurface" else step
+    return min(step, LONGEST_SLAB) if has_surfaces(volume) else step
 
 
 def make_look(volume: Volume, transfer: TransferFunction, shading: Shading | None) -> Look:
     """The look of a completed volume."""
     threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *transfer.domain))
     surfaces = []
-    for entry in volume.isosurfaces if volume.blending == "isosurface" else ():
+    for entry in volume.isosurfaces if has_surfaces(volume) else ():
         value, opacity = entry if isinstance(entry, tuple) else (entry, float(transfer.opacity(entry)))
         red, green, blue = transfer.colour(value).tolist()
         units = float(in_units_of_clim(value, *transfer.domain))

@@ -73,10 +73,11 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
             part = slice(begin, begin + RAYS_AT_ONCE)
             some = Rays(rays.start[part], rays.direction[part])
-            if scene.volumes[0].blending == "composite":
-                rgba[part] = _march(some, voxels, length, scene, grid)
-            elif scene.volumes[0].blending == "isosurface":
+            volume = scene.volumes[0]
+            if volume.blending in ("composite", "isosurface") and volume.isosurfaces:
                 rgba[part] = march_surfaces(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
+            elif volume.blending == "composite":
+                rgba[part] = _march(some, voxels, length, scene, grid)
             else:
                 rgba[part] = _project(some, voxels, length, scene, grid)
     return rgba.reshape(height, width, 4)

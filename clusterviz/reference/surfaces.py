@@ -1,4 +1,4 @@
-"""The witness of isosurfaces: roots by bisection, between the ends of every slab."""
+"""The witness of isosurfaces, alone or in a volume: roots by bisection, between the ends of every slab."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
     """The colours of some rays, (n, 4).
 
     A slab whose ends are valid and on different sides of a value has its surface there; of several, the one that is
-    nearer in value to the begin is in front. Of each, the crossing that bisection finds is taken.
+    nearer in value to the begin is in front. Of each, the crossing that bisection finds is taken. In a composited
+    volume the parts of a slab before, between and behind its surfaces absorb light as its midpoint does.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
@@ -31,13 +32,28 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
     )
     rgba = np.zeros((len(rays.direction), 4))
+
+    def absorb(pixels: NDArray[np.int64], alpha: Floats, colour: Floats) -> None:
+        share = (1 - rgba[pixels, 3:]) * alpha[:, None]
+        rgba[pixels] += share * np.append(colour, np.ones((len(pixels), 1)), axis=1)
+
+    def colours(scalar: Floats, point: Floats, pixels: NDArray[np.int64]) -> Floats:
+        colour = classify.colour(scalar)
+        if not volume.shade:
+            return colour
+        gradient = GRADIENTS[volume.interpolation](voxels, point)
+        return lit(colour, gradient, rays.direction[pixels], volume, scene.lights, grid)
+
     for slab in slabs(rays, voxels.shape, length, lambda: rgba[:, 3] < 1):
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
         ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (slab.begin, slab.end)]
         (front, front_valid), (behind, behind_valid) = ends
         valid = front_valid & behind_valid
+        middle, known = sample(voxels, *slab.point.T)
+        known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
+        extinction, glow = np.where(known, classify.extinction(middle), 0), colours(middle, slab.point, slab.rays)
+        begin = slab.begin.copy()
         for ordered, rises in ((wanted, True), (wanted[::-1], False)):
-            begin = slab.begin.copy()
             for value, opacity in ordered:
                 crosses = valid & ((front < value) != (behind < value)) & ((behind > front) == rises)
                 here = np.flatnonzero(crosses)
@@ -46,15 +62,13 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
                 some = Rays(start[here], direction[here])
                 found = _root(some, voxels, sample, value, rises, begin[here], slab.end[here])
                 there = np.isfinite(found)
+                gap = np.where(there, found - begin[here], 0)
+                absorb(slab.rays[here], -np.expm1(-extinction[here] * gap), glow[here])
                 begin[here] = np.where(there, found, begin[here])
                 point = some.start + begin[here][:, None] * some.direction
-                colour = np.broadcast_to(classify.colour(value), point.shape)
-                if volume.shade:
-                    gradient = GRADIENTS[volume.interpolation](voxels, point)
-                    colour = lit(colour, gradient, some.direction, volume, scene.lights, grid)
-                alpha = np.where(there & kept(point, scene.clip, grid), opacity, 0)[:, None]
-                pixels = slab.rays[here]
-                rgba[pixels] += (1 - rgba[pixels, 3:]) * alpha * np.append(colour, np.ones((len(here), 1)), axis=1)
+                colour = colours(np.full(len(here), value), point, slab.rays[here])
+                absorb(slab.rays[here], np.where(there & kept(point, scene.clip, grid), opacity, 0), colour)
+        absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow)
     return rgba
 
 

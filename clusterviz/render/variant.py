@@ -24,7 +24,7 @@ BLENDING_FILES: dict[Blending, tuple[str, str, str]] = {
     "average": ("samples.glsl", "sum.glsl", NOTHING),
     "additive": ("samples.glsl", "sum.glsl", NOTHING),
     "local-maximum": ("samples.glsl", "local_maximum.glsl", NOTHING),
-    "isosurface": ("surfaces.glsl", NOTHING, "over.glsl"),
+    "isosurface": ("surfaces.glsl", "composite.glsl", "over.glsl"),
 }
 """What runs of slabs are made of, what is taken of a sample, and how runs are added."""
 
@@ -65,7 +65,7 @@ class Variant:
         elif self.filter == "linear" and self.slot.kind == "u8":
             scalar = "linear_u8.glsl"
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        run, sample, behind = BLENDING_FILES[self.blending]
+        run, sample, behind = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
         slots = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
@@ -112,11 +112,10 @@ class Variant:
         ]
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
-        lines.append(
-            f"const bool WHOLE_SLABS = {str(self.blending != 'isosurface').lower()}; // in which volumes are cut"
-        )
-        if self.blending == "isosurface":
-            lines.append(f"const int SURFACES = {max(1, self.surfaces)};")
+        lines.append(f"const bool WHOLE_SLABS = {str(not self.surfaces).lower()}; // in which volumes are cut")
+        if self.surfaces:
+            lines.append(f"const int SURFACES = {self.surfaces};")
+            lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         if self.lights:
@@ -124,6 +123,11 @@ class Variant:
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"
+
+
+def _surfaces(plan: Plan) -> int:
+    """How many there are; a picture of surfaces that are all transparent still has a program."""
+    return max(len(plan.look.surfaces), int(plan.look.blending == "isosurface"))
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
@@ -143,5 +147,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.look.blending,
         len(plan.look.shading.lights) if plan.look.shading else 0,
         len(plan.clip),
-        len(plan.look.surfaces),
+        _surfaces(plan),
     )

@@ -108,8 +108,8 @@ class Volume(Section):
     )
     isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(plain)] = Field(
         default=(),
-        description="The data values of surfaces, with cmap's colours; [value, opacity] where the opacity is not that "
-        "of the transfer function.",
+        description="The data values of surfaces, with cmap's colours, alone or in a composited volume; "
+        "[value, opacity] where the opacity is not that of the transfer function.",
     )
     threshold: Number | None = Field(
         default=None,

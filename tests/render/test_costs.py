@@ -32,6 +32,7 @@ PLAIN = "composite linear_u8 over samples unclipped unlit voxel_u8"
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
 SURFACES = {"blending": "isosurface", "isosurfaces": [50.0, 100.0]}
+IN_VOLUME = {"isosurfaces": [50.0, 100.0]}
 LOCAL = {"blending": "local-maximum", "threshold": 9.0}
 SHADE = {"shade": True}
 
@@ -79,10 +80,11 @@ CASES = {
         side=19,
     ),
     "clip": Case({"parts": CLIP}, "unclipped", "clip", buffers=1),
-    "isosurfaces": Case({"look": SURFACES}, "samples composite", "surfaces", buffers=1, side=19),
+    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces", buffers=1, side=19),
+    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces", buffers=1, side=19),
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
-        "samples composite linear_u8 unlit unclipped",
+        "samples linear_u8 unlit unclipped",
         "surfaces cubic gradient_cubic lights clip",
         buffers=3,
         side=19 + 2,

@@ -153,3 +153,30 @@ def test_many_dispatches_find_every_surface(context: moderngl.Context) -> None:
     grid = Grid(voxels.shape)
     scene = scene_of(voxels, camera_at("outside", grid), step=2e-3, size=(6, 5), look=surfaces(voxels, 0.3, 0.9))
     assert wrong(picture(context, scene, voxels, grid), render_reference(scene, grid, voxels)) == 0
+
+
+@pytest.mark.parametrize("camera", ["outside", "inside", "parallel"])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_surfaces_stand_in_the_volume(context: moderngl.Context, dtype: str, camera: str) -> None:
+    voxels = smooth(dtype=dtype)
+    look = surfaces(voxels, 0.7, 0.55, **LIT) | {"blending": "composite"}
+    keys: dict[str, Any] = {"opacity": ((0.0, 0.0), (0.6, 0.05), (1.0, 0.3)), "step": 0.93, "unit": 3.0}
+    for parts in ({}, {"clip": clip_of(GRID, "both")}):
+        scene = scene_of(voxels, camera_at(camera, GRID), look=look, parts=parts, **keys)
+        expected = render_reference(scene, GRID, voxels)
+        assert wrong(picture(context, scene, voxels, brick=7), expected) <= FEW
+        alone = scene_of(voxels, camera_at(camera, GRID), look=LIT, parts=parts, **keys)
+        assert np.abs(expected - render_reference(alone, GRID, voxels)).max() > 0.1
+    prepared = prepare(scene, voxels, brick=7)
+    drawn = whole(draw(context, prepared).partial, SIZE)
+    assert wrong(in_parts(context, scene, prepared, 5)[0], drawn, 1e-5) <= FEW
+
+
+def test_transparent_surfaces_leave_the_volume_as_it_is(context: moderngl.Context) -> None:
+    """A slab that is cut in two absorbs as a whole one."""
+    voxels = smooth()
+    plain = picture(context, scene_of(voxels, camera_at("outside", GRID)), voxels)
+    look = {"isosurfaces": [(0.5, 1e-9)]}
+    assert (
+        np.abs(picture(context, scene_of(voxels, camera_at("outside", GRID), look=look), voxels) - plain).max() <= 1e-6
+    )
