@@ -72,7 +72,7 @@ class Compositor:
         self._network = self._channel.broadcast(mine)
         with _on_every_rank():
             self._wanted = Wanted(algorithm, transport, choose_codec(codec))
-        self._pack = _packer(codec, self._network)
+        self._pack = _packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._planned: tuple[Footprints, str, Plan] | None = None
@@ -202,7 +202,8 @@ def composite(
     """
     channel = as_channel(channel)
     with _on_every_rank():
-        network = channel.broadcast(default_network(1))
+        nodes = len(channel.nodes())
+        network = channel.broadcast(default_network(nodes))
         wanted = Wanted(algorithm, "messages", choose_codec(codec))
     started = perf_counter()
     mine = as_images(images)
@@ -212,7 +213,7 @@ def composite(
         choice = choose(wanted, footprints, apart, network, several=footprints.several)
     seconds_agree = perf_counter() - started
     plan = plan_messages(footprints, channel.rank, choice.algorithm)
-    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network))
+    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network, nodes))
     return piece, _counters(choice, footprints, seconds_agree, stages)
 
 
@@ -249,8 +250,8 @@ def _on_every_rank() -> Iterator[None]:
         raise mark_agreed(error) from None
 
 
-def _packer(codec: str, network: Network) -> Pack:
-    """How messages are packed: always alike, or as it pays."""
+def _packer(codec: str, network: Network, nodes: int) -> Pack:
+    """How messages are packed: always alike, or as it pays on the slowest link."""
     if codec == "auto":
-        return AutoCodec(network.seconds_per_byte).pack
+        return AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte).pack
     return lambda pixels, rows, key: pack(pixels, codec, rows)

@@ -134,8 +134,11 @@ def _whole(pixels: int, layers: Sequence[Part]) -> Zone:
 def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
     """Who owns what in the end, as (rank, begin, end), ascending; None where pixels stay with whoever covers them.
 
-    The owner of a pixel is the target of the last transfer of it.
+    The owner of a pixel is the target of its last transfer, where every rank but one hands every pixel over.
     """
+    moved = sum(int((stage.table[:, 3] - stage.table[:, 2]).sum()) for stage in schedule.stages)
+    if moved != (schedule.ranks - 1) * schedule.pixels:
+        return None
     tables = [np.unique(stage.table[:, 1:], axis=0) for stage in schedule.stages]
     cuts = np.unique(np.concatenate([[0, schedule.pixels], *(table[:, 1:].ravel() for table in tables)]))
     owner = np.full(len(cuts) - 1, -1, np.int64)
@@ -143,8 +146,8 @@ def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
         spans = np.searchsorted(cuts, table[:, 1:]).tolist()
         for target, (first, last) in zip(table[:, 0].tolist(), spans, strict=True):
             owner[first:last] = target
-    if np.any(owner < 0):
-        return None
+    if schedule.ranks == 1:
+        owner[:] = 0
     new = np.flatnonzero(np.diff(owner, prepend=-1))
     begins = cuts[new].tolist()
     return list(zip(owner[new].tolist(), begins, [*begins[1:], schedule.pixels], strict=False))
