@@ -45,18 +45,16 @@ def cubic_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 def _taps(voxels: NDArray[Any], point: Floats) -> tuple[Floats, Floats, Flags]:
     """Voxels around points (n, 4, 4, 4) in (z, y, x), how far these are in their cells (n, 3), and which are valid."""
     cell, fraction = trilinear_cell(voxels, point)
-    taps = np.zeros((len(point), 4, 4, 4))
-    valid = np.ones(len(point), bool)
-    for offset in np.ndindex(4, 4, 4):
-        found, corner = (
-            voxels[
-                tuple(np.clip(cell[:, 2 - a] + o - 1, 0, voxels.shape[a] - 1) for a, o in enumerate(shifted))
-            ].astype(np.float64)
-            for shifted in (offset, np.clip(offset, 1, 2))
-        )
-        valid &= np.isfinite(corner)
-        found = np.where(np.isfinite(found), found, corner)
-        taps[(slice(None), *offset)] = np.where(np.isfinite(found), found, 0)
+    x, y, z = (
+        np.clip(cell[:, axis, None] + np.arange(-1, 3), 0, samples - 1)
+        for axis, samples in enumerate(voxels.shape[::-1])
+    )
+    taps = voxels[z[:, :, None, None], y[:, None, :, None], x[:, None, None, :]].astype(np.float64)
+    valid: Flags = np.isfinite(taps[:, 1:3, 1:3, 1:3]).all(axis=(1, 2, 3))
+    if not np.isfinite(taps).all():
+        corner = np.array([1, 1, 2, 2])
+        corners = taps[:, corner[:, None, None], corner[:, None], corner]
+        taps = np.where(np.isfinite(taps), taps, np.where(np.isfinite(corners), corners, 0))
     return taps, fraction, valid
 
 

@@ -125,3 +125,13 @@ def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
         found, samples = in_parts(context, scene, prepared, parts)
         assert samples == drawn.samples
         assert np.abs(found - whole(drawn.partial, SIZE)).max() <= 1e-5
+
+
+@pytest.mark.parametrize(("interpolation", "lights"), [("linear", LIGHTS * 5), ("cubic", ())])
+def test_no_ray_is_cut_short_by_the_loops_of_light(context: moderngl.Context, interpolation: str, lights: Any) -> None:
+    """A driver may leave all loops of an invocation after 65535 passes, those over lights and voxels included."""
+    voxels = smooth((9, 8, 11))
+    grid = Grid(voxels.shape)
+    keys: dict[str, Any] = {"opacity": 0.3, "unit": 3.0, "step": 8e-3, "size": (4, 4), "interpolation": interpolation}
+    scene = lit_scene(voxels, "outside", grid, lights, **keys)
+    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= BOUND

@@ -8,7 +8,7 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 from clusterviz.data.grid import Grid
 from clusterviz.gl.context import compile_compute
 from clusterviz.render.storage import Slot
-from clusterviz.render.variant import Variant, variant_of
+from clusterviz.render.variant import BLENDING_FILES, Variant, variant_of
 
 
 @pytest.mark.gl
@@ -23,6 +23,27 @@ def test_every_variant_compiles(
     compile_compute(context, Variant(filter, slot, 33, further_starts, block_bytes).source).release()
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("lights", [0, 1, 16])
+@pytest.mark.parametrize("surfaces", [0, 1, 16])
+@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
+@pytest.mark.parametrize("filter", ["linear", "nearest", "cubic", "hardware"])
+def test_every_look_compiles(context: moderngl.Context, filter: str, kind: str, surfaces: int, lights: int) -> None:
+    slot = Slot((15, 16, 33), kind, filter == "hardware", 2, min(surfaces, 1), 2)
+    for blending in ("composite", "isosurface") if surfaces else ("composite",):
+        variant = Variant(filter, slot, 33, 0, 16384, blending, lights, 2, surfaces)
+        compile_compute(context, variant.source).release()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("kind", ["u8", "f32"])
+@pytest.mark.parametrize("blending", [name for name in BLENDING_FILES if name != "isosurface"])
+def test_every_projection_compiles(context: moderngl.Context, blending: str, kind: str) -> None:
+    for planes in (0, 16):
+        variant = Variant("linear", Slot((15, 16, 33), kind, False), 33, 1, 0, blending, 0, planes)
+        compile_compute(context, variant.source).release()
+
+
 @pytest.mark.parametrize(
     ("dtype", "interpolation", "filter", "parts"),
     [
@@ -31,6 +52,7 @@ def test_every_variant_compiles(
         ("float64", "linear", "exact", {"voxel_f32.glsl", "linear.glsl"}),
         ("uint8", "nearest", "exact", {"voxel_u8.glsl", "nearest.glsl"}),
         ("uint8", "linear", "hardware", {"atlas.glsl", "hardware.glsl"}),
+        ("uint8", "cubic", "hardware", {"voxel_u8.glsl"}),  # the texture unit has too few bits for it
         ("uint8", "nearest", "hardware", {"voxel_u8.glsl", "nearest.glsl"}),  # a nearest voxel needs no weights
     ],
 )
