@@ -46,6 +46,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "isosurface": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1]}},
     "isosurface, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1], "shade": True}},
     "3 isosurfaces, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES, "shade": True}},
+    "composite, isosurface": {"volume": {"isosurfaces": SURFACES[1:2]}},
     "clip": {"scene": {"clip": {"planes": [[[0.0, 0.0, 0.0], [1.0, 0.5, 0.2]]]}}},
 }
 
