@@ -21,7 +21,7 @@ from statistics import median
 
 from compositors import MPIS, Choice, Images, made_images, open_images, run_clusterviz, table
 
-from clusterviz.composite.radix_k import LARGEST_FACTOR
+from clusterviz.composite.schedules.radix_k import LARGEST_FACTOR
 
 AUTOMATIC = (Choice("auto", "raw", "messages"), Choice("auto", "raw", "auto"))
 HEAD = ("images | ranks | pixels", "asked for", "ran", "predicted ms", "median ms", "least ms", "predicted / least")

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.load import Load
-from clusterviz.composite.network import Network, open_network, shipped_networks
-from clusterviz.composite.simulate import MOST_RANKS, MOST_SPARSE_RANKS, Options, count_load
+from clusterviz.composite.model.network import Network, open_network, shipped_networks
+from clusterviz.composite.schedules.load import Load
+from clusterviz.composite.simulation.simulate import MOST_RANKS, MOST_SPARSE_RANKS, Options, count_load
 
 PICTURE = Path(__file__).with_name("composite-times.svg")
 PAGE = PICTURE.with_suffix(".md")

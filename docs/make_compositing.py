@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.network import open_network, shipped_networks
-from clusterviz.composite.simulate import Options, count_load, simulate
+from clusterviz.composite.model.network import open_network, shipped_networks
+from clusterviz.composite.simulation.simulate import Options, count_load, simulate
 
 PAGE = Path(__file__).with_name("compositing.md")
 RANKS = (2, 3, 4, 5, 7, 8, 16, 31, 64)

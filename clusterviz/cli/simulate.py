@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from clusterviz.cli.arguments import parse_size
-from clusterviz.composite.drawing import check_drawable, write_drawing
-from clusterviz.composite.network import open_network, shipped_networks
-from clusterviz.composite.simulate import Options, Simulation, build_schedule, simulate
+from clusterviz.composite.model.network import open_network, shipped_networks
+from clusterviz.composite.simulation.drawing import check_drawable, write_drawing
+from clusterviz.composite.simulation.simulate import Options, Simulation, build_schedule, simulate
 from clusterviz.errors import InputError
 
 BYTES = {"uint8": 4, "float32": 16}

@@ -147,7 +147,7 @@ def run_all(
         "volumes.0.opacity_unit_distance=null",
         "quality.early_termination=0",
     ]
-    owners = list({(c.ranks, c.brick): c for c in configurations}.values()) if ownership else []
+    owners = list({(c.ranks, c.brick): c for c in configurations[::-1]}.values())[::-1] if ownership else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]

@@ -15,13 +15,13 @@ one line in `algorithms.py`, and the shared checks of `tests/composite` run it f
 
 from __future__ import annotations
 
-from clusterviz.composite.algorithms import ALGORITHMS, choose_algorithm
-from clusterviz.composite.blend import compile_kernels
 from clusterviz.composite.compositor import Compositor, composite
 from clusterviz.composite.counters import CompositeCounters, PeerCounters, StageCounters
 from clusterviz.composite.gather import collect
+from clusterviz.composite.over.blend import compile_kernels
 from clusterviz.composite.piece import Piece
-from clusterviz.composite.schedule import Schedule
+from clusterviz.composite.schedules.algorithms import ALGORITHMS, check_algorithm
+from clusterviz.composite.schedules.schedule import Schedule
 
 __all__ = [
     "ALGORITHMS",
@@ -31,7 +31,7 @@ __all__ = [
     "Piece",
     "Schedule",
     "StageCounters",
-    "choose_algorithm",
+    "check_algorithm",
     "collect",
     "compile_kernels",
     "composite",

@@ -18,13 +18,13 @@ from clusterviz.codec import AutoCodec, Rows, choose_codec, pack, prepare_codecs
 from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import mark_agreed
-from clusterviz.composite.choice import Choice, Wanted, choose
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
 from clusterviz.composite.gather import Pack, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
 from clusterviz.composite.messages import Plan, plan_messages, run_messages
-from clusterviz.composite.network import Network, default_network
+from clusterviz.composite.model.choice import Choice, Wanted, choose
+from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.node_memory import NodeMemory
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.shared import blend_strip, share_images

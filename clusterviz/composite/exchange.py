@@ -23,8 +23,8 @@ from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import PeerCounters, StageCounters
 from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.gather import Pack
-from clusterviz.composite.layers import Layer
 from clusterviz.composite.merging import Merging
+from clusterviz.composite.over.layers import Layer
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.traffic import Merge, Message, Part, StageTraffic
 from clusterviz.errors import ClustervizError

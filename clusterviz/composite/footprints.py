@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.blend import DTYPES
+from clusterviz.composite.over.blend import DTYPES
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clusterviz.codec.contract import Pixels
-from clusterviz.composite import blend
+from clusterviz.composite.over import blend
 from clusterviz.composite.patch import Patch
 
 

@@ -20,17 +20,17 @@ import numpy as np
 
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.window import MOST_NUMBERS
-from clusterviz.composite.algorithms import make_schedule
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.footprints import Footprint, Footprints
 from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.gather import Pack
-from clusterviz.composite.layers import Layer, blend_layers
 from clusterviz.composite.node_memory import NOWHERE, NodeMemory
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch, unite
 from clusterviz.composite.piece import Piece
-from clusterviz.composite.schedule import Schedule
+from clusterviz.composite.schedules.algorithms import make_schedule
+from clusterviz.composite.schedules.schedule import Schedule
 from clusterviz.composite.strips import cut_strips
 from clusterviz.composite.traffic import Part, plan_traffic
 from clusterviz.image.partial import PartialImage

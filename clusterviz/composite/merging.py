@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.composite.fragment import Fragment, merge_in_place
-from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.traffic import Merge, Part
 

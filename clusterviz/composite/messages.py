@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.algorithms import make_schedule
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.footprints import Footprints
 from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.gather import Pack
 from clusterviz.composite.piece import Piece
+from clusterviz.composite.schedules.algorithms import make_schedule
 from clusterviz.composite.traffic import Part, StageTraffic, owned_ranges, plan_traffic
 from clusterviz.image.partial import PartialImage
 

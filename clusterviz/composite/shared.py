@@ -15,8 +15,8 @@ import numpy as np
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
-from clusterviz.composite.layers import Layer, blend_layers
 from clusterviz.composite.node_memory import NOWHERE, NodeMemory
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.strips import cut_strips

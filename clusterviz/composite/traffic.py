@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from clusterviz.composite.patch import Patch, unite
-from clusterviz.composite.schedule import Schedule, Stage, Transfer
+from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer
 from clusterviz.image.region import Rect
 
 
@@ -116,6 +116,9 @@ def plan_traffic(
     whole : whether the last merges shall make every pixel of their ranges, blank ones too, so that whoever gathers
         them need not be told where they are not blank
     """
+    if not schedule.stages and len(layers[rank]) > 1:
+        # Nobody sends, but a rank's own layers still have to come together.
+        schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.of(()),))
     concerned = _concerned(schedule, rank)
     held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
     result = []

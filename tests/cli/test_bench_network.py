@@ -11,7 +11,7 @@ import pytest
 
 from clusterviz.cli.bench.probes import BURSTS, LARGE_BYTES, SIZES
 from clusterviz.cli.jobs import run_job
-from clusterviz.composite.network import Network, default_network, open_network
+from clusterviz.composite.model.network import Network, default_network, open_network
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
     report = json.loads(outcome.out)
     results = report["results"]
     assert report["agree"] is True
-    assert len([r for r in results if r["check"] == "picture"]) == 2 * (1 + 2)
+    assert len([r for r in results if r["check"] == "picture"]) == 2 * (1 + 2 + 2)
     assert len([r for r in results if r["check"] == "ownership"]) == 2 * 2
     assert len({r["samples"] for r in results if r["check"] == "ownership"}) == 1
     assert all(r["max"] <= 1e-5 and r["problem"] == "" for r in results)
@@ -82,8 +82,14 @@ def test_one_sample_too_many_is_named(cli: Callable[..., Any], pictures: dict[in
 
 
 def test_one_rank_needs_one_algorithm() -> None:
-    found = verify._configurations([1, 2], ["tree", "serial"], [8])
-    assert found == [Configuration(1, "tree", 8), Configuration(2, "tree", 8), Configuration(2, "serial", 8)]
+    found = verify._configurations([1, 2], ["tree", "serial"], [8], ["messages", "shared", "hierarchical"])
+    alone, two = [Configuration(1, "tree", 8)], [Configuration(2, "tree", 8), Configuration(2, "serial", 8)]
+    assert found == [*alone, *two, Configuration(2, "auto", 8, "shared")]
+
+
+def test_three_ranks_make_two_nodes() -> None:
+    found = verify._configurations([3], ["tree"], [8], ["hierarchical"])
+    assert found == [Configuration(3, "auto", 8, "hierarchical")]
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.composite.algorithms import ALGORITHMS, SEVERAL_IMAGES
-from clusterviz.composite.choice import HANDICAPS, Choice, Wanted, choose
-from clusterviz.composite.cubes import cube_footprints
 from clusterviz.composite.footprints import Footprint, Footprints
-from clusterviz.composite.network import Network, open_network, shipped_networks
+from clusterviz.composite.model.choice import HANDICAPS, Choice, Wanted, choose
+from clusterviz.composite.model.network import Network, open_network, shipped_networks
+from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES
+from clusterviz.composite.simulation.cubes import cube_footprints
 from clusterviz.errors import InputError
 from clusterviz.image.region import EMPTY, Rect
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.agree import is_agreed
-from clusterviz.composite import ALGORITHMS, choose_algorithm, collect, composite
+from clusterviz.composite import ALGORITHMS, collect, composite
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import EMPTY, Rect
@@ -173,11 +173,6 @@ def test_a_canvas_outside_the_picture_is_refused() -> None:
     piece, _ = composite(PartialImage(Rect(3, 0, 6, 2), np.zeros((2, 3, 4), np.float32)), [0], channel)
     with pytest.raises(InputError, match="outside the picture"):
         collect(piece, (5, 2), channel)
-
-
-def test_auto_takes_direct_send_for_few_and_swap_for_many() -> None:
-    assert choose_algorithm("auto", 32) == "direct-send"
-    assert choose_algorithm("auto", 33) == "binary-swap"
 
 
 def test_an_empty_rectangle_of_any_kind_is_empty() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.agree import is_agreed
 from clusterviz.composite import ALGORITHMS, CompositeCounters, Compositor, collect, composite
-from clusterviz.composite.algorithms import SEVERAL_IMAGES
+from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import EMPTY, Rect
@@ -103,6 +103,22 @@ def test_several_images_a_rank_lie_between_those_of_others(algorithm: str, trans
 
     picture = run_loopback(ranks, run, ranks_per_node=per_node)[0]
     assert np.abs(picture - over_all(layers, range(len(layers)), SIZE)).max() <= bound(np.float32, len(layers))
+
+
+@pytest.mark.parametrize("algorithm", sorted(SEVERAL_IMAGES))
+def test_several_images_that_no_other_rank_meets(algorithm: str) -> None:
+    rng = np.random.default_rng(12)
+    layers = [random_partial(rng, Rect(0, 0, 9, 9), np.float32) for _ in range(3)]
+    elsewhere = random_partial(rng, Rect(20, 0, 25, 9), np.float32)
+
+    def run(channel: LoopbackChannel) -> np.ndarray | None:
+        mine = layers if channel.rank == 0 else [elsewhere]
+        piece, _ = composite(mine, [0, 0, 1, 0] if channel.size > 1 else [0] * 3, channel, algorithm)
+        return collect(piece, SIZE, channel)
+
+    assert np.abs(run_loopback(1, run)[0] - over_all(layers, range(3), SIZE)).max() <= bound(np.float32, 3)
+    wanted = over_all([*layers, elsewhere], [0, 1, 3, 2], SIZE)
+    assert np.abs(run_loopback(2, run)[0] - wanted).max() <= bound(np.float32, 4)
 
 
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS.keys() - SEVERAL_IMAGES))

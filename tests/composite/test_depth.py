@@ -10,9 +10,9 @@ from composite.patches import DTYPES, WIDTHS, line, patches
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.composite import job
-from clusterviz.composite.depth import DepthLayer, nearest, nearest_layers, put_nearest
-from clusterviz.composite.layers import Layer, plain_layers
+from clusterviz.composite.over import job
+from clusterviz.composite.over.depth import DepthLayer, nearest, nearest_layers, put_nearest
+from clusterviz.composite.over.layers import Layer, plain_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect

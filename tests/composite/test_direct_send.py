@@ -11,13 +11,14 @@ from composite.images import composite_all, over_all, random_partial, random_rec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.composite import ALGORITHMS, direct_send
-from clusterviz.composite.closed_forms_sparse import direct_send_sparse
-from clusterviz.composite.cubes import cube_footprints
-from clusterviz.composite.cuts import row_borders, top_to_bottom, weighted_borders
+from clusterviz.composite import ALGORITHMS
 from clusterviz.composite.patch import Patch
-from clusterviz.composite.rectangles import Rectangles
-from clusterviz.composite.schedule import borders, check
+from clusterviz.composite.schedules import direct_send
+from clusterviz.composite.schedules.cuts import row_borders, top_to_bottom, weighted_borders
+from clusterviz.composite.schedules.rectangles import Rectangles
+from clusterviz.composite.schedules.schedule import borders, check
+from clusterviz.composite.simulation.closed_forms_sparse import direct_send_sparse
+from clusterviz.composite.simulation.cubes import cube_footprints
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 

@@ -14,7 +14,7 @@ from clusterviz.composite.fragment import Fragment
 from clusterviz.composite.gather import collect
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
-from clusterviz.composite.schedule import Schedule, Stage, Transfer, check, piece
+from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer, check, piece
 from clusterviz.composite.traffic import layers_of, plan_traffic
 from clusterviz.image.region import Rect
 

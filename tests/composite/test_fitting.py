@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.composite.fitting import fit_line, fit_link, fit_program
-from clusterviz.composite.moves import Scene
-from clusterviz.composite.network import Network, open_network
-from clusterviz.composite.prediction import place_ranks, predict
+from clusterviz.composite.model.fitting import fit_line, fit_link, fit_program
+from clusterviz.composite.model.moves import Scene
+from clusterviz.composite.model.network import Network, open_network
+from clusterviz.composite.model.prediction import place_ranks, predict
 
 SIZES = (0, 64, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20, 1 << 22, 1 << 24)
 LARGE = SIZES[5:]

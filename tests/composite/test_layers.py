@@ -10,8 +10,8 @@ from composite.patches import DTYPES, WIDTHS, line, patches, random_pixels, rand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.composite import job
-from clusterviz.composite.layers import Layer, blend_layers, plain_layers
+from clusterviz.composite.over import job
+from clusterviz.composite.over.layers import Layer, blend_layers, plain_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect

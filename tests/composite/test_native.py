@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from clusterviz.composite import native
+from clusterviz.composite.over import native
 
 NAME = ("pair_kernels", "put")
 BLEND = """
 import sys
 import numpy as np
-from clusterviz.composite.blend import over_into
-from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.over.blend import over_into
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.image.region import Rect
 pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
@@ -30,8 +30,8 @@ HALVES = """
 import hashlib
 from pathlib import Path
 import numpy as np
-from clusterviz.composite import native, vector_code
-from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.over import native, vector_code
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.image.region import Rect
 vector_code.HALVES_IN_HARDWARE = eval(hardware)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from clusterviz.composite.network import (
+from clusterviz.composite.model.network import (
     STAND_INS,
     Network,
     default_network,
@@ -52,7 +52,7 @@ def test_what_is_kept_is_read_back(tmp_path: Path) -> None:
 
 def test_shipped_files_give_every_constant() -> None:
     for name in shipped_networks():
-        found = json.loads((Path(__file__).parents[2] / f"clusterviz/composite/networks/{name}.json").read_text())
+        found = json.loads((Path(__file__).parents[2] / f"clusterviz/composite/model/networks/{name}.json").read_text())
         assert set(found) == set(asdict(open_network(name)))
 
 

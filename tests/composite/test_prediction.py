@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.composite.algorithms import ALGORITHMS
-from clusterviz.composite.closed_forms_sparse import direct_send_sparse
-from clusterviz.composite.cubes import cube_footprints
-from clusterviz.composite.flow import count_sparse
-from clusterviz.composite.load import Load, count_dense
-from clusterviz.composite.moves import MOVES, Scene
-from clusterviz.composite.network import Network, open_network
-from clusterviz.composite.prediction import place_ranks, predict
+from clusterviz.composite.model.moves import MOVES, Scene
+from clusterviz.composite.model.network import Network, open_network
+from clusterviz.composite.model.prediction import place_ranks, predict
+from clusterviz.composite.schedules.algorithms import ALGORITHMS
+from clusterviz.composite.schedules.load import Load, count_dense
+from clusterviz.composite.simulation.closed_forms_sparse import direct_send_sparse
+from clusterviz.composite.simulation.cubes import cube_footprints
+from clusterviz.composite.simulation.flow import count_sparse
 
 PIXELS = 512 * 512
 SWAPS = ("tree", "binary-swap", "binary-swap-telescope", "binary-swap-remainder", "2-3-swap", "radix-k")

@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clusterviz.composite import ALGORITHMS, direct_send, pipeline, radix_k
-from clusterviz.composite.pipeline import automatic_batches
-from clusterviz.composite.radix_k import automatic_factors
-from clusterviz.composite.schedule import Counts, Schedule, Stage, Transfer, check, piece
-from clusterviz.composite.swap_2_3 import split
+from clusterviz.composite import ALGORITHMS
+from clusterviz.composite.schedules import direct_send, pipeline, radix_k
+from clusterviz.composite.schedules.pipeline import automatic_batches
+from clusterviz.composite.schedules.radix_k import automatic_factors
+from clusterviz.composite.schedules.schedule import Counts, Schedule, Stage, Transfer, check, piece
+from clusterviz.composite.schedules.swap_2_3 import split
 from clusterviz.errors import InputError
 
 # Fewer pixels than ranks, as many, and many; 31 and the last are primes.

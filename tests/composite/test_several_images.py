@@ -10,9 +10,10 @@ from composite.images import random_rect
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.composite import ALGORITHMS, direct_send, serial, slic
+from clusterviz.composite import ALGORITHMS
 from clusterviz.composite.patch import Patch
-from clusterviz.composite.schedule import AlgorithmOfManyImages, check
+from clusterviz.composite.schedules import direct_send, serial, slic
+from clusterviz.composite.schedules.schedule import AlgorithmOfManyImages, check
 from clusterviz.image.region import Rect
 
 WIDTH, HEIGHT = 13, 11

@@ -10,12 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from clusterviz.composite import ALGORITHMS, pipeline
-from clusterviz.composite.drawing import MOST_RANKS as MOST_DRAWN
-from clusterviz.composite.drawing import write_drawing
-from clusterviz.composite.load import count_dense
-from clusterviz.composite.network import Network, open_network, shipped_networks
-from clusterviz.composite.simulate import Options, simulate
+from clusterviz.composite import ALGORITHMS
+from clusterviz.composite.model.network import Network, open_network, shipped_networks
+from clusterviz.composite.schedules import pipeline
+from clusterviz.composite.schedules.load import count_dense
+from clusterviz.composite.simulation.drawing import MOST_RANKS as MOST_DRAWN
+from clusterviz.composite.simulation.drawing import write_drawing
+from clusterviz.composite.simulation.simulate import Options, simulate
 from clusterviz.errors import InputError
 
 PLAIN = Network("plain", "made up", 1.0, 0.0, 0.0, 0.0)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.comm import run_loopback
-from clusterviz.composite import composite, slic
+from clusterviz.composite import composite
 from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules import slic
 from clusterviz.image.region import Rect
 
 WIDTH, HEIGHT = 29, 23

@@ -22,7 +22,7 @@ from clusterviz.cli.arguments import parse_size
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, ThrottledChannel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
-from clusterviz.composite.network import default_network
+from clusterviz.composite.model.network import default_network
 from clusterviz.errors import DataError
 from clusterviz.image import PartialImage, Rect
 from clusterviz.image.replace import check_replaceable, replacing

@@ -22,9 +22,9 @@ from clusterviz.cli.bench.probes import TINY, time_blend, time_copy, time_link, 
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.comm.place import granted_cores
-from clusterviz.composite.blend import compile_kernels
-from clusterviz.composite.fitting import fit_program
-from clusterviz.composite.network import FILE_VARIABLE, Network, keep_network, kept_path, open_network
+from clusterviz.composite.model.fitting import fit_program
+from clusterviz.composite.model.network import FILE_VARIABLE, Network, keep_network, kept_path, open_network
+from clusterviz.composite.over.blend import compile_kernels
 from clusterviz.errors import InputError
 from clusterviz.image.replace import check_replaceable
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.composite.blend import merge_runs, over, over_into, put_before, put_behind
-from clusterviz.composite.depth import DepthLayer, put_nearest
-from clusterviz.composite.layers import Layer, blend_layers
+from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
+from clusterviz.composite.over.depth import DepthLayer, put_nearest
+from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.image.region import Rect
 

@@ -1,0 +1,181 @@
+"""The constants that predict how long a composition takes, and the files that hold them.
+
+Which file counts: the one that `clusterviz bench network` kept, else one that comes with the package. What the
+constants mean, and how far predictions are from measurements, is told in docs/time-model.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from clusterviz.composite.schedules.load import Load
+from clusterviz.errors import InputError, OutputError
+from clusterviz.image.replace import replacing
+
+FOLDER = Path(__file__).parent / "networks"
+FILE_VARIABLE = "CLUSTERVIZ_NETWORK"
+REQUIRED = ("name", "source", "latency_seconds", "overhead_seconds", "seconds_per_byte", "seconds_per_pixel")
+COUNTS = ("cores", "nodes")
+
+# What stands for a constant that is not given: another one, times a number.
+STAND_INS = {
+    "node_latency_seconds": ("latency_seconds", 1.0),
+    "node_overhead_seconds": ("overhead_seconds", 1.0),
+    "node_seconds_per_byte": ("seconds_per_byte", 1.0),
+    "seconds_per_float_pixel": ("seconds_per_pixel", 1.0),
+    # Blending a byte pixel reads 8 bytes and writes 4; copying one, which reads 4 and writes 4, takes no longer.
+    "copy_seconds_per_byte": ("seconds_per_pixel", 0.25),
+    "barrier_seconds": ("latency_seconds", 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Network:
+    """T = rounds·α + messages of a rank·o + bytes of a rank·β + pixels merged by a rank·γ.
+
+    That is the model between nodes, with one rank on each. What the ranks of a node share is refined by the rest; a
+    constant that is not given (NaN) is derived from the others.
+
+    Attributes
+    ----------
+    name, source : what it is, and where its constants come from
+    latency_seconds : α, of one round between nodes
+    overhead_seconds : o, of one message between nodes
+    seconds_per_byte : β, of the link of a node, in each direction
+    seconds_per_pixel : γ, of the over operator, byte pixels
+    node_latency_seconds, node_overhead_seconds, node_seconds_per_byte : α, o and β inside a node
+    seconds_per_float_pixel : γ of float32 pixels
+    copy_seconds_per_byte : of a copy into memory that the ranks of a node share
+    barrier_seconds : of keeping the ranks of a node in step, where each has a core
+    turn_seconds : of each round, for each rank that a core has beyond the first: they take turns
+    frame_seconds, message_seconds : of this program: for each composition, and for each message beyond o
+    cores : of a node; 0 where each rank has one of its own
+    nodes : how many there were when the constants were measured; 1 tells nothing of a network
+    """
+
+    name: str
+    source: str
+    latency_seconds: float
+    overhead_seconds: float
+    seconds_per_byte: float
+    seconds_per_pixel: float
+    node_latency_seconds: float = math.nan
+    node_overhead_seconds: float = math.nan
+    node_seconds_per_byte: float = math.nan
+    seconds_per_float_pixel: float = math.nan
+    copy_seconds_per_byte: float = math.nan
+    barrier_seconds: float = math.nan
+    turn_seconds: float = 0.0
+    frame_seconds: float = 0.0
+    message_seconds: float = 0.0
+    cores: int = 0
+    nodes: int = 2
+
+    def __post_init__(self) -> None:
+        for name, (other, factor) in STAND_INS.items():
+            if math.isnan(getattr(self, name)):
+                object.__setattr__(self, name, getattr(self, other) * factor)
+
+    def seconds(self, load: Load, bytes_per_pixel: int) -> float:
+        """The time predicted for a load, one rank a node; links carry both directions at once, so the busier counts."""
+        messages = max(load.messages_sent.max(initial=0), load.messages_received.max(initial=0))
+        pixels = max(load.pixels_sent.max(initial=0), load.pixels_received.max(initial=0))
+        return float(
+            load.rounds * self.latency_seconds
+            + messages * self.overhead_seconds
+            + pixels * bytes_per_pixel * self.seconds_per_byte
+            + load.pixels_received.max(initial=0) * self.seconds_per_pixel
+        )
+
+
+def shipped_networks() -> list[str]:
+    """Names of the network files that come with the package."""
+    return sorted(path.stem for path in FOLDER.glob("*.json"))
+
+
+def open_network(name: str) -> Network:
+    """Read a network file, or one of those that come with the package by its name.
+
+    Raises
+    ------
+    InputError
+        There is no such file, it is not JSON, or a key is missing, unknown or impossible.
+    """
+    path = FOLDER / f"{name}.json" if name in shipped_networks() else Path(name)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        allowed = f"a JSON file, or {', '.join(shipped_networks())}"
+        raise InputError("no such network file", where=name, found=error.strerror, allowed=allowed) from None
+    except ValueError as error:
+        raise InputError("not a JSON file", where=name, found=error, allowed="as in docs/time-model.md") from None
+    known = [field.name for field in fields(Network)]
+    if not isinstance(found, dict) or not set(REQUIRED) <= set(found) <= set(known):
+        keys = ", ".join(found) if isinstance(found, dict) else type(found).__name__
+        allowed = f"{', '.join(REQUIRED)}; and of {', '.join(known[len(REQUIRED) :])} what is known"
+        raise InputError("wrong keys in a network file", where=name, found=keys, allowed=allowed)
+    return Network(**{key: _value(f"{name}: {key}", key, value) for key, value in found.items()})
+
+
+def _value(where: str, key: str, value: object) -> Any:
+    """One value of a file, checked."""
+    if key in ("name", "source"):
+        return str(value)
+    if key in COUNTS:
+        if isinstance(value, bool) or not isinstance(value, int) or value < (key == "nodes"):
+            raise InputError("not a number of things", where=where, found=value, allowed="a whole number")
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError("not a time", where=where, found=value, allowed="seconds, 0 and more")
+    return float(value)
+
+
+def kept_path() -> Path:
+    """Where the measured constants of this user are kept: the environment names the file, else its folder."""
+    named, folder = os.environ.get(FILE_VARIABLE), os.environ.get("XDG_CONFIG_HOME")
+    return Path(named) if named else Path(folder or Path.home() / ".config") / "clusterviz" / "network.json"
+
+
+def keep_network(network: Network, path: Path) -> None:
+    """Write a network file, whole or not at all; its folder is made where it is missing.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError("no folder can be made here", where=str(path.parent), found=error.strerror) from None
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(asdict(network), indent=2) + "\n", encoding="utf-8")
+
+
+def default_network(nodes: int) -> Network:
+    """The network of a run on so many nodes: the measured one, else one that comes with the package.
+
+    Several nodes of which nothing is known are taken for slow ones, 10 Gb/s Ethernet: an algorithm that saves bytes
+    loses little on a faster network, while one that wastes them loses much on a slower one. Cores that nobody counted
+    are those of this machine.
+
+    Raises
+    ------
+    InputError
+        The kept file is named by the environment and missing, or it is broken.
+    """
+    path = kept_path()
+    kept = open_network(str(path)) if path.exists() or os.environ.get(FILE_VARIABLE) else None
+    if kept is None:
+        shipped = open_network("laptop" if nodes < 2 else "ethernet-10g")
+        return replace(shipped, cores=os.cpu_count() or 1)
+    if nodes < 2 or kept.nodes > 1:
+        return kept
+    slow = open_network("ethernet-10g")
+    between = ("latency_seconds", "overhead_seconds", "seconds_per_byte")
+    return replace(kept, name=f"{kept.name}; {slow.name}", **{name: getattr(slow, name) for name in between})

@@ -1,0 +1,131 @@
+"""The over operator for two images at a time: in place, out of place, and between runs of active pixels.
+
+For floats, c = f + (1 − α_f)·b in each channel, alpha too, product and sum rounded to float32 one by one; halves are
+blended so and rounded once more. For uint8 the same with a division by 255 rounded to nearest exactly,
+(x + 128 + ((x + 128) >> 8)) >> 8: each merge rounds once, by half a level at most. `over` is the plain NumPy twin; the
+compiled kernels equal it bit for bit. Many layers are blended at once in `layers.py`, which rounds only once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.codec.contract import Pixels
+from clusterviz.comm.channel import Channel
+from clusterviz.composite.over.job import DTYPES, entry, head, run, runs_at
+from clusterviz.composite.over.job_layout import BEFORE, BEHIND, INTO
+from clusterviz.composite.over.native import kernel
+from clusterviz.composite.patch import Patch
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+
+__all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_before", "put_behind"]
+
+# Active pixels (n, 4), and their runs as in `layers.Layer`.
+Active = tuple[NDArray[Any], NDArray[np.int32]]
+
+
+def over(front: Pixels, back: Pixels) -> NDArray[Any]:
+    """Front over back in plain NumPy.
+
+    Parameters
+    ----------
+    front, back : float32, float16 or uint8 (..., 4), both of one type, premultiplied
+    """
+    if front.dtype == np.uint8:
+        product = back.astype(np.uint32) * (255 - front[..., 3:].astype(np.uint32)) + 128
+        return np.minimum(front + ((product + (product >> 8)) >> 8), 255).astype(np.uint8)
+    near, far = front.astype(np.float32, copy=False), back.astype(np.float32, copy=False)
+    blended: NDArray[Any] = near + (np.float32(1) - near[..., 3:]) * far
+    return blended.astype(front.dtype, copy=False)
+
+
+def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+    """target = source over target, in place, where both have pixels.
+
+    Parameters
+    ----------
+    target, source : of one type, uint8, float16 or float32 (patch.count, 4), premultiplied, C order
+    target_patch, source_patch : which pixels of the canvas they are
+    threads : how many may work at once; small targets are not shared out
+
+    Raises
+    ------
+    InputError
+        Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
+    """
+    _put(target, target_patch, source, source_patch, BEFORE, threads)
+
+
+def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+    """target = target over source, in place, where both have pixels; otherwise as `put_before`."""
+    _put(target, target_patch, source, source_patch, BEHIND, threads)
+
+
+def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, wish: int, threads: int) -> None:
+    _check_types(target, source)
+    numbers = [*head(target, target_patch, 1, wish), *entry(source, source_patch)]
+    run(kernel("pair_kernels", "put"), numbers, (target_patch, source_patch), threads)
+
+
+def over_into(out: Pixels, front: Pixels, back: Pixels, *, threads: int = 1) -> None:
+    """out = front over back; all (n, 4) of one type, C order; otherwise as `put_before`."""
+    _check_types(out, front, back)
+    patch = Patch(1, 0, len(out), Rect(0, 0, 1, len(out)))
+    numbers = [*head(out, patch, 2, INTO), *entry(front, patch), *entry(back, patch)]
+    run(kernel("pair_kernels", "put"), numbers, (patch,) * 3, threads)
+
+
+def merge_runs(front: Active, back: Active) -> Active:
+    """Front over back, where both are runs of active pixels, as runs again: nothing is unpacked, or blended with blank.
+
+    Parameters
+    ----------
+    front, back : pixels (n, 4) of one type, and int32 (k, 2) runs, ascending and disjoint, counted in the same patch
+
+    Returns
+    -------
+    pixels, runs : every pixel that is active in either; runs that touch are one
+
+    Raises
+    ------
+    InputError
+        As in `put_before`.
+    """
+    _check_types(front[0], back[0])
+    pixels = np.empty((len(front[0]) + len(back[0]), 4), front[0].dtype)
+    runs = np.empty((len(front[1]) + len(back[1]), 2), np.int32)
+    nowhere = Patch(0, 0, 0, Rect(0, 0, 0, 0))
+    numbers = head(pixels, nowhere, 2, 0, runs_at(runs)[0])
+    for active, where in (front, back):
+        numbers += entry(active, nowhere, *runs_at(where))
+    count = run(kernel("pair_kernels", "merge_runs"), numbers, (nowhere,) * 3)
+    runs = runs[:count]
+    return pixels[: int(runs[:, 1].sum())], runs
+
+
+def _check_types(*images: Pixels) -> None:
+    types = {image.dtype for image in images}
+    if len(types) > 1:
+        raise InputError("images differ in pixel type", found=", ".join(sorted(str(dtype) for dtype in types)))
+
+
+def compile_kernels(channel: Channel) -> None:
+    """Compile what blending needs, or load what an earlier run compiled; collective.
+
+    One rank of each node compiles while the others wait, since all would take as long and get in each other's way.
+    """
+    if channel.size == 1:
+        return
+    if channel.place().local_rank == 0:
+        _load_kernels()
+    channel.barrier()
+    _load_kernels()
+
+
+def _load_kernels() -> None:
+    kernel("layer_kernels", "blend_layers")
+    kernel("pair_kernels", "put")

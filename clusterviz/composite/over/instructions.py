@@ -1,0 +1,106 @@
+"""Words and bytes at addresses, as functions of int64 for numba.
+
+Kernels take addresses instead of arrays: one signature then serves all types, shapes and read-only arrays, and what is
+not checked in Python is checked in the job (`job.py`). No function here raises, so none needs Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from clusterviz.composite.over import vector_code
+
+# numba's own building blocks carry no types.
+_on_stack: Callable[..., Any] = cgutils.alloca_once
+
+_BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """A part of a kernel; divisions by zero do not raise."""
+    return numba.njit(error_model="numpy")(function)
+
+
+def instruction(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
+    """A function of so many int64 for numba, from what emits its code: `emit(builder, *numbers)`."""
+
+    def define(given: tuple[Any, ...]) -> Any:
+        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            made = emit(builder, *args)
+            return context.get_dummy_value() if result is types.void else made
+
+        return result(*(types.int64 for _ in given)), generate
+
+    # numba reads how many arguments there are off the function.
+    by_count = (
+        lambda context: define(()),
+        lambda context, a: define((a,)),
+        lambda context, a, b: define((a, b)),
+        lambda context, a, b, c: define((a, b, c)),
+        lambda context, a, b, c, d: define((a, b, c, d)),
+        lambda context, a, b, c, d, e: define((a, b, c, d, e)),
+    )
+    return intrinsic(by_count[numbers])
+
+
+def _pointer(builder: Any, address: Any, index: Any, element: Any) -> Any:
+    return builder.gep(builder.inttoptr(address, element.as_pointer()), [index])
+
+
+def _load_int(builder: Any, address: Any, index: Any) -> Any:
+    return builder.sext(builder.load(_pointer(builder, address, index, _INT), align=1), _WORD)
+
+
+def _load_alpha(builder: Any, address: Any, pixel: Any) -> Any:
+    lane = builder.add(builder.shl(pixel, ir.Constant(_WORD, 2)), ir.Constant(_WORD, 3))
+    return builder.load(_pointer(builder, address, lane, ir.FloatType()))
+
+
+def _store_int(builder: Any, address: Any, index: Any, value: Any) -> None:
+    builder.store(builder.trunc(value, _INT), _pointer(builder, address, index, _INT), align=1)
+
+
+def _fill(builder: Any, address: Any, bytes_: Any) -> None:
+    pointer = builder.inttoptr(address, _BYTE.as_pointer())
+    kind = ir.FunctionType(ir.VoidType(), [pointer.type, _BYTE, _WORD, ir.IntType(1)])
+    fill = builder.module.declare_intrinsic("llvm.memset", [pointer.type, _WORD], kind)
+    builder.call(fill, [pointer, ir.Constant(_BYTE, 0), bytes_, ir.Constant(ir.IntType(1), 0)])
+
+
+def _move(builder: Any, target: Any, source: Any, bytes_: Any) -> None:
+    pointers = [builder.inttoptr(address, _BYTE.as_pointer()) for address in (target, source)]
+    kinds = [pointers[0].type, pointers[1].type, _WORD]
+    kind = ir.FunctionType(ir.VoidType(), [*kinds, ir.IntType(1)])
+    move = builder.module.declare_intrinsic("llvm.memcpy", kinds, kind)
+    builder.call(move, [*pointers, bytes_, ir.Constant(ir.IntType(1), 0)])
+
+
+# word(address, index), number(address, index): the int64 or int32 at an index of a table.
+word = instruction(2, lambda b, address, index: b.load(_pointer(b, address, index, _WORD)), types.int64)
+number = instruction(2, _load_int, types.int64)
+# set_word(address, index, value), set_number(address, index, value)
+set_word = instruction(3, lambda b, address, index, value: b.store(value, _pointer(b, address, index, _WORD)))
+set_number = instruction(3, _store_int)
+# alpha(address, pixel): of a float pixel.
+alpha = instruction(2, _load_alpha, types.float32)
+# any_set(address): whether any bit of 64 bytes is set.
+any_set = instruction(1, lambda b, address: vector_code.any_set(b, address, 64), types.boolean)
+# clear(address, bytes), copy(target, source, bytes)
+clear = instruction(2, _fill)
+copy = instruction(3, _move)
+
+
+def scratch(bytes_: int) -> Any:
+    """A function that returns the address of so many bytes on the stack of its caller."""
+
+    def emit(builder: Any) -> Any:
+        lines = ir.ArrayType(ir.VectorType(ir.FloatType(), 16), bytes_ // 64)
+        return builder.ptrtoint(_on_stack(builder, lines), _WORD)
+
+    return instruction(0, emit, types.int64)

@@ -1,0 +1,100 @@
+"""Many layers in one pass: read once each, blended in float32, rounded once.
+
+Merging two images at a time reads and writes the result again for each layer, and rounds bytes each time. Here a strip
+of the picture is made from all layers that touch it at once, wherever they lie: whole images in shared memory, received
+messages, runs of active pixels. Bytes come out within 0.51 levels of the exact picture for any number of layers, floats
+within n·2⁻²³. `plain_layers` is the plain NumPy twin; the compiled kernel equals it bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.composite.over.job import entry, head, run, runs_at
+from clusterviz.composite.over.native import kernel
+from clusterviz.composite.patch import Patch
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One image's share.
+
+    Attributes
+    ----------
+    patch : which pixels of the canvas
+    pixels : uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
+    runs : int32 (k, 2), ascending and disjoint: the first active pixel of each run, counted in the patch's own pixels,
+        and how many follow each other; None where all pixels are there
+    """
+
+    patch: Patch
+    pixels: NDArray[Any]
+    runs: NDArray[np.int32] | None = None
+
+
+def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, split: int = 0, threads: int = 1) -> None:
+    """out = (the first `split` layers over each other) over (the others over each other), clipped to a patch.
+
+    Parameters
+    ----------
+    layers : front to back, of any types; they may reach outside the patch, or not into it
+    patch : of the target, on the same canvas
+    out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
+    split : layers in the front group
+    threads : how many may work at once; small targets are not shared out
+
+    Raises
+    ------
+    InputError
+        An array of a wrong type or shape, not in C order, or a target that is read-only.
+    """
+    numbers = head(out, patch, len(layers), min(max(split, 0), len(layers)))
+    for layer in layers:
+        runs = (0, -1) if layer.runs is None else runs_at(layer.runs)
+        numbers += entry(layer.pixels, layer.patch, *runs)
+    patches = [patch, *(layer.patch for layer in layers)]
+    run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)
+
+
+def plain_layers(layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], split: int = 0) -> NDArray[Any]:
+    """What `blend_layers` writes, by whole canvases of plain NumPy: (patch.count, 4)."""
+    bottom = max(place.rect.y_end for place in (patch, *(layer.patch for layer in layers)))
+    groups = []
+    for group in (layers[:split], layers[split:]):
+        groups.append(np.zeros((patch.width * bottom, 4), np.float32))
+        for layer in group:
+            behind = np.zeros_like(groups[-1])
+            behind[_active(layer)] = _as_floats(layer.pixels)
+            groups[-1] += (np.float32(1) - groups[-1][:, 3:]) * behind
+    front, back = (group[_numbers(patch)] for group in groups)
+    blended = front + (np.float32(1) - front[:, 3:]) * back
+    if dtype == np.uint8:
+        blended = np.clip(blended * np.float32(255) + np.float32(0.5), 0, 255)
+    result: NDArray[Any] = blended.astype(dtype)
+    return result
+
+
+def _as_floats(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    floats = pixels.astype(np.float32)
+    return floats * np.float32(1 / 255) if pixels.dtype == np.uint8 else floats
+
+
+def _numbers(patch: Patch) -> NDArray[np.int64]:
+    """The canvas numbers of a patch's pixels."""
+    rect = patch.rect
+    rows, columns = np.arange(rect.y_begin, rect.y_end), np.arange(rect.x_begin, rect.x_end)
+    numbers = (rows[:, None] * patch.width + columns).reshape(-1)
+    return numbers[(numbers >= patch.begin) & (numbers < patch.end)]
+
+
+def _active(layer: Layer) -> NDArray[np.int64]:
+    """The canvas numbers of the pixels that a layer stores."""
+    numbers = _numbers(layer.patch)
+    if layer.runs is None:
+        return numbers
+    return np.concatenate([numbers[first : first + length] for first, length in layer.runs] + [numbers[:0]])

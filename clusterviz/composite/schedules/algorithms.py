@@ -1,0 +1,72 @@
+"""The registry of compositing algorithms: a name, and the function that makes its schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules import (
+    binary_swap,
+    binary_swap_remainder,
+    binary_swap_telescope,
+    binary_tree,
+    direct_send,
+    parallel_pipeline,
+    pipeline,
+    radix_k,
+    serial,
+    slic,
+    swap_2_3,
+)
+from clusterviz.composite.schedules.schedule import Algorithm, Schedule
+from clusterviz.errors import InputError
+
+_MODULES = {
+    "serial": serial,
+    "pipeline": pipeline,
+    "tree": binary_tree,
+    "direct-send": direct_send,
+    "binary-swap": binary_swap,
+    "binary-swap-telescope": binary_swap_telescope,
+    "binary-swap-remainder": binary_swap_remainder,
+    "2-3-swap": swap_2_3,
+    "radix-k": radix_k,
+    "parallel-pipeline": parallel_pipeline,
+    "slic": slic,
+}
+ALGORITHMS: dict[str, Algorithm] = {name: module.schedule for name, module in _MODULES.items()}
+
+# Algorithms of one round, in which every owner sorts all that it receives: a rank may have any number of images.
+SEVERAL_IMAGES = frozenset(name for name, module in _MODULES.items() if module.SEVERAL_IMAGES)
+
+
+def check_algorithm(name: str) -> None:
+    """Refuse a name that is neither an algorithm nor "auto".
+
+    Raises
+    ------
+    InputError
+        There is no such algorithm.
+    """
+    if name != "auto" and name not in ALGORITHMS:
+        allowed = ", ".join([*ALGORITHMS, "auto"])
+        raise InputError("unknown compositing algorithm", where="cluster.compositing", found=name, allowed=allowed)
+
+
+def candidates(ranks: int) -> list[str]:
+    """The algorithms that are the fastest somewhere, for so many ranks.
+
+    Up to its largest factor radix-k is direct send, and at powers of two all swaps are binary swap.
+    """
+    swaps = (
+        ["binary-swap"] if ranks & (ranks - 1) == 0 else ["binary-swap-telescope", "binary-swap-remainder", "2-3-swap"]
+    )
+    return ["direct-send", *swaps, *(["radix-k"] if ranks > radix_k.LARGEST_FACTOR else []), "tree"]
+
+
+def make_schedule(name: str, ranks: int, pixels: int, patches: Sequence[Patch], owners: Sequence[int]) -> Schedule:
+    """The schedule of an algorithm for images that cover these patches, front to back; `owners` are their ranks."""
+    if len(patches) == ranks and list(owners) == list(range(ranks)):
+        return ALGORITHMS[name](ranks, pixels, patches)
+    several: Callable[..., Schedule] = ALGORITHMS[name]
+    return several(ranks, pixels, patches, owners_of=owners)

@@ -1,0 +1,51 @@
+"""Binary swap: neighbours swap halves, then quarters, then eighths; folded for any number of ranks.
+
+What: in round k ranks pair up at distance 2^k; each keeps one half of what it held and sends the other. Where n is not
+a power of two, n − 2^d ranks first hand their whole image to the neighbour in front ("fold") and drop out.
+When: tens to thousands of ranks with dense images: few messages, all ranks busy, every rank ends with one piece.
+When not: sparse images, which direct send moves with fewer bytes; n just above a power of two, where the fold moves
+whole images first.
+Cost, n = 2^d: d rounds, n·d messages, (n − 1)·P pixels, a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded:
+one round and r messages more, d·2^d messages in the swaps; a rank sends at most P and receives at most (2 − 2^−d)·P.
+Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
+Reference: K.-L. Ma, J. S. Painter, C. D. Hansen, M. F. Krogh, "Parallel volume rendering using binary-swap
+compositing", IEEE Computer Graphics and Applications 14(4), 1994. On folding: K. Moreland, "Comparing binary-swap
+algorithms for odd factors of processes", LDAV 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
+
+SEVERAL_IMAGES = False
+
+
+def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+    """Fold to a power of two, then swap."""
+    rounds = ranks.bit_length() - 1
+    folded = ranks - (1 << rounds) if ranks else 0
+    # The first 2·folded ranks pair up, so the swappers remain in visibility order.
+    swappers = np.concatenate([np.arange(0, 2 * folded, 2), np.arange(2 * folded, ranks)]).astype(np.int64)
+    front = swappers[:folded]
+    fold = [Stage.of_columns(front + 1, front, np.array(0), np.array(pixels))] if folded else []
+    return Schedule(ranks, pixels, (*fold, *(swap(swappers, round_, pixels) for round_ in range(rounds))))
+
+
+def swap(swappers: Indices, round_: int, pixels: int) -> Stage:
+    """Round `round_` among 2^d ranks: pieces of 2^round_ parts are halved between partners at distance 2^round_."""
+    partner = np.arange(len(swappers), dtype=np.int64) ^ (1 << round_)
+    cuts, part = borders(2 << round_, pixels), parts(partner, round_ + 1)
+    return Stage.of_columns(swappers, swappers[partner], cuts[part], cuts[part + 1])
+
+
+def parts(index: Indices, bits: int) -> Indices:
+    """Which of 2^bits pieces a swapper holds after `bits` rounds: its lowest bits, first round most significant."""
+    result = np.zeros_like(index)
+    for bit in range(bits):
+        result |= (index >> bit & 1) << (bits - 1 - bit)
+    return result

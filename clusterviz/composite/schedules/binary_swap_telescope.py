@@ -1,0 +1,59 @@
+"""Telescoped binary swap: blocks of 2^d ranks swap on their own, then each smaller block hands its pieces to a larger.
+
+What: n is cut into blocks whose sizes are its binary digits, largest first (13 = 8 + 4 + 1). Each block does a binary
+swap of its own. The smallest block is ready first and hands its pieces to the next larger one, which is then ready
+itself; and so on, until the largest holds the picture.
+When: rank counts that are no power of two, where the fold would move whole images: here only the smallest block may.
+When not: a power of two (it is binary swap then); sparse images, which direct send moves with fewer bytes.
+Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds (hand-over in one block hides behind swaps in the larger ones; a
+schedule that does not hide it needs d + popcount − 1), Σ d_i·2^d_i messages in swaps and Σ 2^d_i over all blocks but
+the smallest in hand-overs, (n − 1)·P pixels; a rank sends at most P.
+Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
+Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018; K. Moreland,
+W. Kendall, T. Peterka, J. Huang, "An image compositing solution at scale", SC 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules.binary_swap import parts, swap
+from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
+
+SEVERAL_IMAGES = False
+
+
+def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+    """Swap in blocks, and hand over as soon as both blocks are ready."""
+    blocks = _blocks(ranks)
+    rounds = ranks.bit_length() - 1 + (len(blocks) > 1)
+    stages = []
+    for round_ in range(rounds):
+        swaps = [swap(block, round_, pixels) for block in blocks if len(block) >> round_ > 1]
+        # A block of 2^round_ ranks has no more swaps; by now the smaller one has ended too.
+        hand_overs = [
+            _hand_over(smaller, larger, pixels) for larger, smaller in pairwise(blocks) if len(larger) >> round_ == 1
+        ]
+        stages.append(Stage.join([*swaps, *hand_overs]))
+    return Schedule(ranks, pixels, tuple(stages))
+
+
+def _blocks(ranks: int) -> list[Indices]:
+    """Consecutive ranks, by the binary digits of their number, largest block in front."""
+    blocks, begin = [], 0
+    for digit in reversed(range(ranks.bit_length())):
+        if ranks >> digit & 1:
+            blocks.append(np.arange(begin, begin + (1 << digit), dtype=np.int64))
+            begin += 1 << digit
+    return blocks
+
+
+def _hand_over(smaller: Indices, larger: Indices, pixels: int) -> Stage:
+    """Every rank of the larger block gets its piece; one rank of the smaller holds it within its own."""
+    index = np.arange(len(larger), dtype=np.int64)
+    part, cuts = parts(index, len(larger).bit_length() - 1), borders(len(larger), pixels)
+    return Stage.of_columns(smaller[index % len(smaller)], larger, cuts[part], cuts[part + 1])

@@ -1,0 +1,105 @@
+"""Direct send: every rank owns one piece of the picture and gets that piece from everybody at once.
+
+What: one round; each of the n ranks owns one of n pieces. Where images are sparse, the borders of the pieces are chosen
+such that as many covered pixels meet in each, and the pieces are handed out from top to bottom to the ranks whose own
+images lie there, so that a rank keeps much of what it owns. With b bands, the canvas is cut into b·n bands of rows,
+dealt to the ranks like cards, instead. With m owners, m ranks spread evenly own pieces, the others only send.
+When: up to some tens of ranks, and sparse images at any number: no pixel moves twice, and a rank sends nothing to the
+owner of a piece that its footprint does not touch, so sparse images move less than with any swap or tree.
+When not: hundreds of ranks with dense images: the number of messages grows with n².
+Cost: 1 round, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1)
+messages; a rank sends at most P, an owner receives (n − 1)/m·P. Bricks of a cube on 8 ranks: none receives more than
+0.21·P, with pieces of equal size (1 band) 0.38·P. Bands balance as well as weighted borders, but nearly every rank
+then sends to every other; they are for what rectangles do not tell, such as holes in the images.
+Limits: any number of ranks and pixels; with more ranks than pixels some own nothing. Several partial images a rank:
+any number, in any order of depth, since an owner sorts all that it receives.
+Reference: W. M. Hsu, "Segmented ray casting for data parallel volume rendering"; U. Neumann, "Parallel volume-rendering
+algorithm performance on mesh-connected multicomputers"; both Parallel Rendering Symposium, 1993.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules.cuts import row_borders, top_to_bottom, weighted_borders
+from clusterviz.composite.schedules.rectangles import Rectangles
+from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
+from clusterviz.errors import InputError
+
+SEVERAL_IMAGES = True
+
+
+def schedule(
+    ranks: int,
+    pixels: int,
+    footprints: Sequence[Patch] = (),
+    *,
+    owners: int | None = None,
+    bands: int | None = None,
+    owners_of: Sequence[int] | None = None,
+) -> Schedule:
+    """All to all owners, in one stage.
+
+    Parameters
+    ----------
+    footprints : what each image covers; without them the canvas is one row that all of them cover
+    owners : how many ranks own pieces; by default all
+    bands : of each owner, of equal height; by default one piece each, of equal cover
+    owners_of : the rank of each image, where ranks have several; by default, rank k has image k
+
+    Raises
+    ------
+    InputError
+        There are more owners than ranks, or none; or no bands.
+    """
+    known = Rectangles.of_patches(footprints) if footprints else None
+    owner, cuts = choose_pieces(ranks, pixels, known, owners, bands, owners_of)
+    if ranks < 2:
+        return Schedule(ranks, pixels, ())
+    source = np.arange(ranks, dtype=np.int64)[:, None]
+    return Schedule(ranks, pixels, (Stage.of_columns(source, owner, cuts[:-1], cuts[1:]),))
+
+
+def choose_pieces(
+    ranks: int,
+    pixels: int,
+    footprints: Rectangles | None,
+    owners: int | None = None,
+    bands: int | None = None,
+    owners_of: Sequence[int] | None = None,
+) -> tuple[Indices, Indices]:
+    """The owner of each piece, and where the pieces begin and the last ends.
+
+    Raises
+    ------
+    InputError
+        There are more owners than ranks, or none; or no bands.
+    """
+    owners = choose_owners(ranks, owners)
+    owner = np.arange(owners, dtype=np.int64) * ranks // max(owners, 1)
+    if bands is not None:
+        if bands < 1:
+            raise InputError("too few bands for direct send", found=bands, allowed="1 and more")
+        count = bands * owners
+        return np.tile(owner, bands), row_borders(count, footprints) if footprints is not None else borders(
+            count, pixels
+        )
+    if footprints is None:
+        return owner, borders(owners, pixels)
+    return top_to_bottom(footprints, ranks, owners_of)[owner], weighted_borders(owners, footprints)
+
+
+def choose_owners(ranks: int, owners: int | None) -> int:
+    """How many ranks own a piece: all, unless told otherwise.
+
+    Raises
+    ------
+    InputError
+        There are more owners than ranks, or none.
+    """
+    if owners is not None and not min(ranks, 1) <= owners <= ranks:
+        raise InputError("wrong number of owners for direct send", found=owners, allowed=f"1 to {ranks}")
+    return ranks if owners is None else owners

@@ -1,0 +1,212 @@
+"""Any algorithm on up to 65,536 ranks, without MPI: what it moves, and how long that should take.
+
+Dense images: direct send, SLIC and the parallel pipeline, which have n² transfers, are counted in closed form; all
+others by counting every transfer of the schedule. Sparse images: direct send is counted row by row of the footprints,
+the pipelines piece by piece, SLIC block by block, and the others by following the bounding rectangles through the
+schedule exactly as the exchange would send them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from clusterviz.composite.model.network import Network
+from clusterviz.composite.patch import Patch
+from clusterviz.composite.schedules import direct_send, pipeline, radix_k, slic
+from clusterviz.composite.schedules.algorithms import ALGORITHMS, candidates, check_algorithm
+from clusterviz.composite.schedules.load import Load, count_dense, count_transfers
+from clusterviz.composite.schedules.rectangles import Rectangles
+from clusterviz.composite.schedules.schedule import Algorithm, Schedule
+from clusterviz.composite.simulation.closed_forms import direct_send_dense, parallel_pipeline_dense
+from clusterviz.composite.simulation.closed_forms_sparse import (
+    direct_send_sparse,
+    parallel_pipeline_sparse,
+    pipeline_sparse,
+)
+from clusterviz.composite.simulation.cubes import cube_footprints
+from clusterviz.composite.simulation.flow import count_sparse
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+
+MOST_RANKS = 65_536
+# SLIC cuts sparse images into a number of cells that grows with n²: 3000 ranks took a minute and 1.6 GB at 2048×2048.
+MOST_SPARSE_RANKS = {"slic": 4096}
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What one composition would cost; the final gather is not in it.
+
+    Attributes
+    ----------
+    footprints : "dense" or "cubes"
+    counted : "closed form", or "schedule" where all transfers were counted
+    messages_sent, pixels_sent, bytes_sent : of all ranks together
+    seconds : predicted by the time model of `network`
+    worst_rank : the position whose messages, bytes and pixels take longest, and its load below
+    """
+
+    algorithm: str
+    ranks: int
+    size: tuple[int, int]
+    footprints: str
+    network: str
+    counted: str
+    bytes_per_pixel: int
+    messages_sent: int
+    pixels_sent: int
+    bytes_sent: int
+    rounds: int
+    seconds: float
+    worst_rank: int
+    worst_rank_messages_sent: int
+    worst_rank_messages_received: int
+    worst_rank_pixels_sent: int
+    worst_rank_pixels_received: int
+
+
+@dataclass(frozen=True)
+class Options:
+    """What some algorithms can be told; None leaves it to them."""
+
+    factors: tuple[int, ...] | None = None
+    owners: int | None = None
+    bands: int | None = None
+    batches: int | None = None
+
+    def algorithm(self, name: str) -> Algorithm:
+        """The schedule function of an algorithm with its option.
+
+        Raises
+        ------
+        InputError
+            An option is given that the algorithm does not have.
+        """
+        options: dict[str, tuple[Callable[..., Schedule], dict[str, object]]] = {
+            "radix-k": (radix_k.schedule, {"factors": self.factors}),
+            "direct-send": (direct_send.schedule, {"owners": self.owners, "bands": self.bands}),
+            "pipeline": (pipeline.schedule, {"batches": self.batches}),
+        }
+        for owner, (function, values) in options.items():
+            given = {option: value for option, value in values.items() if value is not None}
+            if given and owner != name:
+                text = f"an option that {name} does not have"
+                raise InputError(text, found=", ".join(given), allowed=f"with {owner} only")
+            if given:
+                return partial(function, **given)
+        return ALGORITHMS[name]
+
+
+def simulate(
+    algorithm: str,
+    ranks: int,
+    size: tuple[int, int],
+    network: Network,
+    *,
+    footprints: str = "dense",
+    bytes_per_pixel: int = 16,
+    options: Options | None = None,
+) -> Simulation:
+    """Count and predict one composition, without its final gather, so that any rank may be the root of that.
+
+    Parameters
+    ----------
+    algorithm : a name of the registry, or "auto": the fastest of those that are the fastest somewhere
+    size : (width, height) of the picture
+    footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
+
+    Raises
+    ------
+    InputError
+        An unknown name, an option that does not fit, or more ranks than can be simulated.
+    """
+    check_algorithm(algorithm)
+    options = options or Options()
+    if algorithm == "auto":
+        every = (
+            simulate(name, ranks, size, network, footprints=footprints, bytes_per_pixel=bytes_per_pixel)
+            for name in candidates(ranks)
+        )
+        return min(every, key=lambda simulation: simulation.seconds)
+    load, counted = count_load(algorithm, ranks, size, footprints, options)
+    busy = (
+        np.maximum(load.messages_sent, load.messages_received) * network.overhead_seconds
+        + np.maximum(load.pixels_sent, load.pixels_received) * bytes_per_pixel * network.seconds_per_byte
+        + load.pixels_received * network.seconds_per_pixel
+    )
+    worst = int(np.argmax(busy))
+    pixels = int(load.pixels_sent.sum())
+    columns = (load.messages_sent, load.messages_received, load.pixels_sent, load.pixels_received)
+    return Simulation(
+        algorithm, ranks, size, footprints, network.name, counted, bytes_per_pixel,
+        int(load.messages_sent.sum()), pixels, pixels * bytes_per_pixel, load.rounds,
+        network.seconds(load, bytes_per_pixel), worst, *(int(column[worst]) for column in columns),
+    )  # fmt: skip
+
+
+def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> Schedule:
+    """The schedule itself, whatever its size: to be drawn, or counted where there is no closed form."""
+    function = options.algorithm(name)
+    if footprints == "dense":
+        return function(ranks, size[0] * size[1], ())
+    rectangles = cube_footprints(ranks, size)
+    # The others do not look at footprints; making 10⁵ patches for them would be for nothing.
+    patches = _patches(rectangles) if name in ("slic", "direct-send") else ()
+    return function(ranks, rectangles.canvas_pixels, patches)
+
+
+def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
+    """The load of each rank, whatever the network, and how it was counted: "closed form" or "schedule".
+
+    Raises
+    ------
+    InputError
+        As of `simulate`.
+    """
+    _check(name, ranks, footprints)
+    options.algorithm(name)
+    if footprints == "cubes":
+        return _count_sparse(name, cube_footprints(ranks, size), options)
+    pixels = size[0] * size[1]
+    if name in ("direct-send", "slic"):
+        return direct_send_dense(ranks, pixels, options.owners, options.bands), "closed form"
+    if name == "parallel-pipeline":
+        return parallel_pipeline_dense(ranks, pixels), "closed form"
+    return count_dense(build_schedule(name, ranks, size, footprints, options)), "schedule"
+
+
+def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[Load, str]:
+    ranks = len(footprints)
+    if name == "direct-send":
+        return direct_send_sparse(footprints, options.owners, options.bands), "closed form"
+    if name == "pipeline":
+        return pipeline_sparse(footprints, options.batches), "closed form"
+    if name == "parallel-pipeline":
+        return parallel_pipeline_sparse(footprints), "closed form"
+    if name == "slic":
+        # What SLIC sends is covered by its sender, so all of it travels.
+        table, rows = slic.deal(ranks, footprints)
+        moved = rows * (table[:, 3] - table[:, 2])
+        return count_transfers(ranks, np.zeros_like(rows), table[:, 0], table[:, 1], moved), "schedule"
+    schedule = options.algorithm(name)(ranks, footprints.canvas_pixels, ())
+    return count_sparse(schedule, footprints), "schedule"
+
+
+def _patches(footprints: Rectangles) -> list[Patch]:
+    """The same, one by one, for schedules that look at them."""
+    sides = zip(*(column.tolist() for column in footprints.columns()[2:]), strict=True)
+    return [Patch(footprints.width, 0, footprints.canvas_pixels, Rect(*rect)) for rect in sides]
+
+
+def _check(name: str, ranks: int, footprints: str) -> None:
+    if footprints not in ("dense", "cubes"):
+        raise InputError("unknown footprints", found=footprints, allowed="dense, cubes")
+    most = MOST_SPARSE_RANKS.get(name, MOST_RANKS) if footprints == "cubes" else MOST_RANKS
+    if not 1 <= ranks <= most:
+        kind = "sparse" if footprints == "cubes" else "dense"
+        text = f"cannot simulate {name} of {kind} images on so many ranks"
+        raise InputError(text, found=ranks, allowed=f"1 to {most}")
