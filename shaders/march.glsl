@@ -74,7 +74,7 @@ bool is_done(Sum sum);
 vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     Sum sum = Sum(before, vec4(0.0));
     vec3 slab = vec3(ray.slab);
-    int last = min(ray.slabs - 1, ray.end), iterations = 0;
+    int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
     while (k < last && iterations < ITERATIONS) {
         Place place;
         for (;;) {
@@ -94,7 +94,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     }
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
-        if (place.brick >= 0 && k == last && ray.end == ray.slabs) {
+        if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs) {
             add_run(sum, last_of(ray, place, slab, ray.last_share));
             ++samples;
         }

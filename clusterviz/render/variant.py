@@ -113,6 +113,7 @@ class Variant:
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self.surfaces).lower()}; // in which volumes are cut")
+        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
         if self.surfaces:
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
