@@ -14,6 +14,7 @@ FLOAT = re.compile(
     |\.(?:nan|NaN|NAN))$""",
     re.VERBOSE,
 )
+BREAKS = re.compile("[\x85\u2028\u2029]")
 
 
 class SceneLoader(yaml.SafeLoader):
@@ -34,7 +35,17 @@ class SceneLoader(yaml.SafeLoader):
 
 
 class SceneDumper(yaml.SafeDumper):
-    """The safe dumper, which quotes every text that `SceneLoader` would take for a number."""
+    """The safe dumper, which quotes every text that `SceneLoader` would take for a number.
+
+    It escapes the rarer line breaks of Unicode, too: unescaped, a reader may fold them.
+    """
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """A text; in double quotes, which escape, where it holds such a break."""
+        return self.represent_scalar("tag:yaml.org,2002:str", text, '"' if BREAKS.search(text) else None)
+
+
+SceneDumper.add_representer(str, SceneDumper.represent_text)
 
 
 for _kind in (SceneLoader, SceneDumper):
