@@ -273,7 +273,6 @@ PLANNED: dict[str, tuple[object, ...]] = {
     "classification": ("pre", "pre-integrated", "preintegrated"),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),
-    "codec": ("lz4", "rle", "active-pixel"),
-    "transport": ("shared", "hierarchical"),
+    "codec": ("rle", "active-pixel"),
     "distribution": ("static", "dynamic"),
 }
