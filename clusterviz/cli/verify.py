@@ -145,6 +145,7 @@ def run_all(
         *overrides,
         f"volumes.0.opacity={FAINT}",
         "volumes.0.opacity_unit_distance=null",
+        "volumes.0.blending=composite",
         "quality.early_termination=0",
     ]
     owners = list({(c.ranks, c.brick): c for c in configurations[::-1]}.values())[::-1] if ownership else []

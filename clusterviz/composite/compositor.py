@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -18,21 +18,33 @@ from clusterviz.codec import AutoCodec, Rows, choose_codec, pack, prepare_codecs
 from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import mark_agreed
+from clusterviz.comm.window import SharedWindow
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
-from clusterviz.composite.gather import Pack, collect
+from clusterviz.composite.gather import Pack, check_inside, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
 from clusterviz.composite.messages import Plan, plan_messages, run_messages
 from clusterviz.composite.model.choice import Choice, Wanted, choose
 from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.node_memory import NodeMemory
 from clusterviz.composite.piece import Piece
-from clusterviz.composite.shared import blend_strip, share_images
+from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
 Images = PartialImage | Pixels | Sequence[PartialImage]
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """What was decided for footprints: the choice, and the plan of messages or of a strip."""
+
+    footprints: Footprints
+    window: SharedWindow | None
+    choice: Choice
+    messages: Plan | None
+    strip: StripPlan | None
 
 
 class Compositor:
@@ -75,7 +87,7 @@ class Compositor:
         self._pack = _packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
-        self._planned: tuple[Footprints, str, Plan] | None = None
+        self._planned: _Planned | None = None
         self._prepared = codec == "raw"
 
     def image(self, rect: Rect, dtype: Any) -> Pixels:
@@ -116,10 +128,10 @@ class Compositor:
             footprints = share_images(mine, order, self._channel, self._memory)
         else:
             footprints = gather_footprints(mine, order, self._channel)
-        with _on_every_rank():
-            choice = choose(self._wanted, footprints, self._nodes, self._network, several=footprints.several)
+        planned = self._plan(footprints)
+        choice = planned.choice
         seconds_agree = perf_counter() - started
-        piece, stages = self._run(mine, footprints, choice)
+        piece, stages = self._run(mine, footprints, planned)
         started = perf_counter()
         messages: list[int] = []
 
@@ -139,17 +151,19 @@ class Compositor:
             self._memory.free()
 
     def _run(
-        self, images: Sequence[PartialImage], footprints: Footprints, choice: Choice
+        self, images: Sequence[PartialImage], footprints: Footprints, planned: _Planned
     ) -> tuple[Piece, tuple[StageCounters, ...]]:
+        choice, memory = planned.choice, self._memory
         if choice.transport != "shared":
             self._prepare_codecs(footprints.dtype)
-        if choice.transport == "messages" or not self._memory:
-            return run_messages(images, footprints, self._plan(footprints, choice.algorithm), self._channel, self._pack)
-        if choice.transport == "shared":
-            piece, counters = blend_strip(footprints, self._channel, self._memory, self._size, self._root)
+        if planned.messages:
+            return run_messages(images, footprints, planned.messages, self._channel, self._pack)
+        if planned.strip and memory:
+            piece, counters = blend_strip(planned.strip, footprints, memory)
             return piece, (counters,)
-        placed = place_images(images, footprints, self._channel, self._memory)
-        return compose_strip(placed, self._nodes, self._channel, self._memory, choice.algorithm, self._pack)
+        assert memory, "only ranks that share memory are given this choice"
+        placed = place_images(images, footprints, self._channel, memory)
+        return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
     def _prepare_codecs(self, dtype: np.dtype[Any]) -> None:
         """Compile what codecs need, once: one rank of each node does, and the others find it done; collective."""
@@ -161,12 +175,24 @@ class Compositor:
         prepare_codecs((dtype,))
         self._prepared = True
 
-    def _plan(self, footprints: Footprints, algorithm: str) -> Plan:
-        """The plan of the last frame, where nothing has changed."""
-        if self._planned is None or self._planned[:2] != (footprints, algorithm):
-            plan = plan_messages(footprints, self._channel.rank, algorithm)
-            self._planned = (footprints, algorithm, plan)
-        return self._planned[2]
+    def _plan(self, footprints: Footprints) -> _Planned:
+        """The plan of the last frame, where neither the images nor their memory have moved."""
+        window = self._memory.window if self._memory and len(self._nodes) == 1 else None
+        last = self._planned
+        if last is None or last.window is not window or last.footprints != footprints:
+            self._planned = last = self._plan_anew(footprints, window)
+        return last
+
+    def _plan_anew(self, footprints: Footprints, window: SharedWindow | None) -> _Planned:
+        with _on_every_rank():
+            choice = choose(self._wanted, footprints, self._nodes, self._network, several=footprints.several)
+        messages = strip = None
+        if choice.transport == "messages":
+            messages = plan_messages(footprints, self._channel.rank, choice.algorithm)
+        elif choice.transport == "shared" and self._memory:
+            check_inside(footprints.canvas, self._size)
+            strip = plan_strip(footprints, self._channel, self._memory, self._size, self._root)
+        return _Planned(footprints, window, choice, messages, strip)
 
     def _uses_memory(self) -> bool:
         """Whether a transport that shares memory may be chosen; the ranks of the nodes are the same for all."""

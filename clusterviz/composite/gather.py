@@ -62,7 +62,7 @@ def collect(
     CodecError
         A message is damaged.
     """
-    _check_size(piece.canvas, size)
+    check_inside(piece.canvas, size)
     if piece.gathered:
         return piece.picture if channel.rank == root else None
     if channel.rank != root:
@@ -237,7 +237,14 @@ def _clear_around(rgba: Pixels, canvas: Rect) -> None:
     rgba[canvas.y_begin : canvas.y_end, canvas.x_end :] = 0
 
 
-def _check_size(canvas: Rect, size: tuple[int, int]) -> None:
+def check_inside(canvas: Rect, size: tuple[int, int]) -> None:
+    """Refuse images that the picture does not hold; all ranks know the canvas, so all raise.
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
     if canvas.pixels and canvas.intersect(Rect(0, 0, *size)) != canvas:
         text = "a partial image reaches outside the picture"
         raise mark_agreed(InputError(text, found=canvas, allowed=f"0, 0 to {size}"))

@@ -8,10 +8,12 @@ when the images are there, which also tells where they lie, and one when the str
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
+from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
@@ -42,20 +44,37 @@ def share_images(
         memory.grow(images)
 
 
-def blend_strip(
+@dataclass(frozen=True, eq=False)
+class StripPlan:
+    """What one rank blends: good as long as the images and their memory stay where they are.
+
+    Attributes
+    ----------
+    layers : the images' rows in this rank's strip, front to back, in place
+    strip : on the whole picture as canvas
+    target : its pixels (strip.count, 4), a part of the picture
+    picture : the whole of it, on the root; None elsewhere
+    """
+
+    layers: tuple[Layer, ...]
+    strip: Patch
+    target: Pixels
+    picture: Pixels | None
+
+
+def plan_strip(
     footprints: Footprints, channel: Channel, memory: NodeMemory, size: tuple[int, int], root: int
-) -> tuple[Piece, StageCounters]:
-    """Blend this rank's strip into the picture, and wait for the others; collective.
+) -> StripPlan:
+    """Cut the picture into strips, and find what lies in this rank's.
 
     Parameters
     ----------
     size : (width, height) of the picture, which holds all images
     """
-    started = perf_counter()
     screen = Rect(0, 0, *size)
     members = memory.window.members
     picture = memory.picture(members.index(root), size, footprints.dtype)
-    rows = cut_strips(screen, [layer.rect for layer in footprints.layers], len(members))
+    rows = cut_strips(screen, [image.rect for image in footprints.layers], len(members))
     top, bottom = rows[memory.window.index], rows[memory.window.index + 1]
     strip = Patch(screen.width, top * screen.width, bottom * screen.width, Rect(0, top, screen.width, bottom))
     layers = []
@@ -63,9 +82,15 @@ def blend_strip(
         rect, pixels = memory.rows(image, top, bottom, footprints.dtype)
         if rect.pixels:
             layers.append(Layer(Patch(screen.width, 0, screen.pixels, rect), pixels))
-    blend_layers(layers, strip, picture[top:bottom].reshape(-1, 4))
+    mine = picture if channel.rank == root else None
+    return StripPlan(tuple(layers), strip, picture[top:bottom].reshape(-1, 4), mine)
+
+
+def blend_strip(plan: StripPlan, footprints: Footprints, memory: NodeMemory) -> tuple[Piece, StageCounters]:
+    """Blend this rank's strip into the picture, and wait for the others; collective."""
+    started = perf_counter()
+    blend_layers(plan.layers, plan.strip, plan.target)
     blended = perf_counter()
     memory.exchange(np.zeros(1, np.int64))
     counters = StageCounters(seconds_blend=blended - started, seconds_wait=perf_counter() - blended)
-    mine = picture if channel.rank == root else None
-    return Piece(footprints.canvas, footprints.dtype, (), (), picture=mine, gathered=True), counters
+    return Piece(footprints.canvas, footprints.dtype, (), (), picture=plan.picture, gathered=True), counters
