@@ -83,7 +83,8 @@ class Compositor:
             mine = network or default_network(len(self._nodes))
         self._network = self._channel.broadcast(mine)
         with _on_every_rank():
-            self._wanted = Wanted(algorithm, transport, choose_codec(codec))
+            choose_codec(codec)
+            self._wanted = Wanted(algorithm, transport, codec)
         self._pack = _packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
@@ -230,7 +231,8 @@ def composite(
     with _on_every_rank():
         nodes = len(channel.nodes())
         network = channel.broadcast(default_network(nodes))
-        wanted = Wanted(algorithm, "messages", choose_codec(codec))
+        choose_codec(codec)
+        wanted = Wanted(algorithm, "messages", codec)
     started = perf_counter()
     mine = as_images(images)
     footprints = gather_footprints(mine, order, channel)

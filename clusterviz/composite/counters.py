@@ -58,7 +58,8 @@ class CompositeCounters:
 
     Attributes
     ----------
-    algorithm, codec, transport : what ran; an algorithm or a transport is never "auto"
+    algorithm, transport : what ran, never "auto"
+    codec : as wanted; "auto" is decided for each message
     participants : ranks that had pixels
     seconds_agree : the exchange of footprints, and the planning
     seconds_predicted : by the time model, from the footprints to the picture on the root
