@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
 
 from clusterviz import frame
-from clusterviz.comm import run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
-from clusterviz.errors import ClustervizError, DataError, RankError
-from clusterviz.frame import STEPS, Options, Rendered, render_frame
+from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
+from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, render_frame
+from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.settings import with_settings
@@ -39,7 +42,8 @@ def test_every_rank_hears_of_every_step_in_order() -> None:
 
 @pytest.mark.gl
 def test_statistics_name_every_stage_and_count_what_was_done() -> None:
-    rendered = draw(3)[0]
+    scene = with_settings(SCENE, {"transport": "messages"})
+    rendered = run_loopback(3, lambda channel: render_frame(scene, channel))[0]
     report = statistics_file(rendered.scene.image.size, [rendered.statistics], {"imports": 1.0})
     (told,) = report["frames"]
     assert (report["ranks"], report["size"]) == (3, [24, 18])
@@ -141,3 +145,126 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
     assert plain.image is not None
     assert again.image is not None
     np.testing.assert_array_equal(again.image, plain.image)
+
+
+CAMERAS = ((60.0, 10.0, 5.0), (-40.0, 30.0, 9.0), (7.0, 7.0, -50.0), (8.0, 7.0, 6.0))
+HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
+LOOKS = ({}, {"blending": "maximum"}, {"shade": True}, {"interpolation": "cubic", "filter": "exact"})
+
+
+def scenes_of(look: dict[str, Any], path: str = "field:gaussian:16") -> list[Scene]:
+    """Every camera, and transfer functions that show nothing, then little, then all, then with another range."""
+    first = with_settings(scene_of_data(path, ["image.size=[24,18]", "cluster.brick=8"]), {"clim": (0.0, 1.0)} | look)
+    changes: list[dict[str, Any]] = [{"position": camera, "focal_point": (7.5, 7.5, 7.5)} for camera in CAMERAS]
+    changes += [{"opacity": points} for points in (HIDDEN, CORE, ALL)]
+    changes += [{"opacity": ALL, "clim": (0.2, 0.9), "cmap": "viridis"}, {"opacity": CORE}]
+    return [with_settings(first, change) for change in changes]
+
+
+def draw_all(scenes: list[Scene], channel: Channel, keep: bool = False) -> list[Rendered]:
+    with FrameLoop(scenes[0], channel, options=Options(keep_bricks=keep)) as loop:
+        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
+
+
+def check_frames(frames: list[Rendered], scenes: list[Scene]) -> None:
+    """Each is what is drawn alone."""
+    assert len(frames) == len(scenes)
+    for frame_, scene in zip(frames, scenes, strict=True):
+        alone = render_frame(scene, LoopbackChannel()).image
+        assert frame_.image is not None
+        assert alone is not None
+        assert compare(frame_.image, alone, 1e-5).count == 0
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("look", LOOKS, ids=str)
+def test_every_frame_of_a_loop_is_what_is_drawn_alone(look: dict[str, Any], ranks: int) -> None:
+    scenes = scenes_of(look)
+    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel, keep=ranks == 3))[0]
+    check_frames(frames, scenes)
+    assert [frame_.statistics.number for frame_ in frames] == list(range(len(scenes)))
+
+
+@pytest.mark.gl
+@pytest.mark.mpi(ranks=[1, 3], timeout=120)
+def test_every_frame_of_a_loop_is_what_is_drawn_alone_over_mpi(mpi_ranks: int) -> None:
+    channel = MpiChannel()
+    scenes = scenes_of({})
+    frames = draw_all(scenes, channel)
+    assert len(frames[0].statistics.per_rank) == mpi_ranks
+    if channel.rank == 0:
+        check_frames(frames, scenes)
+    channel.close()
+
+
+@pytest.mark.gl
+def test_another_camera_reads_compiles_and_uploads_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    from clusterviz.render.raycast import Raycaster
+
+    done: list[str] = []
+    for name in ("__init__", "load"):
+        right = getattr(Raycaster, name)
+        monkeypatch.setattr(Raycaster, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
+    read = frame.read_bricks
+    monkeypatch.setattr(frame, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
+    scenes = scenes_of({})[: len(CAMERAS)]
+    draw_all(scenes, LoopbackChannel())
+    assert sorted(done) == ["__init__", "load", "read", "read"]
+
+
+@pytest.mark.gl
+def test_chunks_are_ordered_anew_for_every_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bricks that need several buffers: each view has its own order of them."""
+    scenes = scenes_of({})[: len(CAMERAS)]
+    alone = [render_frame(scene, LoopbackChannel()).image for scene in scenes]
+    for name in ("raycast", "lasting"):
+        monkeypatch.setattr(import_module(f"clusterviz.render.{name}"), "capacity", lambda *_: 2)
+    for drawn, picture in zip(draw_all(scenes, LoopbackChannel()), alone, strict=True):
+        assert drawn.image is not None
+        assert picture is not None
+        assert compare(drawn.image, picture, 1e-5).count == 0
+
+
+@pytest.mark.gl
+def test_a_camera_that_sees_nothing_gives_a_blank_frame_and_the_next_is_right() -> None:
+    scenes = scenes_of({})[:2]
+    away = with_settings(scenes[0], {"position": (60.0, 10.0, 5.0), "focal_point": (90.0, 10.0, 5.0)})
+    frames = run_loopback(3, lambda channel: draw_all([scenes[0], away, scenes[1]], channel))[0]
+    assert frames[1].image is not None
+    assert not frames[1].image.any()
+    check_frames(frames, [scenes[0], away, scenes[1]])
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"size": (9, 9)}, "image.size: was [24, 18], is [9, 9]"),
+        ({"step": 0.5}, "quality.step: was 1.0, is 0.5"),
+        ({"shade": True}, "volumes[0].shade: was false, is true"),
+    ],
+)
+def test_a_frame_that_differs_in_more_is_refused(change: dict[str, Any], said: str) -> None:
+    first = scenes_of({})[0]
+    with pytest.raises(SceneError) as raised:
+        run_loopback(2, lambda channel: draw_all([first, with_settings(first, change)], channel))
+    assert said in str(raised.value)
+
+
+@pytest.mark.gl
+def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    from clusterviz.render.raycast import Raycaster
+
+    scenes, right = scenes_of({})[:3], Raycaster.draw
+    calls: list[int] = []
+
+    def fail_later(caster: Raycaster, plan: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 3:
+            raise ValueError("odd")
+        return right(caster, plan)
+
+    monkeypatch.setattr(Raycaster, "draw", fail_later)
+    with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):
+        draw_all(scenes, LoopbackChannel())

@@ -9,23 +9,45 @@ from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
 
+from clusterviz.report.trace import Span
+
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
 
 
 @dataclass
 class Clock:
-    """Seconds of each stage on one rank; stages that repeat add up."""
+    """Seconds of each stage on one rank; stages that repeat add up.
+
+    Attributes
+    ----------
+    seconds : by stage
+    spans : when each was, for a trace; None where nobody wants to know
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
+    spans: list[Span] | None = None
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Measure the body."""
+    def stage(self, name: str, shown: str = "") -> Iterator[None]:
+        """Measure the body; a trace shows it under another name, where there is one."""
         started = perf_counter()
         try:
             yield
         finally:
-            self.add(name, perf_counter() - started)
+            ended = perf_counter()
+            self.add(name, ended - started)
+            self.note(Span(shown or name, name, started, ended))
+
+    def note(self, *spans: Span) -> None:
+        """Keep spans for the trace, if there will be one."""
+        if self.spans is not None:
+            self.spans.extend(spans)
+
+    def add_span(self, name: str, began: float, seconds: float) -> float:
+        """Count seconds that were measured elsewhere, from a known time on; when they ended."""
+        self.add(name, seconds)
+        self.note(Span(name, name, began, began + seconds))
+        return began + seconds
 
     def add(self, name: str, seconds: float) -> None:
         """Count seconds that were measured elsewhere."""
@@ -65,15 +87,27 @@ class RankFrame:
 
 @dataclass(frozen=True)
 class FrameStatistics:
-    """One frame on all ranks; index = rank."""
+    """One frame on all ranks.
+
+    Attributes
+    ----------
+    per_rank : index = rank
+    number : of the frame in its animation
+    """
 
     per_rank: tuple[RankFrame, ...]
+    number: int = 0
 
     @property
     def seconds(self) -> dict[str, float]:
         """The slowest rank's seconds of each stage, and of the whole."""
         names = dict.fromkeys(name for rank in self.per_rank for name in rank.seconds)
         return {name: max(rank.seconds.get(name, 0.0) for rank in self.per_rank) for name in names}
+
+    @property
+    def renderer(self) -> str:
+        """OpenGL's name of what drew; "" where nothing did."""
+        return next((rank.renderer for rank in self.per_rank if rank.renderer), "")
 
     @property
     def imbalance(self) -> float:
@@ -84,6 +118,7 @@ class FrameStatistics:
     def as_json(self) -> dict[str, Any]:
         """The frame as it stands in a statistics file."""
         return {
+            "number": self.number,
             "seconds": self.seconds,
             "imbalance": self.imbalance,
             "per_rank": [asdict(rank) for rank in self.per_rank],
@@ -98,14 +133,13 @@ def statistics_file(
     Parameters
     ----------
     size : (width, height) of the picture
-    frames : at least one
+    frames : those that were drawn; none where an animation was whole already
     startup : seconds from the start of the process to the first frame, by part
     """
-    ranks = frames[0].per_rank
     return {
-        "ranks": len(ranks),
+        "ranks": len(frames[0].per_rank) if frames else 0,
         "size": list(size),
-        "renderer": next((rank.renderer for rank in ranks if rank.renderer), ""),
+        "renderer": next((frame.renderer for frame in frames if frame.renderer), ""),
         "startup": startup,
         "frames": [frame.as_json() for frame in frames],
     }

@@ -8,24 +8,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
 from statistics import median
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.composite import compile_kernels
-from clusterviz.composite.compositor import Compositor
+from clusterviz.comm.agree import mark_agreed
 from clusterviz.errors import SceneError
-from clusterviz.frame import Options, Run, Share, prepare
-from clusterviz.gl.context import open_context
-from clusterviz.image.merge import merge_partials
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.plan.plan import Plan
-from clusterviz.render.projection import finish_projection
-from clusterviz.render.raycast import Raycaster
-from clusterviz.report.statistics import peak_memory_bytes
+from clusterviz.frame import FrameLoop
+from clusterviz.report.statistics import FrameStatistics
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]
@@ -83,112 +75,42 @@ class Measured:
     renderer: str
 
 
-@dataclass(frozen=True)
-class Frame:
-    """One frame on one rank."""
-
-    render_seconds: float
-    total_seconds: float
-    samples: int
-    bytes_sent: int
-    messages_sent: int
-
-
 def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Measured:
     """Draw a scene several times; collective.
 
     Parameters
     ----------
     scene : with a volume
-    frames, warm_up : how many are timed, after how many that are not
+    frames, warm_up : how many are timed, after how many that are not: at least one, which reads, uploads and compiles
 
     Raises
     ------
     SceneError, RankError
         On every rank: nothing to draw, or a rank failed.
     """
-    run = Run(channel, Options())
-    share = prepare(run, scene)
-    if share.plan is None:
-        raise SceneError("nothing to measure", where="volumes", allowed="a scene with a volume")
-    caster = _caster(run, share)
-    with run.together("kernels", "kernels"):
-        compile_kernels(channel)
-        compositor = _compositor(run, share)
-    drawn = [_frame(run, share, caster, compositor) for _ in range(warm_up + frames)]
-    per_rank = channel.allgather([frame for frame, _ in drawn[warm_up:]])
-    memory = channel.allgather((caster.voxel_bytes if caster else 0, peak_memory_bytes()))
-    names = channel.allgather(caster.renderer if caster else "")
-    compositor.close()
-    return Measured(_cost(per_rank, memory), drawn[-1][1], share.scene, next(filter(None, names), ""))
+    if not scene.volumes:
+        raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene with a volume"))
+    with FrameLoop(scene, channel) as loop:
+        costs = []
+        for number in range(warm_up + frames):
+            channel.barrier()
+            drawn = loop.frame(number=number)
+            costs.append(drawn.statistics)
+    return Measured(_cost(costs[warm_up:]), drawn.image, drawn.scene, drawn.statistics.renderer)
 
 
-def _caster(run: Run, share: Share) -> Raycaster | None:
-    """This rank's bricks, ready to be drawn; None where it has none."""
-    with run.together("context", "context"):
-        place = run.channel.place()
-    with run.alone("context", "context"):
-        if not share.bricks or share.plan is None or share.tree is None:
-            return None
-        context = open_context(place.local_rank)
-        caster = Raycaster(context, share.plan, share.tree.leaves[run.channel.rank].trimmed)
-        caster.load(share.plan, share.bricks)
-        return caster
-
-
-def _compositor(run: Run, share: Share) -> Compositor:
-    cluster, size = share.scene.cluster, share.scene.image.size
-    return Compositor(
-        run.channel, size, algorithm=cluster.compositing, codec=cluster.codec, transport=cluster.transport
-    )  # fmt: skip
-
-
-def _frame(run: Run, share: Share, caster: Raycaster | None, compositor: Compositor) -> tuple[Frame, Image | None]:
-    """Draw, composite and collect once, all ranks together from a barrier on."""
-    with run.together("barrier", "exchange"):
-        run.channel.barrier()
-    started = perf_counter()
-    partial: PartialImage = blank()
-    picture: NDArray[Any] | None
-    seconds, samples = 0.0, 0
-    with run.alone("render", "render"):
-        if caster and share.plan:
-            drawn = caster.draw(share.plan)
-            partial, seconds, samples = drawn.partial, drawn.seconds_render, drawn.samples
-    with run.together("composite", "exchange"):
-        if share.plan and share.plan.look.operator != "over":
-            picture, sent = _project(run, share, share.plan, partial), (0, 0)
-        else:
-            picture, counters = compositor.composite(partial, share.order)
-            sent = (counters.total.bytes_sent, counters.total.messages_sent)
-    spent = perf_counter() - started
-    # The picture may lie in memory that the next frame changes.
-    kept = None if picture is None else np.array(picture, np.float32)
-    return Frame(seconds, spent, samples, *sent), kept
-
-
-def _project(run: Run, share: Share, plan: Plan, partial: PartialImage) -> Image | None:
-    """A picture that is not composited: its parts are merged on rank 0, as `frame` does it."""
-    parts = run.channel.gather(partial)
-    if parts is None:
-        return None
-    ordered = (parts[rank] for rank in share.order)
-    return finish_projection(plan, merge_partials(ordered, share.scene.image.size, plan.look.operator))
-
-
-def _cost(per_rank: list[list[Frame]], memory: list[tuple[int, int]]) -> Cost:
+def _cost(frames: list[FrameStatistics]) -> Cost:
     """Times are of the slowest rank in each frame; counts are of the last frame, and the same in each."""
-    frames = list(zip(*per_rank, strict=True))
-    totals = [max(rank.total_seconds for rank in frame) for frame in frames]
-    last = frames[-1]
+    totals = [frame.seconds["total"] for frame in frames]
+    last = frames[-1].per_rank
     return Cost(
-        median(max(rank.render_seconds for rank in frame) for frame in frames),
+        median(frame.seconds["render"] for frame in frames),
         median(totals),
         min(totals),
         max(totals),
         sum(rank.samples for rank in last),
-        sum(voxel_bytes for voxel_bytes, _ in memory),
-        max(peak for _, peak in memory),
+        sum(rank.voxel_bytes for rank in last),
+        max(rank.peak_memory_bytes for rank in last),
         sum(rank.bytes_sent for rank in last),
         sum(rank.messages_sent for rank in last),
     )

@@ -1,0 +1,103 @@
+"""How a frame is run: what it is told, what it gives, and its steps, each announced, timed, and failing in one way.
+
+What is done alone (reading, drawing) is agreed on at its end, so that a failure on one rank becomes the same failure on
+all. What is done together (compositing, gathering) ends the job when it fails, since the others wait for messages that
+will never come. `comm/agree.py` says how.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm import Channel, abort_on_failure, agree
+from clusterviz.report.statistics import STAGES, Clock, FrameStatistics
+from clusterviz.report.trace import Span
+from clusterviz.scene.values import Scene
+
+Image = NDArray[np.float32]
+STEPS = (
+    *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
+    *("kernels", "composite", "check", "write"),
+)
+"""What `Options.progress` is told, in this order; a frame may leave some out."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture and what it cost; the image on rank 0 only.
+
+    Attributes
+    ----------
+    image : float32 (h, w, 4), premultiplied, before the background; None on ranks other than 0
+    scene : the completed scene that was drawn
+    statistics : of all ranks, on every rank
+    spans : of this rank, where they are traced
+    """
+
+    image: Image | None
+    scene: Scene
+    statistics: FrameStatistics
+    spans: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run, none of which changes the picture.
+
+    Attributes
+    ----------
+    device : EGL device index, instead of the round robin over the node's GPUs
+    check : composite a second time, serially, and compare
+    debug : show the traceback of a failure that ends the job
+    progress : called on every rank with the name of each step as it begins
+    write : called on rank 0 with the picture and the completed scene; its time counts as "finish"
+    trace : keep spans of what is done
+    keep_bricks : in this process's memory too, for frames whose transfer functions differ
+    """
+
+    device: int | None = None
+    check: bool = False
+    debug: bool = False
+    progress: Callable[[str], None] = lambda step: None
+    write: Callable[[Image, Scene], None] = lambda image, scene: None
+    trace: bool = False
+    keep_bricks: bool = False
+
+
+class Run:
+    """What every step needs: the channel, the options, the number of the frame, and this rank's clock."""
+
+    def __init__(self, channel: Channel, options: Options) -> None:
+        self.channel, self.options, self.frame = channel, options, 0
+        self.clock = Clock(dict.fromkeys(STAGES, 0.0), [] if options.trace else None)
+
+    def start_frame(self) -> tuple[Span, ...]:
+        """Count from zero again; the spans so far, where they are traced."""
+        spans = self.clock.spans
+        self.clock = Clock(dict.fromkeys(STAGES, 0.0), None if spans is None else [])
+        return tuple(spans or ())
+
+    @contextmanager
+    def alone(self, step: str, stage: str = "") -> Iterator[None]:
+        """A step in which no rank talks; at its end they agree on whether it failed, and do not time the waiting.
+
+        Without a stage it is not timed here; likewise below.
+        """
+        self.options.progress(step)
+        with agree(self.channel, self.frame, step), self._timed(step, stage):
+            yield
+
+    @contextmanager
+    def together(self, step: str, stage: str = "") -> Iterator[None]:
+        """A step in which ranks talk: one that fails ends the job."""
+        self.options.progress(step)
+        with abort_on_failure(self.channel, self.frame, step, self.options.debug), self._timed(step, stage):
+            yield
+
+    def _timed(self, step: str, stage: str) -> AbstractContextManager[None]:
+        return self.clock.stage(stage, step) if stage else nullcontext()
