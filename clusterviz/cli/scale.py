@@ -1,0 +1,186 @@
+"""`clusterviz scale`: how a scene scales on this machine, and what to expect beyond it, as a page with its numbers.
+
+Each rank count is a job of its own, so that one that fails takes no other along. The job is this same command with
+`--measure`. Every rank has as many threads at every count, so that more ranks are more cores: llvmpipe alone would
+use all of them on one rank, and no rank added could make anything faster.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
+from clusterviz.cli.jobs import refuse_launcher, run_job
+from clusterviz.cli.progress import show_progress
+from clusterviz.comm import agree, limit_threads, open_channel
+from clusterviz.comm.place import THREAD_VARIABLES, granted_cores
+from clusterviz.composite.model.network import default_network, open_network, shipped_networks
+from clusterviz.errors import ClustervizError, SceneError
+from clusterviz.report.pages.folder import check_folder, replacing_folder
+from clusterviz.report.pages.scale.forecast import Expected, Machine, Rates, find_rates, forecast, rank_numbers
+from clusterviz.report.pages.scale.measure import Image, Measured, measure, measured_from_json
+from clusterviz.report.pages.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
+from clusterviz.report.pages.scale.survey import Found, run_survey, steps_of
+from clusterviz.report.pages.tradeoff.page import check_libraries
+from clusterviz.scene import Cluster, Scene, open_scene
+
+PICTURE, RESULT = "picture.npy", "result.json"
+
+
+def command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,4",
+    weak: Annotated[bool, typer.Option("--weak/--no-weak", help="Weak scaling too: step / n on n ranks.")] = True,
+    define: Define = None,
+    size: Size = None,
+    frames: Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")] = 5,
+    network: Annotated[
+        str | None,
+        typer.Option(metavar="F.json", help=f"Predict for this network: a file, or {', '.join(shipped_networks())}."),
+    ] = None,
+    ranks_per_node: Annotated[
+        int | None, typer.Option(min=1, help="Predict for so many ranks a node; default: this machine's cores.")
+    ] = None,
+    one_job: Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")] = False,
+) -> None:
+    """Measure how a scene scales (starting mpirun by itself), and predict how it would on up to 65,536 ranks."""
+    if one_job:
+        measure_job(Path(scene), output)
+        return
+    refuse_launcher("scale")
+    check_libraries()
+    counts = sorted(parse_counts(ranks, 1, "--ranks"))
+    machine = _machine(network, ranks_per_node)
+    opened = open_scene(scene, overrides_of(define, size))
+    if not opened.volumes:
+        raise SceneError("nothing to measure", where=f"{scene}: volumes", allowed="a scene with a volume")
+    check_folder(output, NUMBERS)
+    threads = threads_per_rank(counts)
+    with (
+        tempfile.TemporaryDirectory(prefix="clusterviz-scale-") as folder,
+        show_progress(steps_of(counts, weak)) as progress,
+    ):
+        job = MpirunJob(frames, threads, Path(folder))
+        found = run_survey(opened, counts, weak, job, progress)
+        drawn = Scene.model_validate(json.loads((Path(folder) / RESULT).read_text())["scene"])
+    shown = opened.model_copy(update={"camera": drawn.camera, "volumes": drawn.volumes, "image": drawn.image})
+    report = make_report(Path(scene).name, shown, frames, threads, found, machine)
+    with replacing_folder(output, NUMBERS) as temporary:
+        write_report(temporary, report)
+    print("\n".join(report.verdict))
+    for failed in found.failed:
+        print(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
+    print(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}", flush=True)
+
+
+def threads_per_rank(counts: Sequence[int]) -> str:
+    """Threads of each rank at every count: what the largest count that has a core a rank leaves to each.
+
+    "" where the environment sets them already.
+    """
+    if any(name in os.environ for name in THREAD_VARIABLES):
+        return ""
+    cores = len(granted_cores())
+    return str(cores // max((count for count in counts if count <= cores), default=cores))
+
+
+def make_report(name: str, scene: Scene, frames: int, threads: str, found: Found, machine: Machine) -> Report:
+    """The measurements with their forecasts and the machine's description."""
+    points = (*found.strong, *found.weak)
+    rates = find_rates(points)
+    return Report(
+        name=name,
+        scene=scene,
+        frames=frames,
+        threads=threads,
+        found=found,
+        rates=rates,
+        machine=machine,
+        strong=forecast(rates, machine, scene.cluster, False, rank_numbers()),
+        weak=forecast(rates, machine, scene.cluster, True, rank_numbers()) if found.weak else [],
+        others=_elsewhere(rates, machine, scene.cluster),
+        environment=_environment(max(point.ranks for point in points)),
+    )
+
+
+def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
+    """Where to predict for: the network that was named, else the one that is known here."""
+    each = ranks_per_node or len(granted_cores())
+    if network:
+        named = open_network(network)
+        return Machine(named, named, each)
+    return Machine(default_network(1), default_network(2), each)
+
+
+def _elsewhere(rates: Rates, machine: Machine, cluster: Cluster) -> dict[str, list[Expected]]:
+    """The same on the networks that come with the package, as far as they are networks, and others than the first."""
+    others = [open_network(name) for name in shipped_networks()]
+    others = [other for other in others if other.nodes > 1 and other.name != machine.far.name]
+    return {
+        other.name: forecast(rates, Machine(other, other, machine.ranks_per_node), cluster, False, rank_numbers())
+        for other in others
+    }
+
+
+def _environment(ranks: int) -> dict[str, Any]:
+    """The doctor's facts; a machine that it finds fault with could still be measured."""
+    try:
+        found: dict[str, Any] = json.loads(run_job(ranks, ["doctor", "--json"]))
+    except ClustervizError as error:
+        return {"problem": f"clusterviz doctor: {error}"}
+    return found
+
+
+@dataclass(frozen=True)
+class MpirunJob:
+    """Draws scenes; see `survey.Job`.
+
+    Attributes
+    ----------
+    threads : of each rank; "" to leave that to the environment
+    folder : for what passes between this process and theirs
+    """
+
+    frames: int
+    threads: str
+    folder: Path
+
+    def __call__(self, scene: Scene, ranks: int) -> tuple[Measured, Image]:
+        """Draw one scene; raises what `run_job` raises."""
+        order = {"scene": scene.model_dump(mode="json"), "frames": self.frames}
+        task = self.folder / "job.json"
+        task.write_text(json.dumps(order))
+        limits = dict.fromkeys(THREAD_VARIABLES, self.threads) if self.threads else {}
+        run_job(ranks, ["scale", str(task), "-o", str(self.folder), "--measure"], environment=limits)
+        found = json.loads((self.folder / RESULT).read_text())
+        return measured_from_json(found["measured"]), np.load(self.folder / PICTURE, allow_pickle=False)
+
+
+def measure_job(task: Path, folder: Path) -> None:
+    """What each rank of a job does; rank 0 leaves the picture and the result."""
+    channel = open_channel()
+    limit_threads(channel.place())
+    with agree(channel, 0, "job"):
+        read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
+    order = channel.broadcast(read)  # other nodes may not see this one's temporary folder
+    drawn: list[Scene] = []
+
+    def write(image: Image, scene: Scene) -> None:
+        np.save(folder / PICTURE, image)
+        drawn.append(scene)
+
+    measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], write)
+    with agree(channel, 0, "result"):
+        if drawn:
+            found = {"measured": measured.as_json(), "scene": drawn[0].model_dump(mode="json")}
+            (folder / RESULT).write_text(json.dumps(found))

@@ -1,0 +1,207 @@
+"""The plots, as SVG for the page: full marks have cores of their own, hollow ones take turns."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from clusterviz.report.pages.scale.forecast import Expected
+from clusterviz.report.pages.scale.points import Point
+from clusterviz.report.pages.scale.survey import Found
+
+# Okabe and Ito's colours, told apart by every kind of colour vision.
+STRONG_COLOUR, WEAK_COLOUR, IDEAL = "#0072B2", "#D55E00", "#999999"
+STAGE_COLOURS = {
+    "render": "#0072B2",
+    "readback": "#56B4E9",
+    "encode": "#F0E442",
+    "exchange": "#E69F00",
+    "blend": "#D55E00",
+    "collect": "#CC79A7",
+    "other": "#CCCCCC",
+}
+"""The stages of a frame; what is done once a job is in the table."""
+
+
+def frame_chart(found: Found) -> str:
+    """Seconds of a frame and efficiency against ranks; SVG text."""
+    figure = _figure(9.5, 3.6)
+    left, right = figure.subplots(1, 2)
+    for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
+        if points:
+            _line(left, points, [1e3 * point.total_seconds for point in points], colour, f"{name} scaling")
+            _ideal(left, points)
+            rated = [point for point in points if point.efficiency is not None]
+            _line(right, rated, [100 * (point.efficiency or 0.0) for point in rated], colour, f"{name} scaling")
+    left.set(xlabel="ranks", ylabel="a frame [ms]", xscale="log", yscale="log")
+    right.set(xlabel="ranks", ylabel="parallel efficiency [%]", xscale="log")
+    right.axhline(100, color=IDEAL, linewidth=1, linestyle="--")
+    right.set_ylim(0, max(110, right.get_ylim()[1]))
+    counts = sorted({point.ranks for point in (*found.strong, *found.weak)})
+    for axes in (left, right):
+        _count_ticks(axes, counts)
+        _plain(axes)
+    _plain_values(left)
+    handles, labels = left.get_legend_handles_labels()
+    known = dict(zip(labels, handles, strict=True))
+    figure.legend(known.values(), known.keys(), loc="outside upper center", ncols=3, frameon=False)
+    return _svg(figure)
+
+
+def stage_chart(found: Found) -> str:
+    """What a frame is made of, a bar a point; SVG text."""
+    groups = [(name, points) for name, points in (("strong", found.strong), ("weak", found.weak)) if points]
+    figure = _figure(9.5, 0.9 + 0.34 * max(len(points) for _, points in groups))
+    row = figure.subplots(1, len(groups), squeeze=False)[0]
+    for axes, (name, points) in zip(row, groups, strict=True):
+        starts = [0.0] * len(points)
+        places = list(range(len(points)))
+        for stage, colour in STAGE_COLOURS.items():
+            widths = [1e3 * _stage(point, stage) for point in points]
+            axes.barh(places, widths, left=starts, color=colour, label=stage, height=0.7)
+            starts = [start + width for start, width in zip(starts, widths, strict=True)]
+        labels = [f"{point.ranks}{'*' * bool(point.crowded)}" for point in points]
+        axes.set(yticks=places, yticklabels=labels, ylabel="ranks", xlabel=f"{name} scaling: a frame [ms]")
+        axes.invert_yaxis()
+        _plain(axes)
+        axes.grid(False, axis="y")
+    handles, labels = row[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    return _svg(figure)
+
+
+def balance_chart(found: Found) -> str:
+    """Imbalance and memory against ranks; SVG text."""
+    figure = _figure(9.5, 3.3)
+    left, right = figure.subplots(1, 2)
+    for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
+        if not points:
+            continue
+        _line(left, points, [point.imbalance_samples for point in points], colour, f"{name}: samples")
+        for point in points:
+            left.plot([point.ranks] * 2, [min(point.imbalance), max(point.imbalance)], color=colour, alpha=0.35, lw=4)
+        _line(right, points, [max(point.peak_memory_bytes) / 2**20 for point in points], colour, f"{name} scaling")
+    left.set(xlabel="ranks", ylabel="largest over mean", xscale="log")
+    left.axhline(1, color=IDEAL, linewidth=1, linestyle="--")
+    right.set(xlabel="ranks", ylabel="largest rank's memory [MiB]", xscale="log")
+    right.set_ylim(bottom=0)
+    counts = sorted({point.ranks for point in (*found.strong, *found.weak)})
+    for axes in (left, right):
+        _count_ticks(axes, counts)
+        _plain(axes)
+        axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def forecast_chart(
+    found: Found, strong: Sequence[Expected], weak: Sequence[Expected], others: Mapping[str, Sequence[Expected]]
+) -> str:
+    """Predicted curves with the measured points on them; SVG text.
+
+    Parameters
+    ----------
+    others : compositing on other networks, by their names
+    """
+    figure = _figure(9.5, 4.6)
+    row = figure.subplots(1, 2 if weak else 1, squeeze=False, sharey=True)[0]
+    kinds = (("strong", strong, found.strong, STRONG_COLOUR), ("weak", weak, found.weak, WEAK_COLOUR))
+    for axes, (name, expected, points, colour) in zip(row, kinds, strict=False):
+        ranks = [one.ranks for one in expected]
+        axes.plot(ranks, [1e3 * one.draw_seconds for one in expected], color="#009E73", lw=1.2, label="drawing")
+        many = [one for one in expected if one.ranks > 1]
+        times = [1e3 * one.compositing_seconds for one in many]
+        axes.plot([one.ranks for one in many], times, color="#CC79A7", lw=1.2, label="compositing")
+        for network, curve in others.items():
+            many = [one for one in curve if one.ranks > 1]
+            style = {"color": "#bbbbbb", "lw": 1, "ls": (0, (1, 1)) if network == min(others) else (0, (4, 2))}
+            label = f"the same, {network}"
+            axes.plot([o.ranks for o in many], [1e3 * o.compositing_seconds for o in many], label=label, **style)
+        axes.plot(ranks, [1e3 * one.total_seconds for one in expected], color=colour, lw=2, label="a frame")
+        _marks(axes, points, [1e3 * point.total_seconds for point in points], colour, "measured frame", "o")
+        parts = [point for point in points if point.ranks > 1]
+        _marks(axes, parts, [1e3 * p.compositing_seconds for p in parts], "#CC79A7", "measured compositing", "s")
+        axes.set(xlabel=f"ranks, {name} scaling", xscale="log", yscale="log")
+        axes.set_xticks([1, 8, 64, 512, 4096, 65_536], ["1", "8", "64", "512", "4,096", "65,536"])
+        axes.minorticks_off()
+        _plain(axes)
+    row[0].set_ylabel("ms")
+    for axes in row:
+        _plain_values(axes)
+    handles, labels = row[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    return _svg(figure)
+
+
+def _stage(point: Point, stage: str) -> float:
+    if stage != "other":
+        return point.seconds[stage]
+    known = sum(point.seconds[name] for name in STAGE_COLOURS if name != "other")
+    return max(0.0, point.total_seconds - known)
+
+
+def _line(axes: Any, points: Sequence[Point], values: Sequence[float], colour: str, label: str) -> None:
+    """A line through all points, with marks that tell which take turns."""
+    axes.plot([point.ranks for point in points], values, color=colour, linewidth=1.2, label=label)
+    _marks(axes, points, values, colour, "", "o")
+
+
+def _marks(axes: Any, points: Sequence[Point], values: Sequence[float], colour: str, label: str, marker: str) -> None:
+    for crowded in (False, True):
+        some = [
+            (point.ranks, value) for point, value in zip(points, values, strict=True) if bool(point.crowded) == crowded
+        ]
+        if some:
+            name = f"{label}, oversubscribed" * bool(label) if crowded else label
+            axes.plot(
+                *zip(*some, strict=True), marker, color=colour, markerfacecolor="white" if crowded else colour,
+                markersize=6, label=name or None, zorder=3,
+            )  # fmt: skip
+
+
+def _ideal(axes: Any, points: Sequence[Point]) -> None:
+    """What perfect scaling from the first point would be."""
+    first, ranks = points[0], [point.ranks for point in points]
+    strong = first.scaling == "strong"
+    times = [1e3 * first.total_seconds * (first.ranks / n if strong else 1.0) for n in ranks]
+    axes.plot(ranks, times, color=IDEAL, linewidth=1, linestyle="--", label="ideal", zorder=1)
+
+
+def _count_ticks(axes: Any, counts: Sequence[int]) -> None:
+    axes.minorticks_off()
+    axes.set_xticks(counts, [f"{count:,}" for count in counts])
+    if len(counts) == 1:
+        axes.set_xlim(counts[0] / 2, counts[0] * 2)
+
+
+def _plain_values(axes: Any) -> None:
+    """200 reads better than 2 × 10²; within a decade, every tick has its number."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _plain(axes: Any) -> None:
+    axes.grid(True, color="#e6e6e6", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _figure(width: float, height: float) -> Any:
+    """A figure of so many inches that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _svg(figure: Any) -> str:
+    """The figure as an element for HTML: text stays text, in the page's own font."""
+    import matplotlib as mpl
+
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.family": "sans-serif"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()[text.getvalue().index("<svg") :]

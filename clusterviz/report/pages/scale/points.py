@@ -1,0 +1,189 @@
+"""One rank count as numbers for people: time a stage, efficiency, imbalance, bytes against theory, memory, picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from statistics import median
+from typing import Any
+
+from clusterviz.composite.model.moves import Scene as Images
+from clusterviz.image.compare import Difference
+from clusterviz.image.region import Rect
+from clusterviz.report.pages.scale.measure import Measured, Seat
+from clusterviz.report.pages.scale.rounds import Round, canvas_of, count_rounds, dense_bytes
+from clusterviz.report.statistics import FrameStatistics, RankFrame
+
+STRONG, WEAK = "strong", "weak"
+COMPOSITING = ("encode", "exchange", "blend", "collect")
+
+
+@dataclass(frozen=True)
+class Point:
+    """One rank count; seconds are of the slowest rank, and of the median frame.
+
+    Attributes
+    ----------
+    scaling : "strong" or "weak"
+    ranks, nodes : how many
+    step : the step in voxels that was drawn with
+    crowded : why times tell nothing of scaling: ranks that share cores or a GPU; "" where each has its own
+    seconds : by stage; `plan`, `load`, `context`, `shaders` and `finish` are done once, the others once a frame
+    total_seconds, total_seconds_min, total_seconds_max : of a frame, from a barrier until the picture is whole
+    render_mean_seconds : drawing, the mean of the ranks
+    cpu_seconds : of a frame, all ranks and their threads together
+    compositing_seconds, predicted_seconds : of the slowest rank; by the time model for what ran, 0 where nothing did
+    efficiency : against the base; None where that or this is crowded
+    imbalance : largest over mean seconds of drawing, of each frame
+    samples : field samples of a frame, by rank
+    draw_seconds : drawing, by rank; of the fastest frame, since other work on the machine only ever adds to a time
+    algorithm, transport, codec : what composited
+    counted_algorithm, rounds, bytes_dense : of one frame by messages; see `rounds`
+    bricks, voxel_bytes, peak_memory_bytes : by rank
+    images : what is composited, in few numbers
+    readback_seconds_per_pixel : of the slowest rank
+    renderer : OpenGL's name of what drew
+    software : whether that was the CPU, on every rank
+    difference : from the picture of the first rank count; None for weak scaling, whose pictures are others
+    """
+
+    scaling: str
+    ranks: int
+    nodes: int
+    step: float
+    crowded: str
+    seconds: dict[str, float]
+    total_seconds: float
+    total_seconds_min: float
+    total_seconds_max: float
+    render_mean_seconds: float
+    cpu_seconds: float
+    compositing_seconds: float
+    predicted_seconds: float
+    efficiency: float | None
+    imbalance: tuple[float, ...]
+    samples: tuple[int, ...]
+    draw_seconds: tuple[float, ...]
+    algorithm: str
+    transport: str
+    codec: str
+    counted_algorithm: str
+    rounds: tuple[Round, ...]
+    bytes_dense: int
+    bricks: tuple[int, ...]
+    voxel_bytes: tuple[int, ...]
+    peak_memory_bytes: tuple[int, ...]
+    images: Images
+    readback_seconds_per_pixel: float
+    renderer: str
+    software: bool
+    difference: Difference | None
+
+    @property
+    def imbalance_samples(self) -> float:
+        """Largest over mean number of samples: what distribution alone does, whatever else the machine does."""
+        return max(self.samples) * len(self.samples) / sum(self.samples) if sum(self.samples) else 1.0
+
+    @property
+    def render_seconds(self) -> float:
+        """Drawing, on the slowest rank."""
+        return self.seconds["render"]
+
+
+def make_point(scaling: str, measured: Measured, difference: Difference | None) -> Point:
+    """What one job says; its efficiency is added by `with_efficiency`."""
+    frames = [FrameStatistics(tuple(ranks)) for ranks in measured.frames]
+    seconds = {name: median(frame.seconds[name] for frame in frames) for name in frames[0].seconds}
+    totals = [frame.seconds["total"] for frame in frames]
+    once = {name: max(rank[name] for rank in measured.once) for name in measured.once[0]}
+    cpu, last = seconds.pop("cpu"), measured.frames[-1]
+    stages = seconds | once | {"finish": measured.finish_seconds}
+    del stages["total"]
+    rects = [Rect(*rect) for rect in measured.rects]
+    pixels = max((rect.pixels for rect in rects), default=0)
+    return Point(
+        scaling=scaling,
+        ranks=len(last),
+        nodes=len({seat.host for seat in measured.seats}),
+        step=measured.step,
+        crowded=crowding(measured.seats),
+        seconds=stages,
+        total_seconds=median(totals),
+        total_seconds_min=min(totals),
+        total_seconds_max=max(totals),
+        render_mean_seconds=median(_of_ranks(measured, "render", lambda each: sum(each) / len(each))),
+        cpu_seconds=median(_of_ranks(measured, "cpu", sum)) if cpu else 0.0,
+        compositing_seconds=median(max(map(_compositing, ranks)) for ranks in measured.frames),
+        predicted_seconds=float(last[0].compositing.get("seconds_predicted", 0.0)),
+        efficiency=None,
+        imbalance=tuple(frame.imbalance for frame in frames),
+        samples=tuple(rank.samples for rank in last),
+        draw_seconds=tuple(min(frame[i].seconds["render"] for frame in measured.frames) for i in range(len(last))),
+        algorithm=last[0].compositing.get("algorithm", "gather"),
+        transport=last[0].compositing.get("transport", "messages"),
+        codec=last[0].compositing.get("codec", "raw"),
+        counted_algorithm=measured.algorithm,
+        rounds=count_rounds(measured),
+        bytes_dense=dense_bytes(measured),
+        bricks=tuple(rank.bricks for rank in last),
+        voxel_bytes=tuple(rank.voxel_bytes for rank in last),
+        peak_memory_bytes=tuple(rank.peak_memory_bytes for rank in last),
+        images=_images(measured, rects),
+        readback_seconds_per_pixel=seconds["readback"] / pixels if pixels else 0.0,
+        renderer=next((rank.renderer for rank in last if rank.renderer), ""),
+        software=all(seat.gpu is None for seat in measured.seats),
+        difference=difference,
+    )
+
+
+def with_efficiency(points: Sequence[Point]) -> list[Point]:
+    """The points of one scaling with their efficiency against the smallest one that is not crowded."""
+    base = next((point for point in sorted(points, key=lambda point: point.ranks) if not point.crowded), None)
+    return [point if base is None or point.crowded else _rated(point, base) for point in points]
+
+
+def crowding(seats: Sequence[Seat]) -> str:
+    """Why the ranks of a job take turns, in words; "" where each has a core to itself, and a GPU if it draws on one."""
+    for host in dict.fromkeys(seat.host for seat in seats):
+        here = [seat for seat in seats if seat.host == host]
+        cores = len({core for seat in here for core in seat.cores})
+        if len(here) > cores:
+            return f"{len(here)} ranks on {cores} core{'s' * (cores > 1)}"
+        gpus = Counter(seat.gpu for seat in here if seat.gpu is not None)
+        if gpus and max(gpus.values()) > 1:
+            return f"{sum(gpus.values())} ranks on {len(gpus)} GPU{'s' * (len(gpus) > 1)}"
+    return ""
+
+
+def _rated(point: Point, base: Point) -> Point:
+    """Strong: ranks times seconds should stay; weak: seconds should."""
+    more = base.ranks / point.ranks if point.scaling == STRONG else 1.0
+    return replace(point, efficiency=base.total_seconds * more / point.total_seconds)
+
+
+def _compositing(rank: RankFrame) -> float:
+    return sum(rank.seconds[stage] for stage in COMPOSITING)
+
+
+def _of_ranks(measured: Measured, stage: str, reduce: Callable[[list[float]], float]) -> list[float]:
+    """One number of all ranks, frame by frame."""
+    return [reduce([rank.seconds[stage] for rank in frame]) for frame in measured.frames]
+
+
+def _images(measured: Measured, rects: Sequence[Rect]) -> Images:
+    drawn = [rect.pixels for rect in rects if rect.pixels]
+    pixels = canvas_of(rects).pixels
+    if not drawn:
+        return Images(0, 0, 1.0, 1.0, measured.bytes_per_pixel, True)
+    front = next(rank for rank in measured.order if rects[rank].pixels)
+    cover = sum(drawn) / len(drawn) / pixels
+    return Images(len(drawn), pixels, cover, max(drawn) / pixels, measured.bytes_per_pixel, front == 0)
+
+
+def as_json(point: Point) -> dict[str, Any]:
+    """A point as it stands in scale.json."""
+    found = asdict(point) | {"imbalance_samples": point.imbalance_samples}
+    for one, values in zip(point.rounds, found["rounds"], strict=True):
+        values["agrees"] = one.agrees
+    return found

@@ -1,0 +1,103 @@
+"""All rank counts of a scene, one after another: the same work on more ranks, then more work with more ranks.
+
+More work is a shorter step: on n ranks the n-th part of the scene's. Any scene can do it, the samples grow as the
+ranks do, and everything else stays: the picture's size and so what is composited, the data, and the memory. A larger
+picture would make compositing grow too, and would hide how much of a frame is lost to more ranks alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from clusterviz.errors import ClustervizError
+from clusterviz.image.compare import Difference, compare
+from clusterviz.report.pages.scale.measure import Image, Measured
+from clusterviz.report.pages.scale.points import STRONG, WEAK, Point, make_point, with_efficiency
+from clusterviz.scene import Scene
+from clusterviz.scene.settings import with_settings
+
+TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A rank count that gave nothing, and why."""
+
+    scaling: str
+    ranks: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was measured: points by rank count, and what failed."""
+
+    strong: tuple[Point, ...]
+    weak: tuple[Point, ...]
+    failed: tuple[Failed, ...]
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """All of them; one that stands for both scalings once."""
+        return (*self.strong, *(point for point in self.weak if point.scaling == WEAK and point.ranks > 1))
+
+
+class Job(Protocol):
+    """Draws a scene on so many ranks, and gives what it cost and the picture."""
+
+    def __call__(self, scene: Scene, ranks: int) -> tuple[Measured, Image]: ...
+
+
+def steps_of(counts: Sequence[int], weak: bool) -> list[str]:
+    """The names of what is done, in order."""
+    return [_step(scaling, ranks) for scaling, ranks in _jobs(counts, weak)]
+
+
+def run_survey(scene: Scene, counts: Sequence[int], weak: bool, job: Job, progress: Callable[[str], None]) -> Found:
+    """Measure every rank count; one that fails takes no other along.
+
+    Parameters
+    ----------
+    counts : of ranks, ascending
+    weak : whether to measure weak scaling too
+    progress : told each of `steps_of` as it begins
+
+    Raises
+    ------
+    ClustervizError
+        Every count failed: the reason of the first.
+    """
+    points: dict[str, list[Point]] = {STRONG: [], WEAK: []}
+    failed: list[Failed] = []
+    first: Image | None = None
+    for scaling, ranks in _jobs(counts, weak):
+        progress(_step(scaling, ranks))
+        drawn = scene if scaling == STRONG else with_settings(scene, {"step": scene.quality.step / ranks})
+        try:
+            measured, picture = job(drawn, ranks)
+        except ClustervizError as error:
+            failed.append(Failed(scaling, ranks, str(error)))
+            continue
+        difference: Difference | None = None
+        if scaling == STRONG:
+            first = picture if first is None else first
+            difference = compare(picture, first, TOLERANCE)
+        points[scaling].append(make_point(scaling, measured, difference))
+    if not points[STRONG] and not points[WEAK]:
+        raise ClustervizError(failed[0].reason)
+    if weak:
+        # On one rank both are the same job.
+        alone = [replace(point, scaling=WEAK, difference=None) for point in points[STRONG] if point.ranks == 1]
+        points[WEAK] = [*alone, *points[WEAK]]
+    return Found(tuple(with_efficiency(points[STRONG])), tuple(with_efficiency(points[WEAK])), tuple(failed))
+
+
+def _jobs(counts: Sequence[int], weak: bool) -> list[tuple[str, int]]:
+    strong = [(STRONG, ranks) for ranks in counts]
+    return [*strong, *((WEAK, ranks) for ranks in counts if ranks > 1)] if weak else strong
+
+
+def _step(scaling: str, ranks: int) -> str:
+    return f"{scaling} scaling, {ranks} rank{'s' * (ranks > 1)}"

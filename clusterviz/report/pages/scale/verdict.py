@@ -1,0 +1,130 @@
+"""What limits a scene, in sentences: the first names the bottleneck."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clusterviz.report.pages.scale.forecast import Expected, crossing, enough
+from clusterviz.report.pages.scale.points import COMPOSITING, STRONG, Point
+from clusterviz.report.pages.scale.survey import TOLERANCE, Found
+
+FREE = 0.8
+"""Ranks that drew on less than this share of a core each had to share it."""
+CLEAR = 0.05
+"""A loss of less than this share of a frame is not worth a sentence."""
+
+
+def verdict(found: Found, expected: Sequence[Expected], network: str) -> list[str]:
+    """Sentences for the top of the page; `expected` is of strong scaling."""
+    points = found.strong or found.weak
+    own = [point for point in points if not point.crowded]
+    judged = max(own or points, key=lambda point: point.ranks)
+    base = min(own or points, key=lambda point: point.ranks)
+    said = [
+        _bottleneck(judged, base),
+        *_busy(own),
+        *_crowded(points, judged),
+        *_beyond(expected, network),
+        _pictures(found),
+    ]
+    if found.failed:
+        said.append("Not measured: " + ", ".join(f"{one.ranks} ranks ({one.scaling})" for one in found.failed) + ".")
+    return said
+
+
+def _bottleneck(point: Point, base: Point) -> str:
+    """What takes the most of a frame, and what more ranks lose most to."""
+    parts = _parts(point)
+    name = max(parts, key=lambda part: parts[part])
+    share = parts[name] / point.total_seconds
+    where = f"on {_ranks(point)}" + (" that take turns" if point.crowded else "")
+    head = f"The bottleneck is {name}: {share:.0%} of a frame of {_milliseconds(point.total_seconds)} {where}"
+    if point.efficiency is None or point.ranks == base.ranks:
+        return head + "."
+    losses = _losses(point, base)
+    cause = max(losses, key=lambda loss: losses[loss])
+    tail = f"; parallel efficiency is {point.efficiency:.0%}"
+    if losses[cause] > CLEAR * point.total_seconds:
+        tail += f", lost mostly to {cause} ({_milliseconds(losses[cause])} a frame)"
+    return head + tail + "."
+
+
+def _parts(point: Point) -> dict[str, float]:
+    """Seconds of a frame by what a person can change."""
+    compositing = sum(point.seconds[stage] for stage in COMPOSITING)
+    parts = {
+        "drawing": point.seconds["render"],
+        "reading back": point.seconds["readback"],
+        "compositing": min(compositing, point.total_seconds),
+    }
+    return parts | {"waiting for each other": max(0.0, point.total_seconds - sum(parts.values()))}
+
+
+def _losses(point: Point, base: Point) -> dict[str, float]:
+    """Seconds of a frame that ideal scaling would not have."""
+    more = point.ranks / base.ranks if point.scaling == STRONG else 1.0
+    parts, before = _parts(point), _parts(base)
+    samples = sum(base.samples) * (1.0 if point.scaling == STRONG else point.ranks / base.ranks)
+    hidden = point.render_mean_seconds * max(0.0, 1 - samples / max(sum(point.samples), 1))
+    return {
+        "imbalance": point.render_seconds - point.render_mean_seconds,
+        "samples behind what another rank shows opaque": hidden,
+        "drawing that is slower in parts": point.render_mean_seconds - hidden - base.render_mean_seconds / more,
+        "reading back": parts["reading back"] - before["reading back"] / more,
+        "compositing": parts["compositing"],
+        "waiting": parts["waiting for each other"],
+    }
+
+
+def _busy(points: Sequence[Point]) -> list[str]:
+    """That other programs took the cores: a rank that draws in software keeps a core busy, if it gets one."""
+    shares = [p.cpu_seconds / (p.ranks * p.render_mean_seconds) for p in points if p.software and p.render_mean_seconds]
+    if not shares or min(shares) >= FREE:
+        return []
+    return [
+        f"Other programs were busy: the ranks got as little as {min(shares):.0%} of a core each, so times are too long."
+    ]
+
+
+def _crowded(points: Sequence[Point], judged: Point) -> list[str]:
+    """That some counts had too few cores."""
+    crowded = [point for point in points if point.crowded]
+    if not crowded:
+        return []
+    if judged.crowded:
+        return [f"Every count is oversubscribed ({judged.crowded}): no efficiency can be told from these times."]
+    which = ", ".join(f"{_ranks(point)} ({point.crowded})" for point in crowded)
+    return [f"Oversubscribed, and not used for efficiency: {which}."]
+
+
+def _beyond(expected: Sequence[Expected], network: str) -> list[str]:
+    """Where compositing overtakes drawing, and how many ranks are worth having."""
+    over, best = crossing(expected), enough(expected)
+    last = expected[-1].ranks
+    overtaken = f"compositing takes longer than drawing from {over:,} ranks on" if over else ""
+    if not overtaken:
+        overtaken = f"drawing takes longer than compositing up to {last:,} ranks"
+    end = f", and more than {best.ranks:,} ranks make a frame hardly faster ({_milliseconds(best.total_seconds)})"
+    return [f"By the time model on {network}, {overtaken}{end if best.ranks < last else ''}."]
+
+
+def _pictures(found: Found) -> str:
+    told = [point for point in found.strong if point.difference]
+    if len(told) < 2:
+        return "One rank count only: no pictures to compare."
+    largest = max(point.difference.max for point in told if point.difference)
+    wrong = [point for point in told if point.difference and point.difference.count]
+    if wrong:
+        return (
+            f"THE PICTURES DISAGREE: by up to {largest:.1e} ({', '.join(map(_ranks, wrong))}); see clusterviz verify."
+        )
+    same = "are identical" if largest == 0 else f"differ by at most {largest:.1e} (allowed {TOLERANCE:.0e})"
+    return f"The pictures of all rank counts {same}."
+
+
+def _ranks(point: Point) -> str:
+    return f"{point.ranks:,} rank{'s' * (point.ranks > 1)}"
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
