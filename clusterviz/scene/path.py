@@ -1,0 +1,226 @@
+"""Animations: a scene at every frame, from an orbit, or from key frames of camera and transfer function.
+
+An orbit turns the eye about the focal point, round view_up. Keys are values at times; between them positions follow
+centripetal Catmull-Rom curves, directions are interpolated and renormalised, numbers are monotone. What a key leaves
+out is the scene's.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+
+from clusterviz.errors import SceneError
+from clusterviz.scene.checks import UnusableError, plain
+from clusterviz.scene.complaints import key_text, scene_error, shown, unknown_key
+from clusterviz.scene.smooth import centripetal, monotone
+from clusterviz.scene.values import Camera, Clim, Cmap, Number, Opacity, Positive, Scene, Section, Vector
+from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
+
+Floats = NDArray[np.float64]
+TURN = 360.0
+POINTS = ("position", "focal_point")
+
+
+class CameraKey(Section):
+    """The camera at a time; what is left out is the scene's."""
+
+    time: Number
+    position: Vector | None = None
+    focal_point: Vector | None = None
+    view_up: Vector | None = None
+    view_angle: Annotated[float, Field(strict=True, gt=0, lt=180), BeforeValidator(plain)] | None = None
+    parallel_scale: Positive | None = None
+
+
+class TransferKey(Section):
+    """The transfer function at a time; what is left out is the scene's."""
+
+    time: Number
+    cmap: Cmap | None = None
+    clim: Clim | None = None
+    opacity: Opacity | None = None
+
+
+def _ascending(keys: Any) -> Any:
+    for before, after in pairwise(keys):
+        if after.time <= before.time:
+            raise UnusableError(f"keys out of order: time {after.time:g} after {before.time:g}", "ascending times")
+    return keys
+
+
+class KeyFrames(Section):
+    """What changes, and when; times in seconds."""
+
+    camera: Annotated[tuple[CameraKey, ...], AfterValidator(_ascending)] = ()
+    transfer: Annotated[tuple[TransferKey, ...], AfterValidator(_ascending)] = ()
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Of the first key and of the last one; (0, 0) without keys."""
+        times = [key.time for key in (*self.camera, *self.transfer)]
+        return min(times, default=0.0), max(times, default=0.0)
+
+    def frames(self, frames_per_second: float) -> int:
+        """How many frames the keys last, the last one included."""
+        begin, end = self.times
+        return round((end - begin) * frames_per_second) + 1
+
+
+SECTIONS: dict[str, type[Section]] = {"camera": CameraKey, "transfer": TransferKey}
+
+
+def load_path(path: str | os.PathLike[str]) -> KeyFrames:
+    """Key frames from a YAML (or JSON) file.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, or holds a key or a value that key frames cannot have.
+    """
+    where = os.fspath(path)
+    try:
+        data = parse_yaml(Path(where).read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise SceneError(f"not YAML: {yaml_problem(error)}", where=where) from None
+    except (OSError, ValueError) as error:
+        raise SceneError(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=where) from None
+    if not isinstance(data, dict) or not any(data.values()):
+        allowed = "keys under camera or transfer"
+        raise SceneError("no key frames", where=where, found=shown(data), allowed=allowed)
+    try:
+        return KeyFrames.model_validate({name: value for name, value in data.items() if value is not None})
+    except ValidationError as error:
+        for details in error.errors():
+            if details["type"] == "extra_forbidden":
+                key = details["loc"]
+                section = SECTIONS.get(str(key[0]), KeyFrames) if len(key) > 1 else KeyFrames
+                raise unknown_key(f"{where}: {key_text(key)}", key[-1], section) from None
+        raise scene_error(error, where) from None
+
+
+def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
+    """Cameras that turn about the focal point, round view_up, counter-clockwise as seen from where it points.
+
+    Parameters
+    ----------
+    camera : completed
+    degrees : of the whole way; full turns end one step before the start, so that they can be repeated
+    """
+    steps = frames if math.remainder(degrees, TURN) == 0 else max(1, frames - 1)
+    position, centre, up = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))
+    axis = up / np.abs(up).max()
+    axis /= np.linalg.norm(axis)
+    arm = position - centre
+    cameras = []
+    for number in range(frames):
+        angle = math.radians(math.fmod(degrees * number / steps, TURN))
+        # Rodrigues' formula.
+        turned = arm * math.cos(angle) + np.cross(axis, arm) * math.sin(angle)
+        turned += axis * (axis @ arm) * (1 - math.cos(angle))
+        cameras.append(camera if number == 0 else camera.model_copy(update={"position": _vector(centre + turned)}))
+    return cameras
+
+
+def scenes_along(
+    scene: Scene, frames: int, degrees: float | None = None, keys: KeyFrames | None = None, where: str = "path"
+) -> list[Scene]:
+    """The scene of every frame, frames at equal distances from the first key to the last one.
+
+    Parameters
+    ----------
+    scene : completed
+    degrees : of an orbit
+    keys : key frames; without camera keys where there is an orbit
+    where : the file that errors name
+
+    Raises
+    ------
+    SceneError
+        Keys that do not fit each other, or a camera that looks along its view_up.
+    """
+    keys = keys or KeyFrames()
+    if keys.camera and degrees is not None:
+        raise SceneError("camera keys and an orbit", where=where, allowed="one of them")
+    cameras = orbit(scene.camera, degrees or 0.0, frames)
+    begin, end = keys.times
+    scenes = []
+    for number, camera in enumerate(cameras):
+        time = begin + (end - begin) * number / max(1, frames - 1)
+        update: dict[str, Any] = {"camera": camera}
+        if keys.camera:
+            update["camera"] = _camera_at(scene.camera, keys.camera, time, f"{where}: frame {number}")
+        if keys.transfer and scene.volumes:
+            changed = _transfer_at(scene, keys.transfer, time, where)
+            update["volumes"] = (scene.volumes[0].model_copy(update=changed), *scene.volumes[1:])
+        scenes.append(scene.model_copy(update=update))
+    return scenes
+
+
+def _camera_at(base: Camera, keys: Sequence[CameraKey], time: float, where: str) -> Camera:
+    times = np.array([key.time for key in keys])
+    each = {name: [getattr(key, name) or getattr(base, name) for key in keys] for name in Camera.model_fields}
+    found: dict[str, Any] = {name: _vector(centripetal(times, _rows(each[name]), time)) for name in POINTS}
+    ups = _rows(each["view_up"])
+    ups = ups / np.abs(ups).max(axis=1, keepdims=True)
+    up = monotone(times, ups / np.linalg.norm(ups, axis=1, keepdims=True), time)
+    length = float(np.linalg.norm(up))
+    if length < 1e-6:
+        raise SceneError("view_up passes through zero between opposite keys", where=where, allowed="a key between them")
+    found["view_up"] = _vector(up / length)
+    found["view_angle"] = float(monotone(times, _rows(each["view_angle"]), time)[0])
+    scales = each["parallel_scale"]
+    if None in scales and any(scales):
+        raise SceneError("keys in perspective and in parallel projection", where=where, allowed="one of them")
+    found["parallel_scale"] = None if None in scales else float(monotone(times, _rows(scales), time)[0])
+    try:
+        return Camera.model_validate(found)
+    except ValidationError as error:
+        raise scene_error(error, where) from None
+
+
+def _transfer_at(scene: Scene, keys: Sequence[TransferKey], time: float, where: str) -> dict[str, Any]:
+    """What a volume's transfer function is at a time: points move, each to its counterpart in the next key."""
+    times, volume = np.array([key.time for key in keys]), scene.volumes[0]
+    found: dict[str, Any] = {}
+    for name in ("cmap", "clim", "opacity"):
+        given = [getattr(key, name) for key in keys]
+        if any(value is not None for value in given):
+            each = [getattr(volume, name) if value is None else value for value in given]
+            found[name] = _between(times, each, time, f"{where}: transfer: {name}")
+    return found
+
+
+def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any:
+    """A value between keys: names stay, numbers and points move."""
+    if all(value == each[0] for value in each):
+        return each[0]
+    shapes = {np.shape(value) if not isinstance(value, str) else value for value in each}
+    if len(shapes) > 1 or any(isinstance(value, str) for value in each):
+        allowed = "one name in all keys, or numbers, or lists of as many points in each"
+        raise SceneError("nothing lies between these keys", where=where, found=shown(each), allowed=allowed)
+    table = np.array(each, np.float64)
+    at = monotone(times, table.reshape(len(each), -1), time).reshape(table.shape[1:])
+    if at.ndim == 2:
+        # Values that come near each other must not pass each other.
+        at[:, 0] = np.maximum.accumulate(at[:, 0])
+        return tuple(tuple(row) for row in at.tolist())
+    return tuple(at.tolist()) if at.ndim else float(at)
+
+
+def _rows(values: Sequence[Any]) -> Floats:
+    return np.array(values, np.float64).reshape(len(values), -1)
+
+
+def _vector(values: Floats) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
