@@ -18,6 +18,7 @@ from clusterviz.cli.failure import INTERRUPTED, fail, launched_rank
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("clusterviz.cli.render", "Render a scene or a data file into a picture; under mpirun, on all ranks."),
+    "animate": ("clusterviz.cli.animate", "Render an orbit or a path as a movie or as numbered pictures."),
     "verify": ("clusterviz.cli.verify", "Render a scene on several rank counts, and compare the pictures."),
     "tradeoff": ("clusterviz.cli.tradeoff", "Measure what each quality setting costs and buys, as a page."),
     "scale": ("clusterviz.cli.scale", "Measure how a scene scales, and predict up to 65,536 ranks, as a page."),

@@ -16,11 +16,12 @@ import clusterviz
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
 from clusterviz.cli.costs import print_costs
 from clusterviz.cli.progress import show_progress
+from clusterviz.cli.tracing import Tracing
 from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
-from clusterviz.frame import STEPS, Options, Rendered, render_frame
+from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import check_replaceable, replacing
-from clusterviz.report.statistics import statistics_file
+from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.scene import background_rgb, open_scene
 from clusterviz.scene.values import Scene
 
@@ -32,29 +33,33 @@ def command(
     define: Define = None,
     size: Size = None,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
+    trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
     check: Annotated[bool, typer.Option("--check", help="Composite a second time, serially, and compare.")] = False,
     device: Annotated[int | None, typer.Option(min=0, help="EGL device of every rank; default: in turn.")] = None,
 ) -> None:
     """Render a scene or a data file into a picture; under mpirun, on all ranks."""
-    channel, startup = _start()
+    channel, startup = start()
     with agree(channel, 0, "scene"):
         opened = open_scene(scene, overrides_of(define, size))
     with agree(channel, 0, "output"):
         if channel.rank == 0:
-            _check_outputs(output, stats)
+            _check_outputs(output, stats, trace)
+    tracing = Tracing(channel, trace)
     with show_progress(STEPS if channel.rank == 0 else ()) as progress:
-        options = Options(device, check, context.obj["debug"], progress, _writer(output))
+        options = Options(device, check, context.obj["debug"], progress, _writer(output), bool(trace))
         rendered = render_frame(opened, channel, options=options)
-    slowest = _slowest(channel.allgather(startup))
+    tracing.add(rendered.spans)
+    tracing.write()
+    slowest = slowest_of(channel.allgather(startup))
     with agree(channel, 0, "statistics"):
         if stats and channel.rank == 0:
-            _write_statistics(stats, rendered, slowest)
+            write_statistics(stats, rendered.scene.image.size, [rendered.statistics], slowest)
     if channel.rank == 0:
         print_costs(rendered.statistics, slowest)
         print(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""), flush=True)
 
 
-def _start() -> tuple[Channel, dict[str, float]]:
+def start() -> tuple[Channel, dict[str, float]]:
     """The channel, and the seconds from the start of this process until the ranks knew each other."""
     reached, began = clusterviz.REACHED, time.perf_counter()
     age = _process_age()
@@ -76,22 +81,31 @@ def _process_age() -> float:
         return 0.0
 
 
-def _check_outputs(output: Path, stats: Path | None) -> None:
+def _check_outputs(output: Path, *reports: Path | None) -> None:
     """Find out before hours of work what would fail after them."""
     check_writable(output)
-    if stats:
-        check_replaceable(stats)
+    check_reports(*reports)
+
+
+def check_reports(*reports: Path | None) -> None:
+    """The same for files that may or may not be asked for."""
+    for report in filter(None, reports):
+        check_replaceable(report)
 
 
 def _writer(output: Path) -> Callable[[Any, Scene], None]:
     return lambda image, scene: write_image(output, image, background_rgb(scene.image.background))
 
 
-def _slowest(startups: list[dict[str, float]]) -> dict[str, float]:
+def slowest_of(startups: list[dict[str, float]]) -> dict[str, float]:
+    """The seconds of each part of the start on the rank that took longest."""
     return {name: max(startup[name] for startup in startups) for name in startups[0]}
 
 
-def _write_statistics(path: Path, rendered: Rendered, startup: dict[str, float]) -> None:
-    report = statistics_file(rendered.scene.image.size, [rendered.statistics], startup)
+def write_statistics(
+    path: Path, size: tuple[int, int], frames: list[FrameStatistics], startup: dict[str, float]
+) -> None:
+    """Write what each rank did in each frame."""
+    report = statistics_file(size, frames, startup)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")

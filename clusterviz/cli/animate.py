@@ -1,0 +1,145 @@
+"""`clusterviz animate`: an orbit, or a path of key frames, as numbered pictures or as a movie."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.frames import FrameFiles
+from clusterviz.cli.progress import show_progress
+from clusterviz.cli.render import check_reports, slowest_of, start, write_statistics
+from clusterviz.cli.tracing import Tracing
+from clusterviz.cli.writing import WritingThread
+from clusterviz.comm import Channel, agree
+from clusterviz.errors import InputError
+from clusterviz.frame import FrameLoop, Options
+from clusterviz.report.statistics import FrameStatistics
+from clusterviz.scene import Scene, open_scene
+from clusterviz.scene.path import KeyFrames, load_path, scenes_along
+
+
+def command(
+    context: typer.Context,
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="movie.mp4, or pictures: 'frame_%04d.png'.")
+    ],
+    orbit: Annotated[
+        float | None, typer.Option(metavar="DEGREES", help="Turn about the focal point, round view_up.")
+    ] = None,
+    path: Annotated[
+        Path | None, typer.Option(metavar="PATH.yaml", help="Key frames of camera and transfer function.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, help="How many; default with a path: as long as it lasts.")
+    ] = None,
+    define: Define = None,
+    size: Size = None,
+    fps: Annotated[float, typer.Option(min=0.01, help="Frames per second.")] = 25.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Render only frames that are not there yet.")] = False,
+    stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
+    trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
+    device: Annotated[int | None, typer.Option(min=0, help="EGL device of every rank; default: in turn.")] = None,
+) -> None:
+    """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
+    channel, startup = start()
+    with agree(channel, 0, "scene"):
+        opened = open_scene(scene, overrides_of(define, size))
+        keys = load_path(path) if path else None
+        count = _frames(orbit, keys, frames, fps)
+    with agree(channel, 0, "output"):
+        files = FrameFiles(output, resume) if channel.rank == 0 else None
+        if channel.rank == 0:
+            check_reports(stats, trace)
+    began = time.perf_counter()
+    tracing = Tracing(channel, trace)
+    movie = _Movie(channel, files, tracing, bool(stats))
+    changing = keys is not None and bool(keys.transfer)
+    options = Options(device, debug=context.obj["debug"], write=movie.write, trace=bool(trace), keep_bricks=changing)
+    with FrameLoop(opened, channel, options=options) as loop:
+        with agree(channel, 0, "path"):
+            scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"))
+            told = {"orbit": orbit, "keys": keys.model_dump(mode="json") if keys else None}
+            missing = files.begin(loop.scene, count, told) if files else []
+        missing = channel.broadcast(missing)
+        movie.draw(loop, scenes, missing)
+    with agree(channel, count - 1, "write"):
+        movie.finish(count, fps)
+    slowest = slowest_of(channel.allgather(startup))
+    with agree(channel, count - 1, "statistics"):
+        if stats and channel.rank == 0:
+            write_statistics(stats, loop.scene.image.size, movie.statistics, slowest)
+    tracing.write()
+    if channel.rank == 0:
+        seconds = time.perf_counter() - began
+        print(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}", flush=True)
+
+
+def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float) -> int:
+    """How many frames there are.
+
+    Raises
+    ------
+    InputError
+        Nothing moves, or it is not said how long.
+    """
+    if orbit is None and keys is None:
+        raise InputError("nothing moves", where="animate", allowed="--orbit DEGREES, --path PATH.yaml, or both")
+    if frames is None and keys is None:
+        raise InputError("missing", where="--frames", allowed="1 or more")
+    return frames or (keys.frames(fps) if keys else 1)
+
+
+class _Movie:
+    """The frames on their way to disk; on other ranks than 0 nothing is written."""
+
+    def __init__(self, channel: Channel, files: FrameFiles | None, tracing: Tracing, keep: bool) -> None:
+        self._channel, self._files, self._tracing, self._keep = channel, files, tracing, keep
+        self._thread = WritingThread() if files else None
+        self._number = 0
+        self.statistics: list[FrameStatistics] = []
+
+    def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
+        """Draw what is missing; collective."""
+        try:
+            self._draw(loop, scenes, missing)
+        finally:
+            if self._thread:
+                self._thread.close()
+
+    def _draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
+        names = [f"frame {number + 1} of {len(scenes)}" for number in missing]
+        with show_progress(names if self._channel.rank == 0 else ()) as progress:
+            started = time.perf_counter()
+            for done, self._number in enumerate(missing):
+                if self._channel.rank == 0:
+                    _tell(progress, names, done, time.perf_counter() - started)
+                rendered = loop.frame(scenes[self._number], self._number)
+                self._tracing.add(rendered.spans)
+                if self._keep and self._channel.rank == 0:
+                    self.statistics.append(rendered.statistics)
+
+    def write(self, image: object, scene: Scene) -> None:
+        """Have the frame that was just drawn written, while the next one is drawn."""
+        files, number = self._files, self._number
+        if files and self._thread:
+            self._thread.put(lambda: files.write(number, image, scene))  # type: ignore[arg-type]
+
+    def finish(self, frames: int, frames_per_second: float) -> None:
+        """Wait until all is written, and make a movie of it, if that is what was asked for."""
+        if self._files and self._thread:
+            self._thread.finish()
+            self._files.finish(frames, frames_per_second)
+
+
+def _tell(progress: Callable[[str], None], names: list[str], done: int, seconds: float) -> None:
+    """Show which frame comes now, and how long the rest will take."""
+    if done:
+        left = round(seconds / done * (len(names) - done))
+        names[done] += f", {left // 3600}:{left // 60 % 60:02}:{left % 60:02} left"
+    progress(names[done])

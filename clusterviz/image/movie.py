@@ -1,0 +1,82 @@
+"""Movies: finished pictures to one MP4 (H.264), by the ffmpeg that imageio-ffmpeg brings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import OutputError
+from clusterviz.image.replace import replacing
+
+QUALITY = 8  # of 10
+Bytes = NDArray[np.uint8]
+
+
+def check_encoder(path: Path) -> None:
+    """Find out before hours of work whether a movie can be written.
+
+    Raises
+    ------
+    OutputError
+        There is no encoder.
+    """
+    try:
+        import imageio_ffmpeg
+
+        imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        allowed = "pip install 'clusterviz[movie]', or numbered pictures: -o 'frame_%04d.png'"
+        raise OutputError("no encoder for movies", where=str(path), found=error, allowed=allowed) from None
+
+
+def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_second: float) -> None:
+    """Write a movie; it appears whole or not at all.
+
+    Parameters
+    ----------
+    pictures : uint8 (h, w, 3), all of one size; H.264 halves the resolution of colour, so that an odd side gets one
+        more row or column, a copy of the last
+    count : how many there are
+
+    Raises
+    ------
+    OutputError
+        The encoder fails, or the file cannot be written.
+    """
+    import imageio_ffmpeg
+
+    with replacing(path) as temporary:
+        encoder = None
+        try:
+            for picture in pictures:
+                height, width = picture.shape[:2]
+                even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+                if encoder is None:
+                    size = (even.shape[1], even.shape[0])
+                    encoder = imageio_ffmpeg.write_frames(
+                        str(temporary), size, fps=frames_per_second, quality=QUALITY, macro_block_size=1,
+                        ffmpeg_log_level="quiet",
+                    )  # fmt: skip
+                    encoder.send(None)
+                encoder.send(np.ascontiguousarray(even))
+        except OSError as error:
+            raise OSError("the encoder stopped: is the disk full?") from error
+        finally:
+            if encoder is not None:
+                encoder.close()
+        _check_whole(temporary, count)
+
+
+def _check_whole(path: Path, count: int) -> None:
+    """The encoder says nothing when the disk is full as it ends; only reading the movie again tells."""
+    import imageio_ffmpeg
+
+    try:
+        written = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
+    except (RuntimeError, OSError):
+        written = 0
+    if written != count:
+        raise OSError(f"{written} of {count} frames are in the movie: is the disk full?")
