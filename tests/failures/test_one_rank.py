@@ -24,9 +24,10 @@ STAGES = [
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
     ("render", 1, "clusterviz.render.raycast:Raycaster.draw"),
     ("kernels", 1, "clusterviz.frame:compile_kernels"),
-    ("composite", 1, "clusterviz.frame:composite"),
-    ("composite", 2, "clusterviz.composite.exchange:_merge"),
-    ("collect", 1, "clusterviz.frame:collect"),
+    ("composite", 1, "clusterviz.composite.compositor:share_images"),
+    ("composite", 2, "clusterviz.composite.compositor:blend_strip"),
+    ("composite", 1, "clusterviz.composite.compositor:collect"),
+    ("check", 1, "clusterviz.frame:collect"),
     ("check", 0, "clusterviz.frame:compare"),
     ("write", 0, "clusterviz.cli.render:write_image"),
 ]
@@ -45,7 +46,7 @@ def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
 
 
-@pytest.mark.parametrize("place", ["clusterviz.render.raycast:Raycaster.draw", "clusterviz.frame:collect"])
+@pytest.mark.parametrize("place", ["clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"])
 def test_a_killed_rank_ends_the_job_within_seconds(place: str, tmp_path: Path) -> None:
     job = failing(1, place, "kill", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
     ended = finish(job, SECONDS)
@@ -59,7 +60,7 @@ def test_a_killed_rank_ends_the_job_within_seconds(place: str, tmp_path: Path) -
     [
         (1, "clusterviz.render.raycast:Raycaster.draw"),
         (3, "clusterviz.render.raycast:Raycaster.draw"),
-        (3, "clusterviz.frame:collect"),
+        (3, "clusterviz.composite.compositor:collect"),
     ],
 )
 def test_ctrl_c_ends_the_job(ranks: int, place: str, tmp_path: Path) -> None:
