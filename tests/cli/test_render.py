@@ -50,8 +50,9 @@ def test_a_scene_file_with_overrides(cli: Callable[..., Any], tmp_path: Path) ->
 @pytest.mark.gl
 def test_several_ranks_give_the_same_picture_and_say_what_they_did(tmp_path: Path) -> None:
     picture, stats = tmp_path / "a.npy", tmp_path / "s.json"
+    way = ("-D", "cluster.transport=messages", "-D", "cluster.compositing=tree")
     printed = {
-        ranks: run_job(ranks, ["render", FIELD, "-o", str(picture), "--stats", str(stats), "--check", *SMALL])
+        ranks: run_job(ranks, ["render", FIELD, "-o", str(picture), "--stats", str(stats), "--check", *SMALL, *way])
         and read_image(picture)
         for ranks in (1, 3)
     }
@@ -68,7 +69,11 @@ def test_several_ranks_give_the_same_picture_and_say_what_they_did(tmp_path: Pat
         assert set(rank["seconds"]) >= set(STAGES)
         assert all(rank[key] > 0 for key in keys[:4])
         assert rank["peak_memory_bytes"] > 10 << 20
-    assert sum(rank["messages_sent"] for rank in frame["per_rank"]) > 0
+        compositing = rank["compositing"]
+        assert (compositing["algorithm"], compositing["transport"]) == ("tree", "messages")
+        assert compositing["seconds_predicted"] > 0
+        assert compositing["seconds"] > 0
+    assert sum(rank["messages_sent"] for rank in frame["per_rank"]) == 2
     assert frame["seconds"]["finish"] == frame["per_rank"][0]["seconds"]["finish"] > 0
 
 
