@@ -46,7 +46,9 @@ def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
 
 
-@pytest.mark.parametrize("place", ["clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"])
+@pytest.mark.parametrize(
+    "place", ["clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"]
+)
 def test_a_killed_rank_ends_the_job_within_seconds(place: str, tmp_path: Path) -> None:
     job = failing(1, place, "kill", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
     ended = finish(job, SECONDS)
