@@ -61,12 +61,12 @@ def build_tree(cost: Costs, ranks: int) -> BspTree:
 
 def _grow(cost: Costs, box: BrickBox, first_rank: int, ranks: int) -> Node:
     if ranks == 1:
-        return Leaf(first_rank, box, _trim(cost, box), float(cost[box.slices].sum()))
+        return Leaf(first_rank, box, trim(cost, box), float(cost[box.slices].sum()))
     low_ranks = ranks // 2
     axis, plane = _best_plane(cost[box.slices], low_ranks, ranks - low_ranks)
     plane += box.begin_zyx[axis]
-    low = BrickBox(box.begin_zyx, _replaced(box.end_zyx, axis, plane))
-    high = BrickBox(_replaced(box.begin_zyx, axis, plane), box.end_zyx)
+    low = BrickBox(box.begin_zyx, replaced(box.end_zyx, axis, plane))
+    high = BrickBox(replaced(box.begin_zyx, axis, plane), box.end_zyx)
     return Split(
         axis,
         plane,
@@ -75,7 +75,7 @@ def _grow(cost: Costs, box: BrickBox, first_rank: int, ranks: int) -> Node:
     )
 
 
-def _trim(cost: Costs, box: BrickBox) -> BrickBox:
+def trim(cost: Costs, box: BrickBox) -> BrickBox:
     """The bounding box of the bricks that cost something."""
     filled = np.argwhere(cost[box.slices] > 0)
     if len(filled) == 0:
@@ -84,7 +84,8 @@ def _trim(cost: Costs, box: BrickBox) -> BrickBox:
     return BrickBox((int(begin[0]), int(begin[1]), int(begin[2])), (int(end[0]), int(end[1]), int(end[2])))
 
 
-def _replaced(index: Index, axis: int, value: int) -> Index:
+def replaced(index: Index, axis: int, value: int) -> Index:
+    """An index with another number along one axis."""
     z, y, x = (value if a == axis else old for a, old in enumerate(index))
     return z, y, x
 

@@ -1,0 +1,213 @@
+"""The tree that balances best: cuts of every axis and every division of ranks tried, and planes moved without new cuts.
+
+`build_tree` halves the ranks at each node by the one plane that looks best. Few layers of bricks, or a cost in one
+corner, leave it with ranks of unlike cost. Where few ranks remain, trying other cuts is cheap and finds better ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.partition.bsp import SAME_COST, Costs, build_tree, replaced, trim
+from clusterviz.partition.edges import Edges, uniform_edges
+from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
+
+FEW_RANKS = 8  # up to which all divisions of ranks are tried
+GOOD_ENOUGH = 1.005  # busiest over mean rank of a node: better ones are not looked for
+TRIALS = 4  # cuts of a node of few ranks that are followed to their leaves
+
+
+@dataclass(frozen=True, eq=False)
+class CostTable:
+    """Sums of costs over any box of bricks at once.
+
+    Attributes
+    ----------
+    cost : float64 (bz, by, bx)
+    corner : float64 (bz + 1, by + 1, bx + 1): the sum over all bricks before each corner
+    edges : where planes may pass
+    """
+
+    cost: Costs
+    corner: NDArray[np.float64]
+    edges: Edges
+
+    def total(self, box: BrickBox) -> float:
+        """The cost of a box."""
+        return float(self.below(box, 0, np.array([box.end_zyx[0]]))[0])
+
+    def planes(self, box: BrickBox, axis: int) -> NDArray[np.int64]:
+        """Where planes may cut a box."""
+        edge = np.asarray(self.edges[axis], np.int64)
+        return edge[(edge > box.begin_zyx[axis]) & (edge < box.end_zyx[axis])]
+
+    def below(self, box: BrickBox, axis: int, planes: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The cost of the parts of a box before planes across an axis."""
+        begin, end = box.begin_zyx, box.end_zyx
+        first, second = (other for other in range(3) if other != axis)
+        lines = np.moveaxis(self.corner, axis, 0)
+        sums = (
+            lines[:, end[first], end[second]]
+            - lines[:, begin[first], end[second]]
+            - lines[:, end[first], begin[second]]
+            + lines[:, begin[first], begin[second]]
+        )
+        costs: NDArray[np.float64] = np.maximum(0.0, sums[planes] - sums[begin[axis]])
+        return costs
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """One way to cut a box: `low_ranks` of its ranks before `plane`; `load` is the mean of the dearer side."""
+
+    load: float
+    length: int
+    axis: int
+    plane: int
+    low_ranks: int
+
+
+def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
+    """Divide the bricks among the ranks, with the cost of the busiest as small as a bounded search finds it.
+
+    A node of more than `FEW_RANKS` ranks is halved where its halves are most even. Below, the best cut of each axis and
+    each division of the ranks counts; the `TRIALS` most even ones are followed to their leaves, unless a bound shows
+    that they cannot win.
+
+    Parameters
+    ----------
+    cost, ranks : as of `build_tree`
+    edges : where planes may pass; between any two bricks where None
+
+    Returns
+    -------
+    tree : the same on every rank for the same costs. The busiest rank never has more than in the plain tree of
+        `build_tree`, where planes may pass anywhere
+
+    Raises
+    ------
+    InputError
+        As `build_tree`.
+    """
+    plain = build_tree(cost, ranks)
+    if not cost.any():
+        return plain
+    table = cost_table(cost, edges or uniform_edges(plain.shape_zyx))
+    # Without a limit the first trial of every node succeeds.
+    root = _best(table, BrickBox((0, 0, 0), plain.shape_zyx), 0, ranks, np.inf) or plain.root
+    found = BspTree(plain.shape_zyx, ranks, root)
+    return plain if edges is None and busiest(plain.root) < busiest(root) else found
+
+
+def move_planes(tree: BspTree, cost: Costs, edges: Edges | None = None, still: float = 0.0) -> BspTree:
+    """The same cuts with planes where costs are most even now, from the root on down.
+
+    Parameters
+    ----------
+    tree : of the last frame
+    cost, edges : as of `search_tree`
+    still : a plane stays if the dearer side has at most this share more than at the best place (hysteresis)
+
+    Raises
+    ------
+    InputError
+        The cost is over other bricks than the tree.
+
+    References
+    ----------
+    S. Marchesin, C. Mongenet, J.-M. Dischler: Dynamic load balancing for parallel volume rendering, EGPGV 2006;
+    C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems, EGPGV
+    2006.
+    """
+    if cost.shape != tree.shape_zyx:
+        raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
+    table = cost_table(cost, edges or uniform_edges(tree.shape_zyx))
+    return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx), still))
+
+
+def busiest(node: Node) -> float:
+    """The largest cost of a leaf."""
+    return node.cost if isinstance(node, Leaf) else max(busiest(node.low), busiest(node.high))
+
+
+def cost_table(cost: Costs, edges: Edges) -> CostTable:
+    """Prefix sums of a cost per brick."""
+    corner = np.zeros(tuple(n + 1 for n in cost.shape))
+    corner[1:, 1:, 1:] = cost.cumsum(0).cumsum(1).cumsum(2)
+    return CostTable(cost, corner, edges)
+
+
+def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:
+    """The best tree of a box, or None if its busiest leaf cannot stay below a limit."""
+    if ranks == 1:
+        leaf = _leaf(table, box, first_rank)
+        return leaf if leaf.cost < limit else None
+    best, enough = None, GOOD_ENOUGH * table.total(box) / ranks
+    trials = TRIALS if ranks <= FEW_RANKS else 1
+    for cut in sorted(_cuts(table, box, ranks), key=lambda cut: (cut.load, -cut.length, cut.axis))[:trials]:
+        if cut.load >= limit * (1 - SAME_COST):
+            break
+        low_box, high_box = _halves(box, cut.axis, cut.plane)
+        low = _best(table, low_box, first_rank, cut.low_ranks, limit)
+        high = low and _best(table, high_box, first_rank + cut.low_ranks, ranks - cut.low_ranks, limit)
+        if low is None or high is None:
+            continue
+        best = Split(cut.axis, cut.plane, low, high)
+        limit = busiest(best)
+        if limit <= enough:
+            break
+    return best
+
+
+def _cuts(table: CostTable, box: BrickBox, ranks: int) -> Iterator[_Cut]:
+    """The most even plane of each axis and division of ranks; a box that no plane cuts goes to the first half whole."""
+    divisions = range(1, ranks) if ranks <= FEW_RANKS else (ranks // 2,)
+    total, cuttable = table.total(box), False
+    for axis in range(3):
+        planes = table.planes(box, axis)
+        if len(planes) == 0:
+            continue
+        cuttable = True
+        below = table.below(box, axis, planes)
+        for low_ranks in divisions:
+            load = np.maximum(below / low_ranks, (total - below) / (ranks - low_ranks))
+            at = int(np.argmin(load))
+            yield _Cut(float(load[at]), box.shape_zyx[axis], axis, int(planes[at]), low_ranks)
+    if not cuttable:
+        yield _Cut(total / ranks, 0, 0, box.end_zyx[0], ranks // 2)
+
+
+def _moved(table: CostTable, node: Node, box: BrickBox, still: float) -> Node:
+    """A node over a box whose borders may have moved."""
+    if isinstance(node, Leaf):
+        return _leaf(table, box, node.rank)
+    axis, planes = node.axis_zyx, table.planes(box, node.axis_zyx)
+    plane = min(max(node.plane, box.begin_zyx[axis]), box.end_zyx[axis])
+    if len(planes):
+        share = _ranks(node.low) / (_ranks(node.low) + _ranks(node.high))
+        total = table.total(box)
+        below = table.below(box, axis, planes)
+        load = np.maximum(below / share, (total - below) / (1 - share))
+        old = np.flatnonzero(planes == node.plane)
+        if len(old) == 0 or load[old[0]] > load.min() * (1 + still):
+            plane = int(planes[np.argmin(load)])
+    low, high = _halves(box, axis, plane)
+    return Split(axis, plane, _moved(table, node.low, low, still), _moved(table, node.high, high, still))
+
+
+def _ranks(node: Node) -> int:
+    return 1 if isinstance(node, Leaf) else _ranks(node.low) + _ranks(node.high)
+
+
+def _halves(box: BrickBox, axis: int, plane: int) -> tuple[BrickBox, BrickBox]:
+    low = BrickBox(box.begin_zyx, replaced(box.end_zyx, axis, plane))
+    return low, BrickBox(replaced(box.begin_zyx, axis, plane), box.end_zyx)
+
+
+def _leaf(table: CostTable, box: BrickBox, rank: int) -> Leaf:
+    return Leaf(rank, box, trim(table.cost, box), float(table.cost[box.slices].sum()))
