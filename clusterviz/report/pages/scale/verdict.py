@@ -22,7 +22,7 @@ def verdict(found: Found, expected: Sequence[Expected], network: str) -> list[st
     base = min(own or points, key=lambda point: point.ranks)
     said = [
         _bottleneck(judged, base),
-        *_busy(own),
+        *_busy(own, judged, base),
         *_crowded(points, judged),
         *_beyond(expected, network),
         _pictures(found),
@@ -66,24 +66,34 @@ def _losses(point: Point, base: Point) -> dict[str, float]:
     parts, before = _parts(point), _parts(base)
     samples = sum(base.samples) * (1.0 if point.scaling == STRONG else point.ranks / base.ranks)
     hidden = point.render_mean_seconds * max(0.0, 1 - samples / max(sum(point.samples), 1))
+    slower = "drawing that is slower in parts" if _share(point) >= FREE else "drawing that other programs slowed"
     return {
         "imbalance": point.render_seconds - point.render_mean_seconds,
         "samples behind what another rank shows opaque": hidden,
-        "drawing that is slower in parts": point.render_mean_seconds - hidden - base.render_mean_seconds / more,
+        slower: point.render_mean_seconds - hidden - base.render_mean_seconds / more,
         "reading back": parts["reading back"] - before["reading back"] / more,
         "compositing": parts["compositing"],
         "waiting": parts["waiting for each other"],
     }
 
 
-def _busy(points: Sequence[Point]) -> list[str]:
+def _share(point: Point) -> float:
+    """What each rank got of a core while it drew; 1 where that was enough, or where a GPU drew."""
+    drawn = point.ranks * point.render_mean_seconds
+    return min(1.0, point.cpu_seconds / drawn) if point.software and drawn else 1.0
+
+
+def _busy(points: Sequence[Point], judged: Point, base: Point) -> list[str]:
     """That other programs took the cores: a rank that draws in software keeps a core busy, if it gets one."""
-    shares = [p.cpu_seconds / (p.ranks * p.render_mean_seconds) for p in points if p.software and p.render_mean_seconds]
-    if not shares or min(shares) >= FREE:
+    least = min(map(_share, points), default=1.0)
+    if least >= FREE:
         return []
-    return [
-        f"Other programs were busy: the ranks got as little as {min(shares):.0%} of a core each, so times are too long."
-    ]
+    said = f"Other programs were busy: the ranks got as little as {least:.0%} of a core each, so times are too long"
+    if judged.ranks == base.ranks:
+        return [said + "."]
+    more = 1.0 if judged.scaling == STRONG else judged.ranks / base.ranks
+    efficiency = base.cpu_seconds * more / judged.cpu_seconds
+    return [f"{said}; by CPU time, which they do not lengthen, efficiency is {efficiency:.0%}."]
 
 
 def _crowded(points: Sequence[Point], judged: Point) -> list[str]:

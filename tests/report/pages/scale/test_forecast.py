@@ -173,9 +173,12 @@ def test_no_efficiency_is_claimed_where_ranks_take_turns() -> None:
 
 
 def test_cores_that_other_programs_took_are_told() -> None:
-    disturbed = replace(TWO, cpu_seconds=0.6)
-    assert "as little as 60% of a core each" in said(ONE, disturbed)[1]
-    assert not any("Other programs" in sentence for sentence in said(ONE, replace(disturbed, software=False)))
+    disturbed = replace(point(2, [0.8, 0.8], [500, 500]), cpu_seconds=0.96)
+    first, second, *_ = said(replace(ONE, cpu_seconds=0.9), disturbed)
+    assert "lost mostly to drawing that other programs slowed (300 ms a frame)" in first
+    assert "as little as 60% of a core each" in second
+    assert second.endswith("by CPU time, which they do not lengthen, efficiency is 94%.")
+    assert not any("other programs" in sentence.lower() for sentence in said(ONE, replace(disturbed, software=False)))
 
 
 def test_pictures_that_differ_and_counts_that_failed_are_told() -> None:
