@@ -136,16 +136,12 @@ def _load(run: Run, opened: OpenedVolume, share: Share, wanted: bool = True) -> 
 
 
 class FrameLoop:
-    """Draws frame after frame of one volume; every method is collective.
+    """Draws frame after frame of one volume, `scene` being its completed scene; every method is collective.
 
     Parameters
     ----------
     scene, channel, source, options : as in `render_frame`
     several : whether more than one frame may come; what pays only then is left out otherwise
-
-    Attributes
-    ----------
-    scene : completed
     """
 
     def __init__(
@@ -193,8 +189,8 @@ class FrameLoop:
     def __exit__(self, kind: object, *_: object) -> None:
         self._release()
         # After a failure the others may not come to a collective call.
-        if self._compositor is not None and kind is None:
-            self._compositor.close()
+        if kind is None:
+            self._close_compositor()
 
     def _next_share(self, scene: Scene) -> Share:
         """Deal, and bring to the GPU what is not there; a rank without bricks starts no OpenGL."""
@@ -257,6 +253,8 @@ class FrameLoop:
             image = cast("Image | None", composed if composed is None else composed.copy())
             compositing = {**asdict(counters), "seconds": counters.seconds}
             run.clock.note(*composition_spans(began, perf_counter(), compositing))
+            if not self._several:
+                self._close_compositor()
         total = counters.total
         run.clock.add("encode", total.seconds_encode)
         run.clock.add("exchange", total.seconds_wait + counters.seconds_agree)
@@ -276,6 +274,11 @@ class FrameLoop:
             codec = "raw" if cluster.codec == "auto" and not self._several else cluster.codec
             algorithm, transport = cluster.compositing, cluster.transport
             return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport)
+
+    def _close_compositor(self) -> None:
+        if self._compositor is not None:
+            self._compositor.close()
+            self._compositor = None
 
     def _check(self, share: Share, partial: PartialImage, image: Image | None) -> None:
         """Composite again by the plain serial algorithm; the pictures must agree to rounding."""

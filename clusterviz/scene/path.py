@@ -12,7 +12,7 @@ import os
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import yaml
@@ -27,14 +27,20 @@ from clusterviz.scene.values import Camera, Clim, Cmap, Number, Opacity, Positiv
 from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 Floats = NDArray[np.float64]
+KeyT = TypeVar("KeyT", bound="Key")
 TURN = 360.0
 POINTS = ("position", "focal_point")
 
 
-class CameraKey(Section):
-    """The camera at a time; what is left out is the scene's."""
+class Key(Section):
+    """Something at a time."""
 
     time: Number
+
+
+class CameraKey(Key):
+    """The camera at a time; what is left out is the scene's."""
+
     position: Vector | None = None
     focal_point: Vector | None = None
     view_up: Vector | None = None
@@ -42,16 +48,15 @@ class CameraKey(Section):
     parallel_scale: Positive | None = None
 
 
-class TransferKey(Section):
+class TransferKey(Key):
     """The transfer function at a time; what is left out is the scene's."""
 
-    time: Number
     cmap: Cmap | None = None
     clim: Clim | None = None
     opacity: Opacity | None = None
 
 
-def _ascending(keys: Any) -> Any:
+def _ascending(keys: tuple[KeyT, ...]) -> tuple[KeyT, ...]:
     for before, after in pairwise(keys):
         if after.time <= before.time:
             raise UnusableError(f"keys out of order: time {after.time:g} after {before.time:g}", "ascending times")
@@ -76,7 +81,7 @@ class KeyFrames(Section):
         return round((end - begin) * frames_per_second) + 1
 
 
-SECTIONS: dict[str, type[Section]] = {"camera": CameraKey, "transfer": TransferKey}
+SECTIONS: dict[str, type[Key]] = {"camera": CameraKey, "transfer": TransferKey}
 
 
 def load_path(path: str | os.PathLike[str]) -> KeyFrames:
@@ -103,7 +108,7 @@ def load_path(path: str | os.PathLike[str]) -> KeyFrames:
         for details in error.errors():
             if details["type"] == "extra_forbidden":
                 key = details["loc"]
-                section = SECTIONS.get(str(key[0]), KeyFrames) if len(key) > 1 else KeyFrames
+                section: type[Section] = SECTIONS[str(key[0])] if len(key) > 1 else KeyFrames
                 raise unknown_key(f"{where}: {key_text(key)}", key[-1], section) from None
         raise scene_error(error, where) from None
 
@@ -209,12 +214,13 @@ def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any
         allowed = "one name in all keys, or numbers, or lists of as many points in each"
         raise SceneError("nothing lies between these keys", where=where, found=shown(each), allowed=allowed)
     table = np.array(each, np.float64)
-    at = monotone(times, table.reshape(len(each), -1), time).reshape(table.shape[1:])
-    if at.ndim == 2:
+    flat = monotone(times, table.reshape(len(each), -1), time)
+    if table.ndim == 3:
+        rows = flat.reshape(table.shape[1:])
         # Values that come near each other must not pass each other.
-        at[:, 0] = np.maximum.accumulate(at[:, 0])
-        return tuple(tuple(row) for row in at.tolist())
-    return tuple(at.tolist()) if at.ndim else float(at)
+        rows[:, 0] = np.maximum.accumulate(rows[:, 0])
+        return tuple(tuple(float(value) for value in row) for row in rows)
+    return tuple(float(value) for value in flat) if table.ndim == 2 else float(flat[0])
 
 
 def _rows(values: Sequence[Any]) -> Floats:

@@ -31,9 +31,9 @@ def monotone(times: Floats, values: Floats, time: float) -> Floats:
     float64 (k,)
     """
     if len(times) == 1 or time <= times[0]:
-        return values[0].copy()
+        return np.array(values[0])
     if time >= times[-1]:
-        return values[-1].copy()
+        return np.array(values[-1])
     steps = np.diff(times)
     rates = np.diff(values, axis=0) / steps[:, None]
     i = int(np.searchsorted(times, time, side="right")) - 1
@@ -48,7 +48,7 @@ def monotone(times: Floats, values: Floats, time: float) -> Floats:
 def _slope(rates: Floats, steps: Floats, key: int) -> Floats:
     """The rate of change at a key: a weighted harmonic mean of those beside it, 0 where they differ in sign."""
     if key in (0, len(rates)):
-        return rates[min(key, len(rates) - 1)]
+        return np.array(rates[min(key, len(rates) - 1)])
     before, after, short, long = rates[key - 1], rates[key], steps[key - 1], steps[key]
     first, second = 2 * long + short, long + 2 * short
     same = before * after > 0
@@ -74,7 +74,7 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
     knot = float(monotone(times, knots[:, None], time)[0])
     i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, max(0, len(times) - 2)))
     if len(times) == 1 or knots[i + 1] == knots[i]:
-        return points[i].copy()
+        return np.array(points[i])
     before, b, c, after = i - 1, points[i], points[i + 1], i + 2
     length = knots[i + 1] - knots[i]
     # Beyond the ends, and where the curve rests, a point is mirrored.
