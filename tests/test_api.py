@@ -83,14 +83,17 @@ def test_settings_are_keys_of_the_scene() -> None:
     assert np.array_equal(picture, render_frame(changed, LoopbackChannel()).image)  # type: ignore[arg-type]
 
 
+SECTIONS = ("volumes", "camera", "clip", "image", "quality", "cluster")
+
+
 def test_settings_lead_to_every_key_by_one_name() -> None:
-    names = [name for section in ("volumes", "camera", "image", "quality", "cluster") for name in _fields(section)]
+    names = [name for section in SECTIONS for name in _fields(section)]
     assert sorted(names) == sorted(KEYS)
 
 
 def _fields(section: str) -> list[str]:
-    kind = {"volumes": "Volume", "camera": "Camera", "image": "ImageSettings", "quality": "Quality"}.get(section)
-    return list(getattr(sys.modules["clusterviz.scene.values"], kind or "Cluster").model_fields)
+    kind = {"volumes": "Volume", "image": "ImageSettings"}.get(section, section.capitalize())
+    return list(getattr(sys.modules["clusterviz.scene.values"], kind).model_fields)
 
 
 @pytest.mark.parametrize(
