@@ -19,6 +19,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include "opacity.glsl"
 #include "transfer.glsl"
 #include <RECORDS>
+#include <SEGMENT>
 #include <VOXEL>
 #include <SCALAR>
 #include "march.glsl"

@@ -26,8 +26,10 @@ OPERATORS: dict[Blending, Operator] = {
 }
 
 
+Classification = Literal["post", "pre-integrated"]
+
 LONGEST_SLAB = 2.0
-"""Voxels; where surfaces are looked for, a slab's ends lie in its brick's margin."""
+"""Voxels; where the field is sampled at the ends of slabs, they lie in their brick's margin."""
 
 
 @dataclass(frozen=True)
@@ -110,24 +112,34 @@ def has_surfaces(volume: Volume) -> bool:
     return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
 
 
-def reach_of(volume: Volume) -> int:
-    """Cells beyond its own in which a brick of the volume samples the field: the ends of slabs, for surfaces."""
-    return int(has_surfaces(volume))
+def is_preintegrated(volume: Volume, classification: Classification) -> bool:
+    """Whether slabs of the volume are classified between their ends.
+
+    Not where no light is blended, nor between nearest voxels, where a slab has one scalar and not a ramp, nor where
+    surfaces cut the slabs.
+    """
+    linear = volume.interpolation != "nearest"
+    return classification == "pre-integrated" and volume.blending == "composite" and linear and not volume.isosurfaces
 
 
-def margin_of(volume: Volume) -> int:
+def reach_of(volume: Volume, classification: Classification = "post") -> int:
+    """Cells beyond its own in which a brick of the volume samples the field: where slabs end, if that is asked."""
+    return int(has_surfaces(volume) or is_preintegrated(volume, classification))
+
+
+def margin_of(volume: Volume, classification: Classification = "post") -> int:
     """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
-    return reach_of(volume) + (is_lit(volume) or volume.interpolation == "cubic")
+    return reach_of(volume, classification) + (is_lit(volume) or volume.interpolation == "cubic")
 
 
-def spread_of(volume: Volume) -> int:
+def spread_of(volume: Volume, classification: Classification = "post") -> int:
     """Samples beyond a cell's corners on which the field in it, or where its slabs end, may depend."""
-    return reach_of(volume) + (volume.interpolation == "cubic")
+    return reach_of(volume, classification) + (volume.interpolation == "cubic")
 
 
-def step_of(volume: Volume, step: float) -> float:
-    """The length of a slab in voxels; where surfaces are looked for it is bounded, which they do not depend on."""
-    return min(step, LONGEST_SLAB) if has_surfaces(volume) else step
+def step_of(volume: Volume, step: float, classification: Classification = "post") -> float:
+    """The length of a slab in voxels; bounded where the field is sampled at its ends."""
+    return min(step, LONGEST_SLAB) if reach_of(volume, classification) else step
 
 
 def make_look(volume: Volume, transfer: TransferFunction, shading: Shading | None) -> Look:

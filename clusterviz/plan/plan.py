@@ -13,7 +13,8 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, make_look, reach_of, spread_of, step_of
+from clusterviz.plan.look import Look, is_lit, is_preintegrated, make_look, reach_of, spread_of, step_of
+from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.plan.view import View, make_view
@@ -36,6 +37,7 @@ class March:
     residual : a ray ends when what lies behind it can add at most this share
     reach : cells beyond its own in which a brick samples the field
     spread : samples beyond a cell's corners on which what is shown of it depends
+    preintegrated : slabs are classified between their ends, not at their midpoints
     """
 
     step_world: float
@@ -44,6 +46,7 @@ class March:
     residual: float
     reach: int
     spread: int
+    preintegrated: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,15 +83,16 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     Parameters
     ----------
     scene : a completed scene with one volume
-    grid, dtype, layout, summary : of that volume
+    grid, dtype, layout, summary : of that volume; the layout's margin is what `margin_of` asks for
     """
-    volume = scene.volumes[0]
+    volume, classification = scene.volumes[0], scene.quality.classification
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
     look = make_look(volume, transfer, shading)
     planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
-    step_world = step_of(volume, scene.quality.step) * min(grid.spacing)
+    step_world = step_of(volume, scene.quality.step, classification) * min(grid.spacing)
+    preintegrated = is_preintegrated(volume, classification)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -96,14 +100,15 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             step_world / transfer.unit_distance,
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
-            reach_of(volume),
-            spread_of(volume),
+            reach_of(volume, classification),
+            spread_of(volume, classification),
+            preintegrated,
         ),
         look,
         planes,
         make_encoding(dtype, transfer.domain),
         transfer,
-        make_segments(transfer, step_world / transfer.unit_distance),
+        make_preintegrated(transfer) if preintegrated else make_segments(transfer, step_world / transfer.unit_distance),
         layout,
         brick_cost(layout, hidden),
     )

@@ -48,6 +48,7 @@ class Segments:
     low, per_unit : the scalar at the start of bucket 0, and buckets per unit of the scalar
     further_starts : the largest stride (a power of two, or 0) of a search for later segments of one bucket
     transparent_below : no scalar below this one has any opacity
+    sums : float64 (n, 8) for pre-integration, see `preintegration.py`; None where samples are classified one by one
     """
 
     records: NDArray[np.void]
@@ -56,6 +57,7 @@ class Segments:
     per_unit: float
     further_starts: int
     transparent_below: float
+    sums: NDArray[np.float64] | None = None
 
 
 def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
@@ -64,6 +66,19 @@ def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
     Parameters
     ----------
     slab_units : length of a slab in opacity unit distances
+    """
+    records, starts = outline(transfer)
+    records = _refined(records, slab_units)
+    return indexed(records, starts, (records["unit_opacity"] > 0) | (records["unit_slope"] > 0), RECORD)
+
+
+def outline(transfer: TransferFunction) -> tuple[NDArray[np.void], Floats]:
+    """The segments between all control points, uncut.
+
+    Returns
+    -------
+    records : as `RECORD`, but float64; nothing is known of slabs
+    starts : float64 (n,), the control points
     """
     knots = np.unique(np.concatenate([transfer.opacity_values, transfer.colour_values]))
     starts = np.clip(in_units_of_clim(knots, *transfer.domain), -FAR, FAR)
@@ -77,7 +92,7 @@ def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
         opacity = name == "unit"
         records["unit_opacity" if opacity else "colour"] = at_start[:, 0] if opacity else at_start
         records[f"{name}_slope"] = slope[:, 0] if opacity else slope
-    return _indexed(_refined(records, slab_units), starts)
+    return records, starts
 
 
 def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> tuple[Floats, Floats]:
@@ -115,19 +130,39 @@ def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
             records["slab_opacity"] = at_start
             records["slab_slope"] = (at_end - at_start) / np.maximum(lengths, 1e-30)
             return records
-        halves = records[cut].copy()
-        halves["start"] = middles[cut]
-        for name, slope in (("unit_opacity", "unit_slope"), ("colour", "colour_slope")):
-            shift = (lengths[cut] / 2).reshape(-1, *[1] * (halves[name].ndim - 1))
-            halves[name] += halves[slope] * shift
-        records = np.insert(records, np.flatnonzero(cut) + 1, halves)
+        records = halved(records, cut)
 
 
-def _indexed(records: NDArray[np.void], starts: Floats) -> Segments:
-    """The records in float32, and the buckets over the range of the control points."""
+def halved(records: NDArray[np.void], cut: NDArray[np.bool_]) -> NDArray[np.void]:
+    """The records with a further one in the middle of each that is to be cut; never the last."""
+    lengths = np.diff(records["start"])[cut[:-1]]
+    halves = records[cut].copy()
+    halves["start"] += lengths / 2
+    for name, slope in (("unit_opacity", "unit_slope"), ("colour", "colour_slope")):
+        shift = (lengths / 2).reshape(-1, *[1] * (halves[name].ndim - 1))
+        halves[name] += halves[slope] * shift
+    return np.insert(records, np.flatnonzero(cut) + 1, halves)
+
+
+def indexed(
+    records: NDArray[np.void],
+    starts: Floats,
+    opaque: NDArray[np.bool_],
+    dtype: np.dtype[np.void],
+    sums: Floats | None = None,
+) -> Segments:
+    """The records in float32, and the buckets over the range of the control points.
+
+    Parameters
+    ----------
+    records : float64, the first field their starts
+    starts : of the control points
+    opaque : which of the segments are not transparent
+    dtype : the records as they are stored
+    """
     with np.errstate(over="ignore"):
-        stored = records.astype(RECORD)
-    for name in RECORD.names or ():
+        stored = records.astype(dtype)
+    for name in dtype.names or ():
         stored[name] = np.clip(stored[name], -FAR, FAR)
     low, width = float(starts[0]), max(float(starts[-1] - starts[0]), 1e-30)
     # A bucket starts a little early and ends a little late, for the rounding of the shader's division.
@@ -139,6 +174,6 @@ def _indexed(records: NDArray[np.void], starts: Floats) -> Segments:
     buckets["next_start"] = np.append(stored["start"], FAR)[first + 1]
     last = np.searchsorted(stored["start"], edges + width / BUCKETS + 2 * margin, side="right") - 1
     most = int((last - first).max())
-    opaque = (stored["unit_opacity"] > 0) | (stored["unit_slope"] > 0)
     below = float(stored["start"][np.argmax(opaque)]) if opaque.any() else FAR
-    return Segments(stored, buckets, low, BUCKETS / width, 1 << (most - 1).bit_length() >> 1 if most > 1 else 0, below)
+    further_starts = 1 << (most - 1).bit_length() >> 1 if most > 1 else 0
+    return Segments(stored, buckets, low, BUCKETS / width, further_starts, below, sums)

@@ -9,6 +9,7 @@
 - lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum
 - surfaces.py     isosurfaces
+- preintegrated.py  slabs that are classified between their ends
 - raycast.py      the picture of a scene
 - over.py         layers to one picture
 """

@@ -20,6 +20,7 @@ from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import GRADIENTS, SAMPLERS
 from clusterviz.reference.lighting import lit
+from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
 from clusterviz.reference.slabs import slabs
@@ -76,6 +77,8 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
             volume = scene.volumes[0]
             if volume.blending in ("composite", "isosurface") and volume.isosurfaces:
                 rgba[part] = march_surfaces(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
+            elif _is_preintegrated(scene):
+                rgba[part] = march_preintegrated(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
             elif volume.blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid)
             else:
@@ -103,6 +106,12 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)
     return rgba
+
+
+def _is_preintegrated(scene: Scene) -> bool:
+    """Whether slabs have ramps to integrate: between nearest voxels there are none."""
+    volume, classification = scene.volumes[0], str(scene.quality.classification)
+    return classification == "pre-integrated" and volume.blending == "composite" and volume.interpolation != "nearest"
 
 
 def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:

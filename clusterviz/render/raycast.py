@@ -105,6 +105,8 @@ class Raycaster:
             progress = buffers.reserve(8, 4 + 4 * rect.pixels)
             buffers.bind(4, segments.buckets)
             records = buffers.make(_padded(segments.records, self._variant.block_bytes))
+            if segments.sums is not None:
+                buffers.bind(0, segments.sums)
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
             if plan.look.surfaces:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Filter, Plan
+from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.storage import GROUP, Slot
@@ -26,6 +27,7 @@ BLENDING_FILES: dict[Blending, tuple[str, str, str]] = {
     "local-maximum": ("samples.glsl", "local_maximum.glsl", NOTHING),
     "isosurface": ("surfaces.glsl", "composite.glsl", "over.glsl"),
 }
+PREINTEGRATED_FILES = ("preintegrated.glsl", NOTHING, "over.glsl")
 """What runs of slabs are made of, what is taken of a sample, and how runs are added."""
 
 
@@ -44,6 +46,7 @@ class Variant:
     lights : how many light the volume; 0: it is not lit
     planes : how many clip it
     surfaces : isosurfaces that it shows
+    preintegrated : slabs are classified between their ends, not at their midpoints
     """
 
     filter: Filter
@@ -55,6 +58,7 @@ class Variant:
     lights: int = 0
     planes: int = 0
     surfaces: int = 0
+    preintegrated: bool = False
 
     @property
     def source(self) -> ShaderSource:
@@ -65,11 +69,13 @@ class Variant:
         elif self.filter == "linear" and self.slot.kind == "u8":
             scalar = "linear_u8.glsl"
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        run, sample, behind = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
+        files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
+        run, sample, behind = PREINTEGRATED_FILES if self.preintegrated else files
         slots = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
             "RECORDS": records,
+            "SEGMENT": NOTHING if self.preintegrated else "segment.glsl",
             "VOXEL": voxel,
             "SCALAR": scalar,
             "RUN": run,
@@ -90,6 +96,10 @@ class Variant:
         return files.get(self.filter, "gradient_differences.glsl")
 
     @property
+    def _record_bytes(self) -> int:
+        return (SLAB_RECORD if self.preintegrated else RECORD).itemsize
+
+    @property
     def constants(self) -> str:
         """GLSL text that declares the program's constants."""
         z, y, x = self.slot.cells_zyx
@@ -105,7 +115,7 @@ class Variant:
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
             f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
             f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
-            f"const int PARTS = {RECORD.itemsize // PART_BYTES}; // vec4s in a record of the transfer function",
+            f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
             f"const int SAMPLE_ITERATIONS = {1 + self.further_starts.bit_length() + self.lights}; // of loops, at most",
@@ -149,4 +159,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         len(plan.look.shading.lights) if plan.look.shading else 0,
         len(plan.clip),
         _surfaces(plan),
+        plan.march.preintegrated,
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clusterviz.image.merge import MERGES
-from clusterviz.plan.look import OPERATORS, Look, make_look, margin_of
+from clusterviz.plan.look import OPERATORS, Look, is_preintegrated, make_look, margin_of, spread_of, step_of
 from clusterviz.scene import TransferFunction
 from clusterviz.scene.values import Volume
 
@@ -51,6 +51,15 @@ def test_margin_grows_with_what_a_volume_shows() -> None:
     assert margin_of(Volume(path="a", shade=True, blending="maximum")) == 0
     assert margin_of(Volume(**surfaces)) == 1
     assert margin_of(Volume(**surfaces, shade=True)) == 2
+
+
+def test_slabs_that_are_classified_between_their_ends_reach_a_cell_further() -> None:
+    volume, how = Volume(path="a"), "pre-integrated"
+    assert (margin_of(volume, how), spread_of(volume, how), step_of(volume, 5.0, how)) == (1, 1, 2.0)
+    assert (margin_of(volume), spread_of(volume), step_of(volume, 5.0)) == (0, 0, 5.0)
+    assert margin_of(Volume(path="a", shade=True), how) == 2
+    for other in ({"interpolation": "nearest"}, {"blending": "maximum"}, {"isosurfaces": (1.0,)}):
+        assert not is_preintegrated(Volume(path="a", **other), how)
 
 
 def test_every_blending_has_an_operator_that_merges() -> None:

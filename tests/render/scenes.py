@@ -59,6 +59,7 @@ def scene_of(
     size: tuple[int, int] = (24, 20),
     look: Any = None,
     parts: Any = None,
+    classification: str = "post",
     **quality: Any,
 ) -> Scene:
     """One volume, seen by a camera; control points are given in units of clim, by default the middle of the values.
@@ -79,7 +80,11 @@ def scene_of(
         **(look or {}),
     )
     return Scene(
-        volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality), **(parts or {})
+        volumes=(volume,),
+        camera=camera,
+        image=ImageSettings(size=size),
+        quality=Quality(**quality).model_copy(update={"classification": classification}),
+        **(parts or {}),
     )
 
 
@@ -129,7 +134,7 @@ CAMERAS = (
 def prepare(scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16) -> Prepared:
     """Plan a completed scene; all bricks are read."""
     source = ArraySource(voxels, grid)
-    layout = BrickLayout(source.grid.shape_zyx, brick, margin_of(scene.volumes[0]))
+    layout = BrickLayout(source.grid.shape_zyx, brick, margin_of(scene.volumes[0], scene.quality.classification))
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     return Prepared(make_plan(scene, source.grid, source.dtype, layout, summary), bricks)

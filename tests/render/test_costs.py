@@ -27,7 +27,7 @@ BRICK = 16
 # Of every picture: pixels, samples, progress, the transfer function's buckets and records, visible groups, the frame.
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
-PLAIN = "composite linear_u8 over samples unclipped unlit voxel_u8"
+PLAIN = "composite linear_u8 over samples segment unclipped unlit voxel_u8"
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
@@ -88,6 +88,19 @@ CASES = {
         "surfaces cubic gradient_cubic lights clip",
         buffers=3,
         side=19 + 2,
+    ),
+    "pre-integrated": Case(
+        {"classification": "pre-integrated"}, "composite samples segment", "preintegrated", buffers=1, side=19
+    ),
+    "pre-integrated, shade": Case(
+        {"classification": "pre-integrated", "look": SHADE},
+        "composite samples segment unlit",
+        "preintegrated gradient lights",
+        buffers=2,
+        side=19 + 2,
+    ),
+    "pre-integrated, but nearest": Case(
+        {"classification": "pre-integrated", "interpolation": "nearest"}, "linear_u8", "nearest"
     ),
     "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
 }

@@ -36,6 +36,17 @@ def test_every_look_compiles(context: moderngl.Context, filter: str, kind: str, 
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize("lights", [0, 16])
+@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
+@pytest.mark.parametrize("filter", ["linear", "cubic", "hardware"])
+def test_every_preintegrated_variant_compiles(context: moderngl.Context, filter: str, kind: str, lights: int) -> None:
+    slot = Slot((15, 16, 33), kind, filter == "hardware", 2, 1, 2)
+    for planes, block_bytes in ((0, 0), (2, 16384)):
+        variant = Variant(filter, slot, 33, 1, block_bytes, "composite", lights, planes, preintegrated=True)
+        compile_compute(context, variant.source).release()
+
+
+@pytest.mark.gl
 @pytest.mark.parametrize("kind", ["u8", "f32"])
 @pytest.mark.parametrize("blending", [name for name in BLENDING_FILES if name != "isosurface"])
 def test_every_projection_compiles(context: moderngl.Context, blending: str, kind: str) -> None:
