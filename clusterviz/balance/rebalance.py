@@ -1,0 +1,167 @@
+"""Which bricks change hands in this frame: the second half of balancing, pure, and the same on every rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.partition.bsp import Costs
+from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.tree import Index
+
+
+@dataclass(frozen=True)
+class Move:
+    """A brick that shall change hands; `wire_bytes` is 0 where the target has it already."""
+
+    brick: Index
+    source: int
+    target: int
+    wire_bytes: int
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """Where bricks should be, and what it takes.
+
+    Attributes
+    ----------
+    target : who should draw what; bricks that are nobody's here or in the present stay as they are
+    cost : float64 (bz, by, bx), expected
+    wire_bytes : int64 (bz, by, bx): what sending each brick to its target takes, 0 where that has it
+    held_bytes : int64 (bz, by, bx): the memory that it takes there
+    unit : int64 (bz, by, bx), as of `units`: bricks with the same number move together if they go the same way
+    """
+
+    target: Owners
+    cost: Costs
+    wire_bytes: NDArray[np.int64]
+    held_bytes: NDArray[np.int64]
+    unit: NDArray[np.int64]
+
+
+def rebalance(
+    present: Owners,
+    wish: Wish,
+    free_bytes: NDArray[np.int64],
+    budget_bytes: int,
+    moving: NDArray[np.bool_] | None = None,
+) -> tuple[Move, ...]:
+    """The moves of one frame, of most gain a byte first.
+
+    Gain is the fall of the sum of squares of the ranks' costs. A unit goes before another if it gains more a byte with
+    all moves before it made; moves that gain nothing now, but must be made for others to gain later, come last.
+
+    Parameters
+    ----------
+    present : who draws what once all bricks in flight have landed
+    wish : where bricks should be
+    free_bytes : int64 (ranks,): memory that each rank can still give to bricks
+    budget_bytes : that all ranks together may send in a frame
+    moving : bool (bz, by, bx), bricks that must stay where they are, as they are in flight
+
+    Returns
+    -------
+    moves : each brick at most once; at most `budget_bytes` on the wire, at most `free_bytes` into each rank. Made all
+        or in part they leave every brick with one rank. Empty where everything is as wished, or nothing fits
+
+    Raises
+    ------
+    InputError
+        The budget cannot carry a single brick of those that should move, so nothing would ever move.
+    """
+    goes = (present.owner != wish.target.owner) & (present.owner != NOBODY) & (wish.target.owner != NOBODY)
+    bricks = np.argwhere(goes & ~moving if moving is not None else goes)
+    if len(bricks) == 0:
+        return ()
+    at = tuple(bricks.T)
+    smallest = int(wish.wire_bytes[at].min())
+    if smallest > budget_bytes:
+        raise InputError("cannot carry one brick", where="budget", found=budget_bytes, allowed=f"{smallest} bytes")
+    parcels = _parcels(present, wish, bricks, budget_bytes)
+    chosen = _choose(parcels, present.loads(wish.cost), free_bytes, budget_bytes)
+    return tuple(
+        Move(
+            (int(z), int(y), int(x)),
+            int(present.owner[z, y, x]),
+            int(wish.target.owner[z, y, x]),
+            int(wish.wire_bytes[z, y, x]),
+        )
+        for z, y, x in bricks[_of_parcels(parcels, chosen)]
+    )
+
+
+def _of_parcels(parcels: _Parcels, chosen: list[int]) -> NDArray[np.int64]:
+    """The bricks of parcels, those of the first before those of the second."""
+    turn = np.full(len(parcels.cost), len(chosen))
+    turn[chosen] = np.arange(len(chosen))
+    by_turn = np.argsort(turn[parcels.members], kind="stable")
+    return by_turn[: int(np.count_nonzero(turn[parcels.members] < len(chosen)))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Parcels:
+    """Units by their way: `members` is the parcel of each brick; all else is a number a parcel."""
+
+    members: NDArray[np.int64]
+    source: NDArray[np.int64]
+    target: NDArray[np.int64]
+    cost: NDArray[np.float64]
+    wire: NDArray[np.int64]
+    held: NDArray[np.int64]
+
+
+def _parcels(present: Owners, wish: Wish, bricks: NDArray[np.int64], budget_bytes: int) -> _Parcels:
+    at = tuple(bricks.T)
+    source, target = present.owner[at].astype(np.int64), wish.target.owner[at].astype(np.int64)
+    way = (wish.unit[at] * present.ranks + source) * present.ranks + target
+    _, first, members = np.unique(way, return_index=True, return_inverse=True)
+    members = members.reshape(-1)
+    wire = np.bincount(members, wish.wire_bytes[at]).astype(np.int64)
+    if (wire > budget_bytes).any():
+        # A unit that no frame can carry goes brick by brick.
+        alone = (wire > budget_bytes)[members]
+        _, first, members = np.unique(
+            np.where(alone, len(first) + np.arange(len(bricks)), members), return_index=True, return_inverse=True
+        )
+        members = members.reshape(-1)
+        wire = np.bincount(members, wish.wire_bytes[at]).astype(np.int64)
+    held = np.bincount(members, wish.held_bytes[at]).astype(np.int64)
+    return _Parcels(
+        members, source[first], target[first], np.asarray(np.bincount(members, wish.cost[at]), np.float64), wire, held
+    )
+
+
+def _choose(
+    parcels: _Parcels, loads: NDArray[np.float64], free_bytes: NDArray[np.int64], budget_bytes: int
+) -> list[int]:
+    """The parcels that go, in order: the best of those that are first in the queue of their way."""
+    loads, free = loads.copy(), free_bytes.copy()
+    wire = np.maximum(parcels.wire, 1)
+    way = parcels.source * len(loads) + parcels.target
+    queue = np.lexsort((-parcels.cost / wire, way))
+    heads = np.flatnonzero(np.diff(way[queue], prepend=-1))
+    ends = np.append(heads[1:], len(queue))
+    chosen: list[int] = []
+    while len(heads):
+        first = queue[heads]
+        fits = (parcels.wire[first] <= budget_bytes) & (parcels.held[first] <= free[parcels.target[first]])
+        heads = heads + ~fits
+        if fits.any():
+            source, target, cost = parcels.source[first], parcels.target[first], parcels.cost[first]
+            gain = cost * (loads[source] - loads[target] - cost)
+            # What must be made without a gain comes last, the least loss first.
+            a_byte = np.where(gain > 0, gain / wire[first], gain)
+            best = int(np.argmax(np.where(fits, a_byte, -np.inf)))
+            chosen.append(int(first[best]))
+            heads[best] += 1
+            loads[source[best]] -= cost[best]
+            loads[target[best]] += cost[best]
+            free[target[best]] -= parcels.held[first[best]]
+            budget_bytes -= int(parcels.wire[first[best]])
+        waiting = heads < ends
+        heads, ends = heads[waiting], ends[waiting]
+    return chosen
