@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.errors import InputError
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, is_preintegrated, make_look, reach_of, spread_of, step_of
+from clusterviz.plan.look import Look, is_lit, is_preintegrated, make_look, margin_of, reach_of, spread_of, step_of
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
@@ -83,9 +84,21 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     Parameters
     ----------
     scene : a completed scene with one volume
-    grid, dtype, layout, summary : of that volume; the layout's margin is what `margin_of` asks for
+    grid, dtype, layout, summary : of that volume; the layout's margin is at least `margin_of`'s
+
+    Raises
+    ------
+    InputError
+        The layout's margin is too small: pictures would depend on the bricks.
     """
     volume, classification = scene.volumes[0], scene.quality.classification
+    if layout.margin < margin_of(volume, classification):
+        raise InputError(
+            "bricks lack the margin that the look needs",
+            where="brick layout",
+            found=layout.margin,
+            allowed=margin_of(volume, classification),
+        )
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
     look = make_look(volume, transfer, shading)

@@ -6,6 +6,7 @@ import pytest
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.errors import InputError
 from clusterviz.plan.plan import Plan, brick_cost, make_plan
 from clusterviz.scene.values import Camera, Quality, Scene, Volume
 
@@ -73,3 +74,9 @@ def test_step_is_in_units_of_the_smallest_spacing() -> None:
 def test_filter_follows_interpolation_and_quality(interpolation: str, filter: str, expected: str) -> None:
     zeros = np.zeros(LAYOUT.counts_zyx)
     assert plan_of(zeros, zeros, interpolation=interpolation, filter=filter).march.filter == expected
+
+
+def test_bricks_without_the_margin_that_is_needed_are_refused() -> None:
+    nothing = np.zeros(LAYOUT.counts_zyx)
+    with pytest.raises(InputError, match="margin"):
+        plan_of(nothing, nothing + 1, interpolation="cubic")
