@@ -82,7 +82,8 @@ def _open_volume(run: Run, scene: Scene, source: Source | None = None) -> Opened
         return None
     with run.alone("open", "load"):
         source = source or open_source(scene.volumes[0].path, scene.volumes[0].array)
-        layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin_of(scene.volumes[0]))
+        margin = margin_of(scene.volumes[0], scene.quality.classification)
+        layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
     with run.together("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
     with run.alone("read", "load"):

@@ -203,7 +203,11 @@ class Quality(Section):
     step: Positive = Field(
         default=1.0, description="Distance between samples along a ray, in the smallest voxel spacing."
     )
-    classification: Literal["post"] = Field(default="post", description="Where the transfer function is applied.")
+    classification: Literal["post", "pre-integrated"] = Field(
+        default="post",
+        description="Where the transfer function is applied: to the sample in a slab's middle (post), or all the way "
+        "between the samples at its ends (pre-integrated).",
+    )
     filter: Literal["exact", "hardware"] = Field(
         default="exact", description="exact: float32 weights; hardware: the texture unit's, about 8 bits."
     )
@@ -270,7 +274,7 @@ class Scene(Section):
 
 
 PLANNED: dict[str, tuple[object, ...]] = {
-    "classification": ("pre", "pre-integrated", "preintegrated"),
+    "classification": ("pre",),
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),
     "codec": ("rle", "active-pixel"),
