@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
@@ -95,26 +95,13 @@ def run_exchange(
 
 
 @dataclass
-class _Peer:
-    """Counts of one peer, while they grow."""
-
-    peer: int
-    messages_sent: int = 0
-    pixels_sent: int = 0
-    bytes_raw: int = 0
-    bytes_sent: int = 0
-    seconds_encode: float = 0.0
-    seconds_wait: float = 0.0
-
-
-@dataclass
 class _Stage:
     """One stage under way on one rank."""
 
     traffic: StageTraffic
     link: Link
     tag: int
-    peers: dict[int, _Peer] = field(default_factory=dict)
+    peers: dict[int, PeerCounters] = field(default_factory=dict)
     seconds_wait: float = 0.0
     seconds_blend: float = 0.0
 
@@ -147,10 +134,9 @@ class _Stage:
             payload: NDArray[Any] = parts[0].pixels if len(parts) == 1 else np.concatenate([p.pixels for p in parts])
             data = self.link.pack(payload, _rows(message), (self.tag, message.peer))
             self.link.channel.isend(data, self.link.order[message.peer], self.tag)
-            peer = self._peer(message.peer)
-            peer.messages_sent, peer.pixels_sent = 1, len(payload)
-            peer.bytes_raw, peer.bytes_sent = payload.nbytes, data.nbytes
-            peer.seconds_encode = perf_counter() - started
+            seconds = perf_counter() - started
+            counted = (1, len(payload), payload.nbytes, data.nbytes, seconds)
+            self.peers[message.peer] = PeerCounters(self.link.order[message.peer], *counted)
 
     def _merges(self, held: Sequence[Held]) -> list[Merging]:
         """What becomes of each zone that this rank keeps."""
@@ -170,7 +156,8 @@ class _Stage:
             arrived = perf_counter()
             for index, size in sorted(done.items()):
                 _, buffer, message = waiting[index]
-                self._peer(message.peer).seconds_wait = arrived - first
+                peer = self.peers.get(message.peer, PeerCounters(self.link.order[message.peer]))
+                self.peers[message.peer] = replace(peer, seconds_wait=arrived - first)
                 for part, layer in self._open(message, buffer[:size]):
                     merges[bisect_right(begins, part.patch.begin) - 1].add(part, layer)
             waiting = [item for index, item in enumerate(waiting) if index not in done]
@@ -195,11 +182,8 @@ class _Stage:
             begin += part.patch.count
         return layers
 
-    def _peer(self, position: int) -> _Peer:
-        return self.peers.setdefault(position, _Peer(self.link.order[position]))
-
     def _counters(self) -> StageCounters:
-        peers = tuple(PeerCounters(**vars(peer)) for peer in self.peers.values())
+        peers = tuple(self.peers.values())
         return StageCounters(
             messages_sent=sum(peer.messages_sent for peer in peers),
             pixels_sent=sum(peer.pixels_sent for peer in peers),

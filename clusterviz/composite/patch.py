@@ -60,11 +60,6 @@ class Patch:
         top, bottom = top + (first >= self.rect.x_end), bottom + (last >= self.rect.x_begin)
         return Patch(self.width, begin, end, self.rect.intersect(Rect(self.rect.x_begin, top, self.rect.x_end, bottom)))
 
-    def contains(self, other: Patch) -> bool:
-        """Whether every pixel of the other patch is one of this one's."""
-        in_range = self.begin <= other.begin and other.end <= self.end
-        return other.count == 0 or (in_range and self.rect.unite(other.rect) == self.rect)
-
 
 def unite(width: int, begin: int, end: int, patches: Sequence[Patch]) -> Patch:
     """The smallest patch of the range [begin, end) that holds these, on a canvas `width` wide."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import cast
 
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedules import (
@@ -18,7 +19,7 @@ from clusterviz.composite.schedules import (
     slic,
     swap_2_3,
 )
-from clusterviz.composite.schedules.schedule import Algorithm, Schedule
+from clusterviz.composite.schedules.schedule import Algorithm, AlgorithmOfManyImages, Schedule
 from clusterviz.errors import InputError
 
 _MODULES = {
@@ -68,5 +69,5 @@ def make_schedule(name: str, ranks: int, pixels: int, patches: Sequence[Patch], 
     """The schedule of an algorithm for images that cover these patches, front to back; `owners` are their ranks."""
     if len(patches) == ranks and list(owners) == list(range(ranks)):
         return ALGORITHMS[name](ranks, pixels, patches)
-    several: Callable[..., Schedule] = ALGORITHMS[name]
+    several = cast(AlgorithmOfManyImages, ALGORITHMS[name])
     return several(ranks, pixels, patches, owners_of=owners)
