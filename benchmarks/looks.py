@@ -63,7 +63,8 @@ def planned(
     scene = Scene.model_validate(
         {"volumes": (volume,), "image": ImageSettings(size=(size, size)), **look.get("scene", {})}
     )
-    layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin_of(volume))
+    margin = margin_of(volume, scene.quality.classification)
+    layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     completed = complete_scene(scene, facts_of(source, summary))

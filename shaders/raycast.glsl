@@ -46,13 +46,13 @@ void main() {
         face(ray);
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
-        int slab = begins ? max(first_owned(ray), ray.begin) : next_slab[pixel];
+        int slab = begins ? max(first_owned(ray), ray.begin) : progress[pixel];
         pixels[pixel] = march(ray, before, slab, samples);
-        next_slab[pixel] = slab < ray.slabs ? slab : NEVER;
+        progress[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;
         atomicAdd(samples_of_group, samples);
     }
     barrier();
     if (gl_LocalInvocationIndex == 0u)
-        group_samples[gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x] += samples_of_group;
+        progress[frame.rect.z * frame.rect.w + int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x)] += int(samples_of_group);
 }

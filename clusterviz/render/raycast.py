@@ -101,8 +101,7 @@ class Raycaster:
         segments = plan.segments
         with _Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 16 * rect.pixels)
-            samples = buffers.bind(2, np.zeros(groups, np.uint32))
-            progress = buffers.reserve(8, 4 + 4 * rect.pixels)
+            progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
             buffers.bind(4, segments.buckets)
             records = buffers.make(_padded(segments.records, self._variant.block_bytes))
             if segments.sums is not None:
@@ -123,7 +122,8 @@ class Raycaster:
                 self._march(buffers, block, progress, groups)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
-            taken = int(np.frombuffer(samples.read(), np.uint32).sum(dtype=np.int64))
+            samples = progress.read(offset=4 + 4 * rect.pixels)
+            taken = int(np.frombuffer(samples, np.uint32).sum(dtype=np.int64))
         bricks = sum(residence.bricks for residence in self._residences)
         return Drawn(PartialImage(rect, rgba), taken, bricks, rendered - started, perf_counter() - rendered)
 

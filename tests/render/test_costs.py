@@ -24,8 +24,8 @@ SHAPE = (33, 33, 33)
 GRID = Grid(SHAPE)
 VOXELS = (np.indices(SHAPE).sum(axis=0) * 2).astype(np.uint8)
 BRICK = 16
-# Of every picture: pixels, samples, progress, the transfer function's buckets and records, visible groups, the frame.
-BUFFERS = 7
+# Of every picture: pixels, progress and samples, the transfer function's buckets, records, visible groups, the frame.
+BUFFERS = 6
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
 PLAIN = "composite linear_u8 over samples segment unclipped unlit voxel_u8"
 
