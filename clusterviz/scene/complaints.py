@@ -12,7 +12,8 @@ from pydantic_core import ErrorDetails
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.checks import UnusableError
-from clusterviz.scene.values import PLANNED, Scene, Section
+from clusterviz.scene.kinds import Section
+from clusterviz.scene.values import PLANNED, Scene
 
 Key = tuple[str | int, ...]
 SHOWN = 8

@@ -22,8 +22,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 from clusterviz.errors import SceneError
 from clusterviz.scene.checks import UnusableError, plain
 from clusterviz.scene.complaints import key_text, scene_error, shown, unknown_key
+from clusterviz.scene.kinds import Clim, Cmap, Number, Opacity, Positive, Section, Vector
 from clusterviz.scene.smooth import centripetal, monotone
-from clusterviz.scene.values import Camera, Clim, Cmap, Number, Opacity, Positive, Scene, Section, Vector
+from clusterviz.scene.values import Camera, Scene
 from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 Floats = NDArray[np.float64]

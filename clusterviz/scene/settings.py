@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.complaints import Key, scene_error
+from clusterviz.scene.kinds import Section
 from clusterviz.scene.overrides import Override, apply_overrides
-from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Section, Volume
+from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
 
 SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
     (("volumes", 0), Volume),

@@ -9,67 +9,25 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.scene.background import check_background
-from clusterviz.scene.checks import (
-    check_box,
-    check_camera,
-    check_clim,
-    check_cmap,
-    check_light,
-    check_normal,
-    check_opacity,
-    check_path,
-    check_points,
-    check_surface,
-    check_surfaces,
-    form_of,
-    plain,
+from clusterviz.scene.checks import check_camera, check_light, check_path, check_surfaces, plain
+from clusterviz.scene.kinds import (
+    FINITE,
+    Background,
+    Box,
+    Clim,
+    Cmap,
+    Fraction,
+    Isosurface,
+    Normal,
+    Number,
+    Opacity,
+    Positive,
+    Section,
+    Side,
+    Vector,
 )
-
-FINITE = Field(strict=True, allow_inf_nan=False)
-Number = Annotated[float, FINITE, BeforeValidator(plain)]
-Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
-Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
-Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
-Normal = Annotated[Vector, AfterValidator(check_normal)]
-Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
-Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
-ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
-OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
-
-# A value of several types says by its form which one is meant, so that an error speaks of that one only.
-Name = Annotated[str, Tag("<name>")]
-Cmap = Annotated[
-    Name | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")],
-    Discriminator(form_of),
-    BeforeValidator(check_cmap),
-]
-Opacity = Annotated[
-    Name
-    | Annotated[Fraction, Tag("<number>")]
-    | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
-    Discriminator(form_of),
-    BeforeValidator(check_opacity),
-]
-Isosurface = Annotated[
-    Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
-    Discriminator(form_of),
-    BeforeValidator(check_surface),
-]
-Background = Annotated[
-    Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
-    Discriminator(form_of),
-    BeforeValidator(check_background),
-]
-
-
-class Section(BaseModel):
-    """What all sections share: frozen, and no key but the ones that are declared."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Volume(Section):

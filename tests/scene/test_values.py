@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complaints import scene_error
-from clusterviz.scene.values import PLANNED, Section
+from clusterviz.scene.kinds import Section
+from clusterviz.scene.values import PLANNED
 
 NAN, INF = float("nan"), float("inf")
 

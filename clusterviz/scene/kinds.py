@@ -1,0 +1,63 @@
+"""What keys are made of: numbers, vectors, points and the forms that a value may take, each with its check."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+
+from clusterviz.scene.background import check_background
+from clusterviz.scene.checks import (
+    check_box,
+    check_clim,
+    check_cmap,
+    check_normal,
+    check_opacity,
+    check_points,
+    check_surface,
+    form_of,
+    plain,
+)
+
+FINITE = Field(strict=True, allow_inf_nan=False)
+Number = Annotated[float, FINITE, BeforeValidator(plain)]
+Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
+Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
+Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
+Normal = Annotated[Vector, AfterValidator(check_normal)]
+Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
+Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
+ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
+OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
+
+# A value of several types says by its form which one is meant, so that an error speaks of that one only.
+Name = Annotated[str, Tag("<name>")]
+Cmap = Annotated[
+    Name | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_cmap),
+]
+Opacity = Annotated[
+    Name
+    | Annotated[Fraction, Tag("<number>")]
+    | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_opacity),
+]
+Isosurface = Annotated[
+    Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_surface),
+]
+Background = Annotated[
+    Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
+    Discriminator(form_of),
+    BeforeValidator(check_background),
+]
+
+
+class Section(BaseModel):
+    """What all sections share: frozen, and no key but the ones that are declared."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
