@@ -4,6 +4,7 @@ channel.py   the contract of a channel
 mpi.py       over MPI; the only module that imports mpi4py
 loopback.py  all ranks in one process, and the single rank without MPI
 window.py    the contract of memory that the ranks of a node share; mpi_window.py, loopback_window.py: the two kinds
+counters.py  the contract of numbers that all ranks raise; mpi_counters.py, loopback_counters.py: the two kinds
 nodes.py     which ranks share a node, or pretend to
 patience.py  waiting without taking the cores of others away
 throttled.py a slow link where there is none
@@ -18,6 +19,7 @@ from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
 from clusterviz.comm.channel import Channel, MessageError
+from clusterviz.comm.counters import Counters
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import as_channel, open_channel
 from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
@@ -26,6 +28,7 @@ from clusterviz.comm.window import SharedWindow, WindowError
 
 __all__ = [
     "Channel",
+    "Counters",
     "LoopbackChannel",
     "MessageError",
     "NodePlace",

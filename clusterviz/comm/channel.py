@@ -7,8 +7,8 @@ they were sent; only one receive at a time may be pending for a source and a tag
 until `wait_sends` returns. A message may be shorter than the buffer posted for it; a longer one is a MessageError.
 
 Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
-`window`) are made by every rank in the same order. They carry small Python objects, or few numbers; pixels travel point
-to point, or lie in a window that the ranks of a node share.
+`window`, `counters`) are made by every rank in the same order. They carry small Python objects, or few numbers; pixels
+travel point to point, or lie in a window that the ranks of a node share.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.counters import Counters
 from clusterviz.comm.nodes import Nodes
 from clusterviz.comm.place import NodePlace
 from clusterviz.comm.window import Numbers, SharedWindow
@@ -116,6 +117,10 @@ class Channel(Protocol):
         WindowError
             On every rank: there is no such memory on some node.
         """
+        ...
+
+    def counters(self, count: int) -> Counters:
+        """So many numbers that every rank reads and raises; the same count on every rank."""
         ...
 
     def abort(self, status: int) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes
+from clusterviz.comm.loopback_counters import LoopbackCounters
 from clusterviz.comm.loopback_window import LoopbackWindow, empty_boards
 from clusterviz.comm.nodes import Nodes, group_by_node
 from clusterviz.comm.place import NodePlace, single_place
@@ -175,6 +176,10 @@ class LoopbackChannel:
         brought = self.allgather((np.zeros(own_bytes, np.uint8), empty_boards(len(members))))
         parts = [brought[member][0] for member in members]
         return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
+
+    def counters(self, count: int) -> LoopbackCounters:
+        """One list for all ranks: that of rank 0."""
+        return LoopbackCounters(self._world.changed, self.broadcast([0] * count), self.barrier)
 
     def abort(self, status: int) -> None:
         """Nothing: the error itself ends the ranks, which share this process."""

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
+from clusterviz.comm.mpi_counters import MpiCounters
 from clusterviz.comm.mpi_window import MpiWindow, open_window
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
 from clusterviz.comm.patience import ask_until
@@ -244,6 +245,10 @@ class MpiChannel:
     def window(self, own_bytes: int) -> MpiWindow:
         """An MPI-3 window on each node."""
         return open_window(self._mpi, self._comm, self, own_bytes)
+
+    def counters(self, count: int) -> MpiCounters:
+        """Numbers in rank 0's memory."""
+        return MpiCounters(self._mpi, self._comm, count, self.barrier)
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

@@ -21,6 +21,7 @@ from typing import TypeVar, cast
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, Channel, Pending
+from clusterviz.comm.counters import Counters
 from clusterviz.comm.nodes import Nodes
 from clusterviz.comm.place import NodePlace
 from clusterviz.comm.window import Numbers, SharedWindow
@@ -167,6 +168,10 @@ class ThrottledChannel:
     def window(self, own_bytes: int) -> SharedWindow:
         """As beneath."""
         return self._channel.window(own_bytes)
+
+    def counters(self, count: int) -> Counters:
+        """As beneath."""
+        return self._channel.counters(count)
 
     def abort(self, status: int) -> None:
         """As beneath."""

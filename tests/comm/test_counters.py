@@ -1,0 +1,67 @@
+"""Counters that all ranks raise: nothing is taken twice, nothing is left out, and whose memory it is need not help."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from clusterviz.comm import Channel, LoopbackChannel, ThrottledChannel, run_loopback
+from clusterviz.comm.mpi import MpiChannel
+
+ITEMS = 400
+
+
+def check_counters(channel: Channel) -> None:
+    """Ranks take from one queue at once, twice with a reset between; another counter stays as it is."""
+    counters = channel.counters(2)
+    for turn in range(2):
+        taken = []
+        while (item := counters.add(0, 1)) < ITEMS:
+            taken.append(item)
+        assert taken == sorted(taken)
+        everybody = channel.allgather(taken)
+        assert sorted(item for items in everybody for item in items) == list(range(ITEMS)), turn
+        assert counters.add(0, 0) == ITEMS + channel.size
+        assert counters.add(1, 0) == 0
+        counters.reset()
+        assert counters.add(0, 0) == 0
+        channel.barrier()
+    counters.add(1, -3)
+    channel.barrier()
+    assert counters.add(1, 0) == -3 * channel.size
+    for index in (-1, 2):
+        with pytest.raises(IndexError, match=f"no counter {index} of 2"):
+            counters.add(index, 1)
+    counters.free()
+
+
+@pytest.mark.parametrize("ranks", [1, 3, 8])
+def test_threads_take_from_one_queue(ranks: int) -> None:
+    run_loopback(ranks, check_counters)
+
+
+def test_a_slow_link_has_counters_too() -> None:
+    check_counters(ThrottledChannel(LoopbackChannel(), 1e6))
+
+
+@pytest.mark.mpi(ranks=[1, 5], timeout=60)
+def test_processes_take_from_one_queue(mpi_ranks: int) -> None:
+    channel = MpiChannel()
+    check_counters(channel)
+    _check_rank_0_need_not_help(channel)
+    channel.close()
+
+
+def _check_rank_0_need_not_help(channel: MpiChannel) -> None:
+    """While rank 0 sleeps and calls no MPI, the others empty the queue."""
+    counters = channel.counters(1)
+    if channel.rank == 0:
+        time.sleep(1.0)
+    taken = 0
+    while counters.add(0, 1) < ITEMS:
+        taken += 1
+    everybody = channel.allgather(taken)
+    assert sum(everybody) == ITEMS
+    assert channel.size == 1 or everybody[0] == 0
+    counters.free()
