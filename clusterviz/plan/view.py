@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.image.region import Rect
 from clusterviz.scene.values import Camera
 
 Vector = tuple[float, float, float]
@@ -45,20 +45,26 @@ class View:
 
         The whole picture where a part of the box is beside or behind the eye.
         """
-        whole = Rect(0, 0, *self.size)
-        corners = np.array([[(begin_cells, end_cells)[b >> a & 1][a] for a in range(3)] for b in range(8)])
-        ahead, aside = self._camera_coordinates(corners)
-        if ahead.max() < 0:
-            return EMPTY
+        (sides,) = self.footprints(np.array([begin_cells]), np.array([end_cells])).tolist()
+        return Rect(*sides)
+
+    def footprints(self, begin_cells: NDArray[np.float64], end_cells: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The same for many boxes (n, 3): int64 (n, 4), x_begin, y_begin, x_end, y_end; all 0 where it is empty."""
+        ends = np.stack([begin_cells, end_cells], axis=1)
+        corners = np.stack([ends[:, [b & 1, b >> 1 & 1, b >> 2], range(3)] for b in range(8)], axis=1)
+        ahead, aside = (part.reshape(len(ends), 8, -1) for part in self._camera_coordinates(corners.reshape(-1, 3)))
+        nearest, farthest = ahead.min(axis=(1, 2)), ahead.max(axis=(1, 2))
+        hidden = farthest < 0
+        beside = ~hidden & (not self.parallel) & (nearest <= 1e-6 * np.abs(ahead).max(axis=(1, 2)))
         if not self.parallel:
-            if ahead.min() <= 1e-6 * np.abs(ahead).max():
-                return whole
-            aside = aside / ahead[:, None]
-        centre = np.array(self.size) / 2
-        pixels = centre + aside * np.array([1, -1]) / self.pixel
-        low, high = np.floor(pixels.min(axis=0) - 0.5), np.ceil(pixels.max(axis=0) + 0.5)
-        low, high = (np.clip(edge, 0, self.size).astype(int) for edge in (low, high))
-        return Rect(int(low[0]), int(low[1]), int(high[0]), int(high[1])).intersect(whole)
+            aside = aside / np.where((hidden | beside)[:, None, None], 1.0, ahead)
+        pixels = np.array(self.size) / 2 + aside * np.array([1, -1]) / self.pixel
+        low = np.clip(np.floor(pixels.min(axis=1) - 0.5), 0, self.size).astype(np.int64)
+        high = np.clip(np.ceil(pixels.max(axis=1) + 0.5), 0, self.size).astype(np.int64)
+        rects = np.concatenate([low, high], axis=1)
+        rects[hidden | (low >= high).any(axis=1)] = 0
+        rects[beside] = (0, 0, *self.size)
+        return rects
 
     def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """World lengths ahead (n,) and to the right and up (n, 2) of the eye."""

@@ -1,0 +1,116 @@
+"""What parts of the picture cost: a number for each cell of a grid over the screen, measured or expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+from clusterviz.partition.screen.mosaic import Size, tile_counts
+
+CELL = 16  # pixels along the side of a cell
+Costs = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CostMap:
+    """Costs over the screen.
+
+    Attributes
+    ----------
+    size : (width, height) of the picture
+    cost : float64 (rows, columns), of squares of `CELL` pixels, those at the far sides cut; inside, it counts as even
+    """
+
+    size: Size
+    cost: Costs
+
+    def __post_init__(self) -> None:
+        if self.cost.shape != tile_counts(self.size, CELL):
+            raise InputError("not over the picture", where="cost map", found=self.cost.shape, allowed=self.size)
+
+    def profile(self, rect: Rect, axis: int) -> Costs:
+        """The cost of a rectangle before each of its pixels along an axis (0: rows), and in all: float64 (n + 1,)."""
+        rows = _shares(rect.y_begin, rect.y_end, self.size[1], len(self.cost))
+        columns = _shares(rect.x_begin, rect.x_end, self.size[0], self.cost.shape[1])
+        per_cell = (self.cost @ columns) if axis == 0 else (rows @ self.cost)
+        begin, end, most = ((rect.y_begin, rect.y_end, self.size[1]), (rect.x_begin, rect.x_end, self.size[0]))[axis]
+        edges = np.minimum(np.arange(len(per_cell) + 1) * CELL, most)
+        before = np.interp(np.arange(begin, end + 1), edges, np.concatenate([[0.0], np.cumsum(per_cell)]))
+        profile: Costs = before - before[0]
+        return profile
+
+    def total(self, rect: Rect) -> float:
+        """The cost of a rectangle."""
+        return float(self.profile(rect, 0)[-1])
+
+
+def blank_map(size: Size) -> CostMap:
+    """Nothing costs anything."""
+    return CostMap(size, np.zeros(tile_counts(size, CELL)))
+
+
+def spread(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
+    """Costs of rectangles, each spread evenly over its own.
+
+    Parameters
+    ----------
+    rects : int64 (n, 4): x_begin, y_begin, x_end, y_end; costs of empty ones are left out
+    costs : float64 (n,)
+
+    Notes
+    -----
+    Rectangles are widened to whole cells.
+    """
+    rows, columns = tile_counts(size, CELL)
+    filled = (rects[:, 2] > rects[:, 0]) & (rects[:, 3] > rects[:, 1])
+    rects, costs = rects[filled], costs[filled]
+    left, top = rects[:, 0] // CELL, rects[:, 1] // CELL
+    right, bottom = -(-rects[:, 2] // CELL), -(-rects[:, 3] // CELL)
+    density = costs / ((right - left) * (bottom - top))
+    # Each rectangle is four corners of a running sum.
+    corners = np.zeros((rows + 1, columns + 1))
+    for y, x, sign in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
+        np.add.at(corners, (y, x), sign * density)
+    return CostMap(size, np.maximum(0.0, corners.cumsum(0).cumsum(1)[:rows, :columns]))
+
+
+def gathered(size: Size, blocks: Iterable[tuple[Rect, NDArray[np.integer]]], side: int, scale: int = 1) -> CostMap:
+    """Counts of square blocks of pixels, as a caster gives them.
+
+    Parameters
+    ----------
+    size : of the picture
+    blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of blocks of `side` of its
+        pixels from the rectangle's corner on; several may count in one place
+    scale : pixels of the picture along the side of a coarse one; both pictures have one centre
+    """
+    cost = np.zeros(tile_counts(size, CELL))
+    for rect, counts in blocks:
+        y, x = (
+            # A block counts where its middle is.
+            np.clip(_fine(np.minimum(begin + side * np.arange(n) + side / 2, end), whole, scale), 0, whole - 1) // CELL
+            for begin, end, n, whole in zip(
+                (rect.y_begin, rect.x_begin), (rect.y_end, rect.x_end), counts.shape, size[::-1], strict=True
+            )
+        )
+        np.add.at(cost, (y.astype(int)[:, None], x.astype(int)), counts.astype(np.float64) * scale**2)
+    return CostMap(size, cost)
+
+
+def _fine(coarse: Costs, whole: int, scale: int) -> Costs:
+    """Edges of a coarse picture in pixels of the fine one."""
+    fine: Costs = scale * coarse + (whole - scale * -(-whole // scale)) / 2
+    return fine
+
+
+def _shares(begin: int, end: int, whole: int, cells: int) -> Costs:
+    """Which share of each cell an interval covers."""
+    edges = np.minimum(np.arange(cells + 1) * CELL, whole)
+    covered = np.minimum(edges[1:], end) - np.maximum(edges[:-1], begin)
+    shares: Costs = np.maximum(0, covered) / np.diff(edges)
+    return shares

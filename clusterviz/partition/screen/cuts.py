@@ -1,0 +1,156 @@
+"""A binary space partition of the screen: cuts along rows and columns, one window a group, even in cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+from clusterviz.partition.screen.cost_map import CostMap, Costs
+from clusterviz.partition.screen.mosaic import Mosaic, Size
+
+ALIGN = 8  # cuts lie between whole work groups of pixels, so that none is drawn twice in part
+LONG_SIDE = 1.05  # a cut across the short side has to be better than one across the long side by this factor
+
+
+@dataclass(frozen=True)
+class Cut:
+    """`low` has the pixels before `at` along an axis (0: rows, 1: columns), `high` the others."""
+
+    axis: int
+    at: int
+    low: ScreenNode
+    high: ScreenNode
+
+
+ScreenNode = int | Cut
+"""A group, or a cut between some groups and others."""
+
+
+@dataclass(frozen=True)
+class ScreenTree:
+    """The screen, cut for groups.
+
+    Attributes
+    ----------
+    size : (width, height) of the picture
+    weights : which share of the cost each group is to get: its number of ranks
+    root : groups in order, the low side first
+    """
+
+    size: Size
+    weights: tuple[int, ...]
+    root: ScreenNode
+
+    def windows(self) -> tuple[Rect, ...]:
+        """The rectangle of each group, some perhaps empty; all together hold every pixel once."""
+        found: dict[int, Rect] = {}
+        _collect(self.root, Rect(0, 0, *self.size), found)
+        return tuple(found[group] for group in range(len(self.weights)))
+
+    def mosaic(self) -> Mosaic:
+        """The same for those who draw."""
+        return Mosaic(self.size, tuple((window,) if window.pixels else () for window in self.windows()))
+
+    def busiest(self, cost: CostMap) -> float:
+        """The largest cost of a group for each of its ranks."""
+        windows = zip(self.windows(), self.weights, strict=True)
+        return max(cost.total(window) / weight for window, weight in windows)
+
+
+def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
+    """Halve the groups and the cost with them, from the whole screen down.
+
+    Each cut is where the dearer side has least for each of its ranks, across the longer side of what costs something
+    unless the other is better by more than `LONG_SIDE`; in the middle of where it does not matter.
+
+    Raises
+    ------
+    InputError
+        No group, or one without a weight.
+
+    References
+    ----------
+    B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with dynamic
+    load balancing, EGPGV 2007.
+    """
+    if not weights or min(weights) < 1:
+        raise InputError("nobody to draw", where="groups", found=list(weights), allowed="1 rank or more each")
+    return ScreenTree(cost.size, weights, _grow(cost, Rect(0, 0, *cost.size), weights, 0))
+
+
+def best_cut(profile: Costs, begin: int, share: float) -> tuple[float, int]:
+    """Where an interval of pixels is best cut: the cost for each unit of weight on the dearer side, and the pixel.
+
+    Parameters
+    ----------
+    profile : float64 (n + 1,), the cost before each pixel, from 0
+    begin : the interval's first pixel; cuts lie at multiples of `ALIGN`
+    share : of the weight, on the low side, between 0 and 1
+    """
+    end, total = begin + len(profile) - 1, float(profile[-1])
+    places = np.arange(begin // ALIGN * ALIGN + ALIGN, end, ALIGN)
+    if len(places) == 0:
+        return total / share, end
+    below = profile[places - begin]
+    load = np.maximum(below / share, (total - below) / (1 - share))
+    least = float(load.min())
+    good = np.flatnonzero(load <= least * (1 + 1e-12))
+    return least, int(places[good[len(good) // 2]])
+
+
+def halves(rect: Rect, axis: int, at: int) -> tuple[Rect, Rect]:
+    """A rectangle before and behind a cut, which may lie outside of it."""
+    if axis == 0:
+        at = min(max(at, rect.y_begin), rect.y_end)
+        return Rect(rect.x_begin, rect.y_begin, rect.x_end, at), Rect(rect.x_begin, at, rect.x_end, rect.y_end)
+    at = min(max(at, rect.x_begin), rect.x_end)
+    return Rect(rect.x_begin, rect.y_begin, at, rect.y_end), Rect(at, rect.y_begin, rect.x_end, rect.y_end)
+
+
+def profile_of(cost: CostMap, rect: Rect, axis: int) -> Costs:
+    """The cost before each pixel; pixels themselves count where nothing costs anything."""
+    profile = cost.profile(rect, axis)
+    return profile if profile[-1] > 0 else np.arange(len(profile), dtype=np.float64)
+
+
+def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> ScreenNode:
+    if len(weights) == 1:
+        return first
+    middle = _halfway(weights)
+    share = sum(weights[:middle]) / sum(weights)
+    profiles = [profile_of(cost, rect, axis) for axis in (0, 1)]
+    loads = [best_cut(profile, begin, share) for profile, begin in zip(profiles, _corner(rect), strict=True)]
+    extents = [_extent(profile) for profile in profiles]
+    long = int(extents[1] >= extents[0])
+    axis = 1 - long if loads[1 - long][0] * LONG_SIDE < loads[long][0] else long
+    at = loads[axis][1]
+    low, high = halves(rect, axis, at)
+    return Cut(axis, at, _grow(cost, low, weights[:middle], first), _grow(cost, high, weights[middle:], first + middle))
+
+
+def _corner(rect: Rect) -> tuple[int, int]:
+    return rect.y_begin, rect.x_begin
+
+
+def _halfway(weights: tuple[int, ...]) -> int:
+    """How many groups make up half the weight, at least one on each side."""
+    before = np.cumsum(weights)[:-1]
+    return int(np.argmin(np.abs(before - sum(weights) / 2))) + 1
+
+
+def _extent(profile: Costs) -> int:
+    """Over how many pixels the cost grows."""
+    inside = np.flatnonzero(np.diff(profile) > 0)
+    return int(inside[-1] - inside[0]) if len(inside) else 0
+
+
+def _collect(node: ScreenNode, rect: Rect, found: dict[int, Rect]) -> None:
+    if isinstance(node, Cut):
+        low, high = halves(rect, node.axis, node.at)
+        _collect(node.low, low, found)
+        _collect(node.high, high, found)
+    else:
+        found[node] = rect

@@ -1,0 +1,48 @@
+"""Interleaved tiles: the screen's tiles dealt round robin, so that a dear region is dear for all alike."""
+
+from __future__ import annotations
+
+from math import gcd
+
+import numpy as np
+
+from clusterviz.errors import InputError
+from clusterviz.partition.screen.mosaic import Mosaic, Size, mosaic_of, tile_counts
+
+GOLDEN = 0.381966  # of the groups, by which a row of tiles is shifted against the one before
+
+
+def interleaved_tiles(size: Size, groups: int, side: int) -> Mosaic:
+    """The static interleaved tiling.
+
+    When to use: always possible, costs nothing, and even if tiles are many and small. When not: small tiles draw more
+    rectangles, and each group sees nearly all data.
+
+    Parameters
+    ----------
+    size : (width, height) of the picture
+    groups : who share it, 1 or more
+    side : of a tile, in pixels
+
+    Returns
+    -------
+    mosaic : along rows the groups in turn; each row is shifted by a number without a common divisor with theirs, so
+        that they take turns along columns too, and neighbours are far apart in number
+
+    Raises
+    ------
+    InputError
+        `groups` or `side` below 1.
+
+    References
+    ----------
+    R. Hu, J. Foley: Parallel processing approaches to hidden-surface removal in image space, Computers & Graphics 9(3),
+    1985; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+    5.2.3, static.
+    """
+    if groups < 1:
+        raise InputError("nobody to draw", where="groups", found=groups, allowed="1 or more")
+    rows, columns = tile_counts(size, side)
+    shift = next(n for n in range(max(1, round(GOLDEN * groups)), groups + 2) if gcd(n, groups) == 1)
+    owner = (np.arange(columns) + shift * np.arange(rows)[:, None]) % groups
+    return mosaic_of(owner, size, side, groups)
