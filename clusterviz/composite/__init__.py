@@ -4,10 +4,11 @@
                          -> messages: schedule -> traffic -> exchange -> merging -> layers -> gather -> picture
                          -> hierarchical: the first inside a node, the second among nodes
 
-A *schedule* says who sends which pixels to whom (one file an algorithm, pure data). *Traffic* says what of it travels,
-given where the images are not blank. The *exchange* runs it over a channel; *merging* fixes the order in which layers
-come together; *layers* and *blend* are the over operator; *gather* brings the pieces to one rank. *choice* picks by a
-time model what the caller leaves open, and the *compositor* keeps what lasts from frame to frame.
+A *schedule* says who sends which pixels to whom (one file an algorithm, pure data). *Traffic* says what of it
+travels, given where the images are not blank. The *exchange* runs it over a channel; *merging* fixes the order in
+which layers come together; *layers* and *blend* are the over operator, and those of projections; *gather* brings the
+pieces to one rank. *choice* picks by a time model what the caller leaves open, and the *compositor* keeps what lasts
+from frame to frame.
 
 **Adding an algorithm**: one file with `schedule(ranks, pixels, footprints) -> Schedule` and its manual as docstring,
 one line in `algorithms.py`, and the shared checks of `tests/composite` run it for every number of ranks.

@@ -30,6 +30,7 @@ from clusterviz.composite.node_memory import NodeMemory
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
+from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
@@ -57,6 +58,7 @@ class Compositor:
     algorithm, codec, transport : a name of their registries, or "auto", which chooses by the time model
     network : the constants of the time model; those that `clusterviz bench network` kept where None
     root : the channel's rank that gets the picture
+    operator : how pixels of two images become one, as `image/merge.py` says; for others than over images are float32
 
     Raises
     ------
@@ -74,9 +76,10 @@ class Compositor:
         transport: str = "auto",
         network: Network | None = None,
         root: int = 0,
+        operator: Operator = "over",
     ) -> None:
         self._channel: Channel = as_channel(channel)
-        self._size, self._root = size, root
+        self._size, self._root, self._operator = size, root, operator
         self._nodes = self._channel.nodes()
         # The file may differ from node to node, and all must choose alike.
         with _on_every_rank():
@@ -126,9 +129,10 @@ class Compositor:
         mine = as_images(images)
         started = perf_counter()
         if self._memory and len(self._nodes) == 1:
-            footprints = share_images(mine, order, self._channel, self._memory)
+            told = share_images(mine, order, self._channel, self._memory, self._operator)
         else:
-            footprints = gather_footprints(mine, order, self._channel)
+            told = gather_footprints(mine, order, self._channel, operator=self._operator)
+        footprints = told.in_best_order(self._nodes)
         planned = self._plan(footprints)
         choice = planned.choice
         seconds_agree = perf_counter() - started
@@ -205,7 +209,12 @@ class Compositor:
 
 
 def composite(
-    images: Images, order: Sequence[int], channel: Any, algorithm: str = "auto", codec: str = "auto"
+    images: Images,
+    order: Sequence[int],
+    channel: Any,
+    algorithm: str = "auto",
+    codec: str = "auto",
+    operator: Operator = "over",
 ) -> tuple[Piece, CompositeCounters]:
     """Blend the partial images of all ranks by messages; collective.
 
@@ -216,6 +225,7 @@ def composite(
     order : channel ranks from front to back, the same on every rank: one entry for each image of each rank
     channel : to the other ranks: a Channel, or an mpi4py communicator
     algorithm, codec : a name of their registries, or "auto"
+    operator : how pixels of two images become one, as `image/merge.py` says; for others than over images are float32
 
     Returns
     -------
@@ -229,19 +239,19 @@ def composite(
     """
     channel = as_channel(channel)
     with _on_every_rank():
-        nodes = len(channel.nodes())
-        network = channel.broadcast(default_network(nodes))
+        nodes = channel.nodes()
+        network = channel.broadcast(default_network(len(nodes)))
         choose_codec(codec)
         wanted = Wanted(algorithm, "messages", codec)
     started = perf_counter()
     mine = as_images(images)
-    footprints = gather_footprints(mine, order, channel)
+    footprints = gather_footprints(mine, order, channel, operator=operator).in_best_order(nodes)
     with _on_every_rank():
         apart = tuple((rank,) for rank in range(channel.size))
         choice = choose(wanted, footprints, apart, network, several=footprints.several)
     seconds_agree = perf_counter() - started
     plan = plan_messages(footprints, channel.rank, choice.algorithm)
-    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network, nodes))
+    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network, len(nodes)))
     return piece, _counters(choice, footprints, seconds_agree, stages)
 
 

@@ -28,6 +28,7 @@ from clusterviz.composite.over.layers import Layer
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.traffic import Merge, Message, Part, StageTraffic
 from clusterviz.errors import ClustervizError
+from clusterviz.image.merge import Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,7 @@ class Link:
     position : this rank's
     dtype : of all pixels
     pack : turns pixels into a message, given their rows, the stage and the peer
+    operator : how two of them become one
     """
 
     channel: Channel
@@ -60,6 +62,7 @@ class Link:
     position: int
     dtype: np.dtype[Any]
     pack: Pack
+    operator: Operator = "over"
 
 
 def run_exchange(
@@ -144,7 +147,7 @@ class _Stage:
         merges = []
         for merge in self.traffic.merges:
             own = [_zone(held, starts, part.patch)[part.depth].cut(part.patch) for part in merge.zone.parts]
-            merges.append(Merging(merge, own, self.link.dtype))
+            merges.append(Merging(merge, own, self.link.dtype, self.link.operator))
         return merges
 
     def _receive(self, waiting: list[tuple[Any, Bytes, Message]], merges: Sequence[Merging]) -> None:

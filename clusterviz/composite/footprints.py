@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from clusterviz.comm.channel import Channel
 from clusterviz.composite.over.blend import DTYPES
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
+from clusterviz.image.merge import ORDER_FREE, Operator
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import EMPTY, Rect
 
@@ -58,17 +60,30 @@ class Footprints:
     dtype : of every image that is not empty
     layers : the images that are not empty, front to back
     order : channel ranks that have such images, by their first, front to back; a rank's index is its *position*
+    operator : how pixels of two images become one
     """
 
     canvas: Rect
     dtype: np.dtype[Any]
     layers: tuple[Footprint, ...]
     order: tuple[int, ...]
+    operator: Operator = "over"
 
     @property
     def several(self) -> bool:
-        """Whether a rank has more than one image."""
-        return len(self.order) < len(self.layers)
+        """Whether images of other ranks lie between those of a rank."""
+        return len(self.order) < sum(1 for _ in groupby(self.layers, key=lambda layer: layer.rank))
+
+    def in_best_order(self, nodes: Sequence[Sequence[int]]) -> Footprints:
+        """The same, or where the operator needs no order, with the images of a rank and of a node side by side.
+
+        Then any algorithm takes several images a rank, and each node has one layer for the others.
+        """
+        if self.operator not in ORDER_FREE or len(self.layers) < 3:
+            return self
+        place = {rank: number for number, rank in enumerate(rank for ranks in nodes for rank in ranks)}
+        layers = tuple(sorted(self.layers, key=lambda layer: place[layer.rank]))
+        return replace(self, layers=layers, order=_order(layers))
 
     def patch(self, layer: Footprint) -> Patch:
         """An image as a patch of the whole canvas."""
@@ -83,6 +98,7 @@ def gather_footprints(
     channel: Channel,
     share: Share | None = None,
     places: Sequence[int] = (),
+    operator: Operator = "over",
 ) -> Footprints:
     """Tell each other the footprints, leave out empty ones, and agree on what is wrong; collective.
 
@@ -92,12 +108,13 @@ def gather_footprints(
     order : channel ranks from front to back, one entry for each image of each rank
     share : tells the numbers, instead of the channel
     places : a number for each image that the others shall know
+    operator : how pixels of two images become one, the same on every rank
 
     Raises
     ------
     InputError
-        On every rank: an image with a wrong type or shape, images of different types, orders that do not name every
-        image of every rank once or that differ between ranks.
+        On every rank: an image with a wrong type or shape, or of a type that the operator does not merge; images of
+        different types, orders that do not name every image of every rank once or that differ between ranks.
     """
     share = share or channel.allgather_numbers
     fault = _fault(images, order, channel)
@@ -109,7 +126,7 @@ def gather_footprints(
     more = [share(rows[k] if k < len(rows) else np.zeros_like(rows[0])) for k in range(1, most)]
     table = np.concatenate([first[:, _HEAD:], *more], axis=1)
     layers = _layers(order, table.reshape(len(first), -1, _IMAGE).tolist())
-    return Footprints(_canvas(layers), _dtype(layers, first[:, 1], channel), layers, _order(layers))
+    return Footprints(_canvas(layers), _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
 
 
 def _rows(
@@ -151,13 +168,17 @@ def _canvas(layers: Sequence[Footprint]) -> Rect:
     return canvas
 
 
-def _dtype(layers: Sequence[Footprint], types: Numbers, channel: Channel) -> np.dtype[Any]:
+def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> np.dtype[Any]:
     """The type of all images that are not empty; of the first there is where all are."""
     found = {int(types[layer.rank]) for layer in layers} or {int(kind) for kind in types if kind >= 0} or {0}
     if len(found) > 1 and layers:
         names = ", ".join(sorted(DTYPES[kind].name for kind in found))
         raise mark_agreed(InputError("partial images differ in pixel type", found=names))
-    return DTYPES[min(found)]
+    dtype = DTYPES[min(found)]
+    if operator != "over" and layers and dtype != np.float32:
+        text = f"partial images of a pixel type that the operator {operator} cannot merge"
+        raise mark_agreed(InputError(text, found=dtype, allowed="float32"))
+    return dtype
 
 
 def _raise(fault: str, order: tuple[int, ...], count: int, channel: Channel) -> None:

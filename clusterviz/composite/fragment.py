@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from clusterviz.codec.contract import Pixels
 from clusterviz.composite.over import blend
 from clusterviz.composite.patch import Patch
+from clusterviz.image.merge import Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +36,12 @@ class Fragment:
         return Fragment(patch, self.pixels[begin + lost : begin + lost + patch.count])
 
 
-def merge_in_place(front: Fragment, back: Fragment, result: Patch) -> Fragment | None:
-    """Front over back in the pixels of whichever is the result's patch and ours; None where neither is."""
+def merge_in_place(front: Fragment, back: Fragment, result: Patch, operator: Operator) -> Fragment | None:
+    """Front merged with back in the pixels of whichever is the result's patch and ours; None where neither is."""
     if back.patch == result and back.pixels.flags.writeable:
-        blend.put_before(back.pixels, back.patch, front.pixels, front.patch)
+        blend.put_before(back.pixels, back.patch, front.pixels, front.patch, operator=operator)
         return back
     if front.patch == result and front.pixels.flags.writeable:
-        blend.put_behind(front.pixels, front.patch, back.pixels, back.patch)
+        blend.put_behind(front.pixels, front.patch, back.pixels, back.patch, operator=operator)
         return front
     return None

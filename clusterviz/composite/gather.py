@@ -176,8 +176,8 @@ class _Collection:
             width = rect.width if rows else count
             block = pixels[taken : taken + count].reshape(-1, width, 4)
             target = self._rgba[y : y + len(block), x + column : x + column + width]
-            # No pixel has two owners, so of two values one is zero.
-            target[:] = np.maximum(target, block) if self._overlapping else block
+            # No pixel has two owners, so of two values one is zero; the other may be negative.
+            target[:] = target + block if self._overlapping else block
             y, column, taken = y + len(block), 0, taken + count
 
     def _expect(self, expected: _Expected) -> None:
@@ -217,7 +217,9 @@ class _Collection:
 
     def _expect_pixels(self, rank: int, patches: tuple[Patch, ...]) -> None:
         width, rect = self._rgba.shape[1], patches[0].rect
-        whole_rows = len(patches) == 1 and self._canvas.width == rect.width == width
+        # What overlaps others would write its blank pixels over theirs.
+        alone = len(patches) == 1 and not self._overlapping
+        whole_rows = alone and self._canvas.width == rect.width == width
         if whole_rows:
             begin = patches[0].first + (self._canvas.y_begin + rect.y_begin) * width
             buffer: NDArray[Any] = self._rgba.reshape(-1, 4)[begin : begin + patches[0].count]

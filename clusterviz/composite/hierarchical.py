@@ -4,9 +4,9 @@ The picture is cut into as many strips as the smallest node has ranks. On every 
 node's images in place, and then the ranks i of all nodes compose strip i among themselves. So every node sends and
 receives through several ranks at once, and a pixel crosses the network as if there were one image a node.
 
-Images of one node that follow each other in visibility order become one layer. Where another node's image lies between
-them there are more layers than nodes, and the algorithm must take several images a rank. Bytes are rounded once on the
-node, and then as the algorithm does.
+Images of one node that follow each other in visibility order become one layer; where the operator needs no order, all
+do. Where another node's image lies between them there are more layers than nodes, and the algorithm must take several
+images a rank. Bytes are rounded once on the node, and then as the algorithm does.
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def compose_strip(
     position = order.index(channel.rank)
     schedule = strip.schedule(groups, involved, algorithm)
     plan = plan_traffic(schedule, position, strip.layers(groups, involved), strip.canvas.width)
-    fragments, stages = run_exchange(own, plan, Link(channel, order, position, footprints.dtype, pack))
+    link = Link(channel, order, position, footprints.dtype, pack, footprints.operator)
+    fragments, stages = run_exchange(own, plan, link)
     return replace(piece, fragments=tuple(map(strip.on_canvas, fragments))), (blended, *stages)
 
 
@@ -118,7 +119,7 @@ class _Strip:
 
     def __init__(self, footprints: Footprints, top: int, bottom: int) -> None:
         whole = footprints.canvas
-        self._dtype = footprints.dtype
+        self._dtype, self._operator = footprints.dtype, footprints.operator
         self._top = top
         self.canvas = Rect(whole.x_begin, whole.y_begin + top, whole.x_end, whole.y_begin + bottom)
 
@@ -129,7 +130,7 @@ class _Strip:
             patch = self._patch(group)
             if patch.count:
                 pixels: Any = np.empty((patch.count, 4), self._dtype)
-                blend_layers(self._in_place(group, memory), patch, pixels)
+                blend_layers(self._in_place(group, memory), patch, pixels, operator=self._operator)
                 blended[groups.index(group)] = Fragment(patch, pixels)
         return blended
 

@@ -1,9 +1,9 @@
 """The order of merging on one rank: all that comes together in one range, blended in one pass where that can be.
 
-Over is associative but not commutative, and rounding makes it not even quite associative. So that the picture does
-not depend on who is early, the order is fixed: what lies from this rank's own layers on to the back, front to back;
-what lies before them, front to back; then the one over the other. Sums are kept in float32 and rounded once. What has
-come in line is merged while other messages travel, if there is enough of it to be worth a pass.
+Over is associative but not commutative, and rounding makes it, like sums, not even quite associative. So that the
+picture does not depend on who is early, the order is fixed: what lies from this rank's own layers on to the back, front
+to back; what lies before them, front to back; then the one over the other. What was blended is kept in float32 and
+rounded once. What has come in line is merged while other messages travel, if there is enough to be worth a pass.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from clusterviz.composite.fragment import Fragment, merge_in_place
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.traffic import Merge, Part
+from clusterviz.image.merge import Operator
 
 # So many layers in line are merged before the rest has come; fewer would cost more passes than they spare waiting.
 LAYERS_AT_ONCE = 4
@@ -29,11 +30,12 @@ class Merging:
     merge : what comes together
     own : this rank's fragments, one for each part of the zone
     dtype : of the pixels
+    operator : how two of them become one
     """
 
-    def __init__(self, merge: Merge, own: list[Fragment], dtype: np.dtype[Any]) -> None:
+    def __init__(self, merge: Merge, own: list[Fragment], dtype: np.dtype[Any], operator: Operator = "over") -> None:
         self._result = merge.result
-        self._dtype = dtype
+        self._dtype, self._operator = dtype, operator
         parts = sorted((*merge.zone.parts, *merge.incoming), key=lambda part: (part.depth, part.patch.begin))
         self._before = _Line([part for part in parts if part.depth < merge.depth])
         self._behind = _Line([part for part in parts if part.depth >= merge.depth])
@@ -55,7 +57,7 @@ class Merging:
         """Merge what is next in line, while other messages are on their way."""
         if self._missing:
             for line in (self._behind, self._before):
-                line.fold(self._result)
+                line.fold(self._result, self._operator)
 
     def finish(self) -> Fragment:
         """The merged range, after everything has come."""
@@ -66,7 +68,7 @@ class Merging:
         if len(layers) == 2 and (merged := self._in_place(*layers)):
             return merged
         pixels: Any = np.empty((self._result.count, 4), self._dtype)
-        blend_layers(layers, self._result, pixels, split=len(before))
+        blend_layers(layers, self._result, pixels, operator=self._operator, split=len(before))
         return Fragment(self._result, pixels)
 
     def _in_place(self, front: Layer, back: Layer) -> Fragment | None:
@@ -74,7 +76,8 @@ class Merging:
         types = {front.pixels.dtype, back.pixels.dtype}
         if front.runs is not None or back.runs is not None or types != {self._dtype}:
             return None
-        return merge_in_place(Fragment(front.patch, front.pixels), Fragment(back.patch, back.pixels), self._result)
+        near, far = Fragment(front.patch, front.pixels), Fragment(back.patch, back.pixels)
+        return merge_in_place(near, far, self._result, self._operator)
 
     def _is_result(self, layer: Layer) -> bool:
         return layer.runs is None and layer.patch == self._result and layer.pixels.dtype == self._dtype
@@ -93,14 +96,14 @@ class _Line:
         """Fill a place."""
         self._places[self.parts[part]] = layer
 
-    def fold(self, patch: Patch) -> None:
+    def fold(self, patch: Patch, operator: Operator) -> None:
         """Merge the layers that have come without a gap from the front on."""
         ready = self._folded
         while ready < len(self._places) and self._places[ready] is not None:
             ready += 1
         if ready - self._folded >= LAYERS_AT_ONCE:
             pixels = np.empty((patch.count, 4), np.float32)
-            blend_layers(self.layers(ready), patch, pixels)
+            blend_layers(self.layers(ready), patch, pixels, operator=operator)
             self._places[self._folded : ready] = [None] * (ready - self._folded)
             self._front, self._folded = Layer(patch, pixels), ready
 

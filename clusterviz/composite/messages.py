@@ -57,7 +57,8 @@ def run_messages(
     fragments: tuple[Fragment, ...] = ()
     stages: tuple[StageCounters, ...] = ()
     if channel.rank in footprints.order:
-        link = Link(channel, footprints.order, footprints.order.index(channel.rank), footprints.dtype, pack)
+        order, dtype = footprints.order, footprints.dtype
+        link = Link(channel, order, order.index(channel.rank), dtype, pack, footprints.operator)
         own = {
             depth: Fragment(footprints.patch(layer), _pixels(images[layer.image]))
             for depth, layer in enumerate(footprints.layers)

@@ -22,12 +22,17 @@ from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.strips import cut_strips
+from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
 
 def share_images(
-    images: Sequence[PartialImage], order: Sequence[int], channel: Channel, memory: NodeMemory
+    images: Sequence[PartialImage],
+    order: Sequence[int],
+    channel: Channel,
+    memory: NodeMemory,
+    operator: Operator = "over",
 ) -> Footprints:
     """Bring all images of the node into the window, and learn where they lie; collective.
 
@@ -38,7 +43,7 @@ def share_images(
     """
     while True:
         places = memory.put(images)
-        footprints = gather_footprints(images, order, channel, memory.exchange, places)
+        footprints = gather_footprints(images, order, channel, memory.exchange, places, operator)
         if all(layer.place != NOWHERE for layer in footprints.layers):
             return footprints
         memory.grow(images)
@@ -89,7 +94,7 @@ def plan_strip(
 def blend_strip(plan: StripPlan, footprints: Footprints, memory: NodeMemory) -> tuple[Piece, StageCounters]:
     """Blend this rank's strip into the picture, and wait for the others; collective."""
     started = perf_counter()
-    blend_layers(plan.layers, plan.strip, plan.target)
+    blend_layers(plan.layers, plan.strip, plan.target, operator=footprints.operator)
     blended = perf_counter()
     memory.exchange(np.zeros(1, np.int64))
     counters = StageCounters(seconds_blend=blended - started, seconds_wait=perf_counter() - blended)

@@ -9,7 +9,8 @@ blank pixels need not travel. What the floats mean:
 - `stretch`: the largest scalar of the first stretch of samples that are not below a threshold, the largest scalar of
   all, what is known of the stretch (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
 
-Scalars are in units of clim. All operators are associative; `over` and `stretch` need the order from front to back.
+Scalars are in units of clim. All operators are associative, `sum` but for rounding; `over` and `stretch` need the order
+from front to back, the others (`ORDER_FREE`) do not.
 The picture is made from merged pixels by `render/projection.py`.
 
 References
@@ -29,6 +30,7 @@ from clusterviz.image.partial import PartialImage
 
 Operator = Literal["over", "maximum", "minimum", "sum", "stretch"]
 Pixels = NDArray[Any]
+ORDER_FREE: frozenset[Operator] = frozenset(("maximum", "minimum", "sum"))
 STARTS, CLOSED, EXISTS = 1, 2, 4
 """The part's first sample is in the stretch; a later sample has ended it; there is one."""
 

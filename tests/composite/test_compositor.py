@@ -121,6 +121,22 @@ def test_several_images_that_no_other_rank_meets(algorithm: str) -> None:
     assert np.abs(run_loopback(2, run)[0] - wanted).max() <= bound(np.float32, 4)
 
 
+@pytest.mark.parametrize("root", [0, 1, 2])
+@pytest.mark.parametrize("algorithm", sorted(SEVERAL_IMAGES))
+def test_a_box_around_two_images_hides_nothing_between_them(algorithm: str, root: int) -> None:
+    rng = np.random.default_rng(13)
+    rects = [Rect(0, 0, 5, SIZE[1]), Rect(8, 0, 15, SIZE[1]), Rect(20, 0, *SIZE)]
+    layers = [random_partial(rng, rect, np.float32) for rect in rects]
+
+    def run(channel: LoopbackChannel) -> np.ndarray | None:
+        mine = [[layers[0], layers[2]], [layers[1]], []][channel.rank]
+        piece, _ = composite(mine, [0, 1, 0], channel, algorithm)
+        return collect(piece, SIZE, channel, root)
+
+    wanted = over_all(layers, range(3), SIZE).astype(np.float32)
+    assert np.array_equal(run_loopback(3, run)[root], wanted)
+
+
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS.keys() - SEVERAL_IMAGES))
 def test_an_algorithm_of_one_image_a_rank_refuses_several(algorithm: str) -> None:
     image = PartialImage(Rect(0, 0, 2, 2), np.zeros((2, 2, 4), np.float32))

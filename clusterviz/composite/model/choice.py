@@ -62,7 +62,7 @@ def choose(
     Parameters
     ----------
     nodes : the channel's ranks on each node
-    several : whether a rank has more than one image
+    several : whether images of other ranks lie between those of a rank
     window_possible : whether the ranks of a node can share memory
 
     Raises

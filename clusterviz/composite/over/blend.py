@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.over.job import DTYPES, entry, head, run, runs_at
+from clusterviz.composite.over.job import DTYPES, check_floats, entry, head, run, runs_at
 from clusterviz.composite.over.job_layout import BEFORE, BEHIND, INTO
 from clusterviz.composite.over.native import kernel
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
+from clusterviz.image.merge import Operator
 from clusterviz.image.region import Rect
 
 __all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_before", "put_behind"]
@@ -43,13 +44,22 @@ def over(front: Pixels, back: Pixels) -> NDArray[Any]:
     return blended.astype(front.dtype, copy=False)
 
 
-def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+def put_before(
+    target: Pixels,
+    target_patch: Patch,
+    source: Pixels,
+    source_patch: Patch,
+    *,
+    operator: Operator = "over",
+    threads: int = 1,
+) -> None:
     """target = source over target, in place, where both have pixels.
 
     Parameters
     ----------
     target, source : of one type, uint8, float16 or float32 (patch.count, 4), premultiplied, C order
     target_patch, source_patch : which pixels of the canvas they are
+    operator : another one than over, of `image/merge.py`, for float32
     threads : how many may work at once; small targets are not shared out
 
     Raises
@@ -57,17 +67,27 @@ def put_before(target: Pixels, target_patch: Patch, source: Pixels, source_patch
     InputError
         Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
     """
-    _put(target, target_patch, source, source_patch, BEFORE, threads)
+    _put((target, target_patch), (source, source_patch), BEFORE, operator, threads)
 
 
-def put_behind(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, threads: int = 1) -> None:
+def put_behind(
+    target: Pixels,
+    target_patch: Patch,
+    source: Pixels,
+    source_patch: Patch,
+    *,
+    operator: Operator = "over",
+    threads: int = 1,
+) -> None:
     """target = target over source, in place, where both have pixels; otherwise as `put_before`."""
-    _put(target, target_patch, source, source_patch, BEHIND, threads)
+    _put((target, target_patch), (source, source_patch), BEHIND, operator, threads)
 
 
-def _put(target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, wish: int, threads: int) -> None:
+def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], wish: int, operator: Operator, threads: int) -> None:
+    (target, target_patch), (source, source_patch) = into, given
     _check_types(target, source)
-    numbers = [*head(target, target_patch, 1, wish), *entry(source, source_patch)]
+    check_floats(operator, target)
+    numbers = [*head(target, target_patch, 1, wish, operator=operator), *entry(source, source_patch)]
     run(kernel("pair_kernels", "put"), numbers, (target_patch, source_patch), threads)
 
 

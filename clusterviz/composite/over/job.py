@@ -24,16 +24,29 @@ from clusterviz.composite.over.job_layout import (
     FLOAT,
     HALF,
     KIND,
+    MAXIMUM,
+    MINIMUM,
     OUT,
     OUT_EXTRA,
+    OVER,
     RESULT,
     SIZE,
+    STRETCH,
+    SUM,
     TARGET,
 )
 from clusterviz.composite.over.native import Kernel
 from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
+from clusterviz.image.merge import Operator
 
+_OPERATORS: dict[Operator, int] = {
+    "over": OVER,
+    "maximum": MAXIMUM,
+    "minimum": MINIMUM,
+    "sum": SUM,
+    "stretch": STRETCH,
+}
 _KINDS: dict[np.dtype[Any], int] = {np.dtype(np.float32): FLOAT, np.dtype(np.uint8): BYTE, np.dtype(np.float16): HALF}
 # The types of pixel, by their numbers.
 DTYPES: tuple[np.dtype[Any], ...] = tuple(sorted(_KINDS, key=_KINDS.__getitem__))
@@ -43,7 +56,9 @@ _DEPTH_BYTES = 4
 PIXELS_A_THREAD = 1 << 17
 
 
-def head(out: NDArray[Any], patch: Patch, layers: int, wish: int, extra: int = 0) -> list[int]:
+def head(
+    out: NDArray[Any], patch: Patch, layers: int, wish: int, extra: int = 0, operator: Operator = "over"
+) -> list[int]:
     """The numbers of a target; `extra` is where its depths are.
 
     Raises
@@ -53,7 +68,20 @@ def head(out: NDArray[Any], patch: Patch, layers: int, wish: int, extra: int = 0
     """
     if not out.flags.writeable:
         raise InputError("the target is read-only")
-    return [0, 0, *pixels_at(out, "target"), extra, layers, wish, patch.width, *_place(patch)]
+    return [0, 0, *pixels_at(out, "target"), extra, layers, wish, _OPERATORS[operator], patch.width, *_place(patch)]
+
+
+def check_floats(operator: Operator, *images: NDArray[Any]) -> None:
+    """Refuse pixels that an operator cannot merge.
+
+    Raises
+    ------
+    InputError
+        The operator is not over, and the pixels are no float32.
+    """
+    if operator != "over" and any(image.dtype != np.float32 for image in images):
+        found = ", ".join(sorted({str(image.dtype) for image in images}))
+        raise InputError(f"pixels that the operator {operator} cannot merge", found=found, allowed="float32")
 
 
 def entry(pixels: NDArray[Any], patch: Patch, extra: int = 0, runs: int = -1) -> tuple[int, ...]:

@@ -7,8 +7,8 @@ the canvas an array holds, as `patch.py` explains.
 from __future__ import annotations
 
 # The head: the kernel's answer (and a slot that numba's calls want); the target's pixels, type, how many, and where its
-# depths (or runs) are; layers; what the kernel shall do with them; width of the canvas; place.
-RESULT, UNUSED, OUT, KIND, SIZE, OUT_EXTRA, LAYERS, WISH, WIDTH, TARGET = range(10)
+# depths (or runs) are; layers; what the kernel shall do with them, and by which operator; width of the canvas; place.
+RESULT, UNUSED, OUT, KIND, SIZE, OUT_EXTRA, LAYERS, WISH, OPERATOR, WIDTH, TARGET = range(11)
 HEAD = TARGET + 6
 
 # A layer: pixels, type, how many are stored; where its runs (or depths) are, how many runs, -1 for none; place; which
@@ -23,6 +23,9 @@ FIRST, COUNT, X, Y, ACROSS, DOWN = range(6)
 
 # The types of pixel.
 FLOAT, BYTE, HALF = range(3)
+
+# How two pixels become one; all but over are of floats only.
+OVER, MAXIMUM, MINIMUM, SUM, STRETCH = range(5)
 
 # What a kernel shall do: put layers behind or before what is in the target, begin with nothing, or put the first layer
 # over the second.

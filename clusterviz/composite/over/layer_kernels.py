@@ -14,7 +14,9 @@ from clusterviz.composite.over.job_layout import (
     FINE,
     KIND,
     LAYERS,
+    OPERATOR,
     OUT,
+    OVER,
     PASSED,
     PIXELS,
     RUN,
@@ -24,6 +26,7 @@ from clusterviz.composite.over.job_layout import (
     TYPE,
     WISH,
 )
+from clusterviz.composite.over.merging_pixels import merge_pixels
 from clusterviz.composite.over.places import block, clip, layer_at, pixel_bytes, settle_all
 from clusterviz.composite.over.sums import SUM_BYTES, add, add_sums, blank_pixels, is_opaque, read, write
 
@@ -60,7 +63,7 @@ def _stretch(layer, low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add_layer(layer, total, x, y, count, touched):  # type: ignore[no-untyped-def]
+def _add_layer(operator, layer, total, x, y, count, touched):  # type: ignore[no-untyped-def]
     """What a layer has of the pixels [x, x + count) of row y; returns whether `total` holds anything now."""
     low, high, begin = clip(layer, x, y, count)
     kind, pixels = word(layer, TYPE), word(layer, PIXELS)
@@ -75,7 +78,11 @@ def _add_layer(layer, total, x, y, count, touched):  # type: ignore[no-untyped-d
             else:
                 if not touched:
                     clear(total, count * SUM_BYTES)
-                add(kind, at + SUM_BYTES * low, pixels + source * size, end - low)
+                if operator == OVER:
+                    add(kind, at + SUM_BYTES * low, pixels + source * size, end - low)
+                else:
+                    there = at + SUM_BYTES * low
+                    merge_pixels(operator, there, there, pixels + source * size, end - low)
             touched = True
         low = max(end, low + 1)
     return touched
@@ -84,24 +91,28 @@ def _add_layer(layer, total, x, y, count, touched):  # type: ignore[no-untyped-d
 @compiled
 def _add_group(job, first, last, total, x, y, count):  # type: ignore[no-untyped-def]
     """total = the layers [first, last) over each other; returns whether it holds anything."""
-    touched = False
+    touched, operator = False, word(job, OPERATOR)
     for index in range(first, last):
-        if touched and is_opaque(total, count):
+        if touched and operator == OVER and is_opaque(total, count):
             break
-        touched = _add_layer(layer_at(job, index), total, x, y, count, touched)
+        touched = _add_layer(operator, layer_at(job, index), total, x, y, count, touched)
     return touched
 
 
 @compiled
 def _blend(job, target, total, x, y, count):  # type: ignore[no-untyped-def]
     """One block of the target: front group over back group, rounded."""
-    kind, split, behind = word(job, KIND), word(job, WISH), total + BLOCK * SUM_BYTES
+    kind, split, operator = word(job, KIND), word(job, WISH), word(job, OPERATOR)
+    behind = total + BLOCK * SUM_BYTES
     front = _add_group(job, 0, split, total, x, y, count)
     back = False
-    if not front or not is_opaque(total, count):
+    if not front or operator != OVER or not is_opaque(total, count):
         back = _add_group(job, split, word(job, LAYERS), behind, x, y, count)
     if front and back:
-        add_sums(total, behind, count)
+        if operator == OVER:
+            add_sums(total, behind, count)
+        else:
+            merge_pixels(operator, total, total, behind, count)
     if front or back:
         write(kind, target, total if front else behind, count)
     else:

@@ -3,7 +3,8 @@
 Merging two images at a time reads and writes the result again for each layer, and rounds bytes each time. Here a strip
 of the picture is made from all layers that touch it at once, wherever they lie: whole images in shared memory, received
 messages, runs of active pixels. Bytes come out within 0.51 levels of the exact picture for any number of layers, floats
-within n·2⁻²³. `plain_layers` is the plain NumPy twin; the compiled kernel equals it bit for bit.
+within n·2⁻²³. Floats may also be merged by the operators of projections. `plain_layers` is the plain NumPy twin; the
+compiled kernel equals it bit for bit.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.composite.over.job import entry, head, run, runs_at
+from clusterviz.composite.over.job import check_floats, entry, head, run, runs_at
 from clusterviz.composite.over.native import kernel
 from clusterviz.composite.patch import Patch
+from clusterviz.image.merge import MERGES, Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,15 @@ class Layer:
     runs: NDArray[np.int32] | None = None
 
 
-def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, split: int = 0, threads: int = 1) -> None:
+def blend_layers(
+    layers: Sequence[Layer],
+    patch: Patch,
+    out: NDArray[Any],
+    *,
+    operator: Operator = "over",
+    split: int = 0,
+    threads: int = 1,
+) -> None:
     """out = (the first `split` layers over each other) over (the others over each other), clipped to a patch.
 
     Parameters
@@ -45,6 +55,7 @@ def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, sp
     layers : front to back, of any types; they may reach outside the patch, or not into it
     patch : of the target, on the same canvas
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
+    operator : another one than over, of `image/merge.py`; then all must be float32
     split : layers in the front group
     threads : how many may work at once; small targets are not shared out
 
@@ -53,7 +64,8 @@ def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, sp
     InputError
         An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
-    numbers = head(out, patch, len(layers), min(max(split, 0), len(layers)))
+    check_floats(operator, out, *(layer.pixels for layer in layers))
+    numbers = head(out, patch, len(layers), min(max(split, 0), len(layers)), operator=operator)
     for layer in layers:
         runs = (0, -1) if layer.runs is None else runs_at(layer.runs)
         numbers += entry(layer.pixels, layer.patch, *runs)
@@ -61,7 +73,9 @@ def blend_layers(layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, sp
     run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)
 
 
-def plain_layers(layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], split: int = 0) -> NDArray[Any]:
+def plain_layers(
+    layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], split: int = 0, operator: Operator = "over"
+) -> NDArray[Any]:
     """What `blend_layers` writes, by whole canvases of plain NumPy: (patch.count, 4)."""
     bottom = max(place.rect.y_end for place in (patch, *(layer.patch for layer in layers)))
     groups = []
@@ -70,9 +84,8 @@ def plain_layers(layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], sp
         for layer in group:
             behind = np.zeros_like(groups[-1])
             behind[_active(layer)] = _as_floats(layer.pixels)
-            groups[-1] += (np.float32(1) - groups[-1][:, 3:]) * behind
-    front, back = (group[_numbers(patch)] for group in groups)
-    blended = front + (np.float32(1) - front[:, 3:]) * back
+            groups[-1] = MERGES[operator](groups[-1], behind)
+    blended = MERGES[operator](*(group[_numbers(patch)] for group in groups))
     if dtype == np.uint8:
         blended = np.clip(blended * np.float32(255) + np.float32(0.5), 0, 255)
     result: NDArray[Any] = blended.astype(dtype)

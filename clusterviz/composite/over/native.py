@@ -24,7 +24,7 @@ from clusterviz.image.replace import replacing
 Kernel = Callable[[int], int]
 
 # What kernels are made from.
-_PARTS = ("job_layout", "vector_code", "instructions", "places", "sums")
+_PARTS = ("job_layout", "vector_code", "merge_code", "instructions", "places", "merging_pixels", "sums")
 SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")
 _DIGEST_BYTES = 32
 # Loaded code lives as long as its engine.

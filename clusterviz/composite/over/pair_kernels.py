@@ -19,8 +19,10 @@ from clusterviz.composite.over.job_layout import (
     HALF,
     INTO,
     KIND,
+    OPERATOR,
     OUT,
     OUT_EXTRA,
+    OVER,
     PIXELS,
     RUN_COUNT,
     SIZE,
@@ -28,6 +30,7 @@ from clusterviz.composite.over.job_layout import (
     TARGET,
     WISH,
 )
+from clusterviz.composite.over.merging_pixels import merge_pixels
 from clusterviz.composite.over.places import block, clip, layer_at, pixel_bytes, settle_all
 
 
@@ -84,7 +87,7 @@ def put(job):  # type: ignore[no-untyped-def]
     fault, done = settle_all(job), 0
     if fault != FINE:
         return fault
-    kind, wish, layer = word(job, KIND), word(job, WISH), layer_at(job, 0)
+    kind, wish, operator, layer = word(job, KIND), word(job, WISH), word(job, OPERATOR), layer_at(job, 0)
     size = pixel_bytes(kind)
     while done < word(job + 8 * TARGET, COUNT):
         x, y, count = block(job, done, word(job, SIZE))
@@ -94,7 +97,10 @@ def put(job):  # type: ignore[no-untyped-def]
             front, back = target if wish == BEHIND else source, target if wish == BEFORE else source
             if wish == INTO:
                 back = word(layer_at(job, 1), PIXELS) + low * size
-            _over(kind, target, front, back, high - low)
+            if operator == OVER:
+                _over(kind, target, front, back, high - low)
+            else:
+                merge_pixels(operator, target, front, back, high - low)
         done += count
     return FINE
 

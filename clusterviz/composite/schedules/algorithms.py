@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import cast
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.patch import Patch, unite
 from clusterviz.composite.schedules import (
     binary_swap,
     binary_swap_remainder,
@@ -66,7 +67,14 @@ def candidates(ranks: int) -> list[str]:
 
 
 def make_schedule(name: str, ranks: int, pixels: int, patches: Sequence[Patch], owners: Sequence[int]) -> Schedule:
-    """The schedule of an algorithm for images that cover these patches, front to back; `owners` are their ranks."""
+    """The schedule of an algorithm for images that cover these patches, front to back; `owners` are their ranks.
+
+    To an algorithm of one image a rank, images of a rank with none of others between them are one.
+    """
+    if len(patches) > ranks and name not in SEVERAL_IMAGES:
+        groups = groupby(zip(owners, patches, strict=True), key=lambda pair: pair[0])
+        patches = [unite(patches[0].width, 0, pixels, [patch for _, patch in group]) for _, group in groups]
+        owners = range(ranks)
     if len(patches) == ranks and list(owners) == list(range(ranks)):
         return ALGORITHMS[name](ranks, pixels, patches)
     several = cast(AlgorithmOfManyImages, ALGORITHMS[name])

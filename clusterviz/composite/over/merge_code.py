@@ -1,0 +1,79 @@
+"""LLVM code for the operators of projections: floats of two parts of a volume, the one in front first, become one.
+
+What the four floats of a pixel mean for each operator is said in `image/merge.py`, whose plain NumPy functions these
+equal bit for bit. A pixel of zeros is one without a sample, and changes nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+
+from clusterviz.composite.over.vector_code import splat
+from clusterviz.image.merge import CLOSED, EXISTS, STARTS
+
+_FLOAT, _I32 = ir.FloatType(), ir.IntType(32)
+
+
+def maximum(builder: Any, front: Any, behind: Any) -> Any:
+    """The larger scalar, where there are two."""
+    return _where_both(builder, front, behind, _larger(builder, front, behind))
+
+
+def minimum(builder: Any, front: Any, behind: Any) -> Any:
+    """The smaller scalar, where there are two."""
+    smaller = builder.select(builder.fcmp_ordered("<", behind, front), behind, front)
+    return _where_both(builder, front, behind, smaller)
+
+
+def total(builder: Any, front: Any, behind: Any) -> Any:
+    """Sums and slabs, added."""
+    return builder.fadd(front, behind)
+
+
+def stretch(builder: Any, front: Any, behind: Any) -> Any:
+    """The first stretch: that of the front, or what is behind goes on with it, or the one behind."""
+    lanes = front.type.count
+    words = ir.VectorType(_I32, lanes)
+    ahead, after = (builder.fptosi(_component(builder, pixels, 2), words) for pixels in (front, behind))
+    starts, closed, exists, zero = (splat(_I32, bits, lanes) for bits in (STARTS, CLOSED, EXISTS, 0))
+    is_there = builder.icmp_signed("!=", builder.and_(ahead, exists), zero)
+    is_open = builder.icmp_signed("==", builder.and_(ahead, splat(_I32, EXISTS | CLOSED, lanes)), exists)
+    goes_on = builder.and_(is_open, builder.icmp_signed("!=", builder.and_(after, starts), zero))
+    larger = _larger(builder, front, behind)
+    first = builder.select(is_there, builder.select(goes_on, larger, front), behind)
+    ended = builder.or_(ahead, builder.select(goes_on, builder.and_(after, closed), closed))
+    known = builder.select(is_there, ended, builder.and_(after, builder.not_(starts)))
+    pixels = _put_component(builder, larger, 0, first)
+    pixels = _put_component(builder, pixels, 2, builder.sitofp(known, front.type))
+    return _where_both(builder, front, behind, pixels)
+
+
+def _larger(builder: Any, front: Any, behind: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", behind, front), behind, front)
+
+
+def _where_both(builder: Any, front: Any, behind: Any, both: Any) -> Any:
+    """`both` where each part has samples, else the part that has."""
+    zero = splat(_FLOAT, 0.0, front.type.count)
+    merged = builder.select(builder.fcmp_ordered("==", _component(builder, behind, 3), zero), front, both)
+    return builder.select(builder.fcmp_ordered("==", _component(builder, front, 3), zero), behind, merged)
+
+
+def _component(builder: Any, pixels: Any, number: int) -> Any:
+    """One of the four floats of each pixel, in all of the pixel's lanes."""
+    lanes = [lane // 4 * 4 + number for lane in range(pixels.type.count)]
+    return builder.shuffle_vector(pixels, pixels, _lanes(lanes))
+
+
+def _put_component(builder: Any, pixels: Any, number: int, given: Any) -> Any:
+    """The pixels with one of their floats from elsewhere."""
+    count = pixels.type.count
+    return builder.shuffle_vector(
+        pixels, given, _lanes([lane + count if lane % 4 == number else lane for lane in range(count)])
+    )
+
+
+def _lanes(numbers: list[int]) -> Any:
+    return ir.Constant(ir.VectorType(_I32, len(numbers)), numbers)
