@@ -14,19 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec, Rows, choose_codec, pack, prepare_codecs
+from clusterviz.codec import Rows, choose_codec
 from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.window import SharedWindow
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
-from clusterviz.composite.gather import Pack, check_inside, collect
+from clusterviz.composite.gather import check_inside, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
 from clusterviz.composite.messages import Plan, plan_messages, run_messages
 from clusterviz.composite.model.choice import Choice, Wanted, choose
 from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.node_memory import NodeMemory
+from clusterviz.composite.packing import compile_codecs, packer
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
@@ -88,7 +89,7 @@ class Compositor:
         with _on_every_rank():
             choose_codec(codec)
             self._wanted = Wanted(algorithm, transport, codec)
-        self._pack = _packer(codec, self._network, len(self._nodes))
+        self._pack = packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._planned: _Planned | None = None
@@ -171,14 +172,10 @@ class Compositor:
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
     def _prepare_codecs(self, dtype: np.dtype[Any]) -> None:
-        """Compile what codecs need, once: one rank of each node does, and the others find it done; collective."""
-        if self._prepared:
-            return
-        if self._channel.place().local_rank == 0:
-            prepare_codecs((dtype,))
-        self._channel.barrier()
-        prepare_codecs((dtype,))
-        self._prepared = True
+        """Compile what codecs need, once; collective."""
+        if not self._prepared:
+            compile_codecs(self._channel, dtype)
+            self._prepared = True
 
     def _plan(self, footprints: Footprints) -> _Planned:
         """The plan of the last frame, where neither the images nor their memory have moved."""
@@ -251,7 +248,7 @@ def composite(
         choice = choose(wanted, footprints, apart, network, several=footprints.several)
     seconds_agree = perf_counter() - started
     plan = plan_messages(footprints, channel.rank, choice.algorithm)
-    piece, stages = run_messages(mine, footprints, plan, channel, _packer(codec, network, len(nodes)))
+    piece, stages = run_messages(mine, footprints, plan, channel, packer(codec, network, len(nodes)))
     return piece, _counters(choice, footprints, seconds_agree, stages)
 
 
@@ -286,10 +283,3 @@ def _on_every_rank() -> Iterator[None]:
         yield
     except InputError as error:
         raise mark_agreed(error) from None
-
-
-def _packer(codec: str, network: Network, nodes: int) -> Pack:
-    """How messages are packed: always alike, or as it pays on the slowest link."""
-    if codec == "auto":
-        return AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte).pack
-    return lambda pixels, rows, key: pack(pixels, codec, rows)

@@ -71,7 +71,7 @@ def collect(
         channel.wait_sends()
         return None
     rgba: NDArray[Any] = np.zeros((size[1], size[0], 4), piece.dtype) if out is None else out
-    collection = _Collection(rgba, piece.canvas, channel, piece.ranges is None)
+    collection = _Collection(rgba, piece.canvas, channel, piece.ranges is None and not piece.disjoint)
     if piece.ranges is not None:
         if out is not None:
             _clear_around(rgba, piece.canvas)

@@ -25,6 +25,7 @@ class Piece:
     ranges : (owner, begin, end) of all that is owned, ascending, with blank pixels in the fragments too, where all
         ranks know it; None where each owner has to tell
     picture : (height, width, 4), where the transport has left the whole of it on this rank already
+    disjoint : whether no fragment reaches where another one lies, so that blank pixels hide nothing
     gathered : whether it has done so on some rank, so that nothing is left to be collected; the same on every rank
     """
 
@@ -33,5 +34,6 @@ class Piece:
     fragments: tuple[Fragment, ...]
     owners: tuple[int, ...]
     ranges: tuple[tuple[int, int, int], ...] | None = None
+    disjoint: bool = False
     picture: Pixels | None = None
     gathered: bool = False
