@@ -31,6 +31,7 @@ from clusterviz.scene.values import ImageSettings, Volume
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
 SURFACES = ((0.5, 1.0), (0.3, 0.3), (0.7, 0.5))
 """Shares of the range of values, and opacities."""
+FADING = ((0.0, 0.2), (2.0, 0.6), (10.0, 1.0))
 LOOKS: dict[str, dict[str, Any]] = {
     "composite": {},
     "maximum": {"volume": {"blending": "maximum"}},
@@ -40,6 +41,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "additive": {"volume": {"blending": "additive"}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
+    "gradient opacity": {"volume": {"gradient_opacity": FADING}},
+    "gradient opacity, shade": {"volume": {"gradient_opacity": FADING, "shade": True}},
     "nearest": {"volume": {"interpolation": "nearest"}},
     "cubic": {"volume": {"interpolation": "cubic"}},
     "cubic, shade": {"volume": {"interpolation": "cubic", "shade": True}},

@@ -17,8 +17,8 @@ float power(float x, float y) {
     return y == 0.0 ? 1.0 : pow(x, y);
 }
 
-vec3 lit(vec3 colour, Place place, vec3 beyond) {
-    vec3 normal = normal_from_gradient * gradient_at(place.brick, place.cell, beyond);
+vec3 lit(vec3 colour, vec3 gradient) {
+    vec3 normal = normal_from_gradient * gradient;
     // Scaled first: the square of a steep gradient would leave float32.
     float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
     bool has_normal = largest > 0.0;

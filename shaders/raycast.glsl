@@ -24,6 +24,8 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <SCALAR>
 #include "march.glsl"
 #include <GRADIENT>
+#include <MAGNITUDE>
+#include <FADE>
 #include <LIGHT>
 #include <RUN>
 #include <SAMPLE>

@@ -144,6 +144,8 @@ def run_all(
     faint = [
         *overrides,
         f"volumes.0.opacity={FAINT}",
+        "volumes.0.gradient_opacity=[]",
+        "volumes.0.transfer_2d=null",
         "volumes.0.opacity_unit_distance=null",
         "volumes.0.blending=composite",
         "quality.early_termination=0",

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import in_units_of_clim
+from clusterviz.plan.grading import Grading
 from clusterviz.plan.shading import Shading
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Volume
@@ -60,12 +61,14 @@ class Look:
     threshold : in units of clim; what a stretch of a local maximum is not below
     shading : how the volume is lit; None where it is not
     surfaces : those that are not wholly transparent, by ascending value
+    grading : how opacity depends on the gradient's magnitude; None where it does not
     """
 
     blending: Blending
     threshold: float = 0.0
     shading: Shading | None = None
     surfaces: tuple[Surface, ...] = ()
+    grading: Grading | None = None
 
     @property
     def operator(self) -> Operator:
@@ -107,6 +110,11 @@ def is_lit(volume: Volume) -> bool:
     return volume.shade and volume.blending in ("composite", "isosurface")
 
 
+def is_graded(volume: Volume) -> bool:
+    """Whether the magnitude of the gradient makes a difference to a volume's opacity."""
+    return volume.blending == "composite" and bool(volume.gradient_opacity or volume.transfer_2d)
+
+
 def has_surfaces(volume: Volume) -> bool:
     """Whether isosurfaces are shown, alone or in the volume."""
     return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
@@ -116,10 +124,11 @@ def is_preintegrated(volume: Volume, classification: Classification) -> bool:
     """Whether slabs of the volume are classified between their ends.
 
     Not where no light is blended, nor between nearest voxels, where a slab has one scalar and not a ramp, nor where
-    surfaces cut the slabs.
+    surfaces cut the slabs, nor by a table of two dimensions.
     """
-    linear = volume.interpolation != "nearest"
-    return classification == "pre-integrated" and volume.blending == "composite" and linear and not volume.isosurfaces
+    if volume.interpolation == "nearest" or volume.isosurfaces or volume.transfer_2d:
+        return False
+    return classification == "pre-integrated" and volume.blending == "composite"
 
 
 def reach_of(volume: Volume, classification: Classification = "post") -> int:
@@ -129,7 +138,8 @@ def reach_of(volume: Volume, classification: Classification = "post") -> int:
 
 def margin_of(volume: Volume, classification: Classification = "post") -> int:
     """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
-    return reach_of(volume, classification) + (is_lit(volume) or volume.interpolation == "cubic")
+    kernel = is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
+    return reach_of(volume, classification) + kernel
 
 
 def spread_of(volume: Volume, classification: Classification = "post") -> int:
@@ -142,7 +152,9 @@ def step_of(volume: Volume, step: float, classification: Classification = "post"
     return min(step, LONGEST_SLAB) if reach_of(volume, classification) else step
 
 
-def make_look(volume: Volume, transfer: TransferFunction, shading: Shading | None) -> Look:
+def make_look(
+    volume: Volume, transfer: TransferFunction, shading: Shading | None, grading: Grading | None = None
+) -> Look:
     """The look of a completed volume."""
     threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *transfer.domain))
     surfaces = []
@@ -152,4 +164,4 @@ def make_look(volume: Volume, transfer: TransferFunction, shading: Shading | Non
         units = float(in_units_of_clim(value, *transfer.domain))
         surfaces.append(Surface(value, units, (red, green, blue), opacity))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
-    return Look(volume.blending, threshold, shading, visible)
+    return Look(volume.blending, threshold, shading, visible, grading)

@@ -14,7 +14,18 @@ from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, is_preintegrated, make_look, margin_of, reach_of, spread_of, step_of
+from clusterviz.plan.grading import make_grading
+from clusterviz.plan.look import (
+    Look,
+    is_graded,
+    is_lit,
+    is_preintegrated,
+    make_look,
+    margin_of,
+    reach_of,
+    spread_of,
+    step_of,
+)
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
@@ -101,7 +112,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         )
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
-    look = make_look(volume, transfer, shading)
+    grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
+    look = make_look(volume, transfer, shading, grading)
     planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
     step_world = step_of(volume, scene.quality.step, classification) * min(grid.spacing)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
 from clusterviz.reference.slabs import slabs
@@ -53,10 +54,13 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
         ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (slab.begin, slab.end)]
         front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
         seen = (known | (ends[0][1] & ends[1][1])) & kept(slab.point, scene.clip, grid)
-        colour, depth = integrate(classify, front, back, np.where(seen, slab.end - slab.begin, 0))
+        way = np.where(seen, slab.end - slab.begin, 0)
+        gradient = GRADIENTS[volume.interpolation](voxels, slab.point) if needs_gradient(volume) else None
+        if gradient is not None and volume.gradient_opacity:
+            way = way * fading(volume, magnitude_of(gradient, grid))
+        colour, depth = integrate(classify, front, back, way)
         alpha = -np.expm1(-depth)
-        if volume.shade:
-            gradient = GRADIENTS[volume.interpolation](voxels, slab.point)
+        if volume.shade and gradient is not None:
             straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
             colour = lit(straight, gradient, direction, volume, scene.lights, grid) * alpha[:, None]
         rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour

@@ -19,6 +19,7 @@ from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
@@ -95,12 +96,13 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > DARK):
         scalar, valid = sample(voxels, *slab.point.T)
         valid &= kept(slab.point, scene.clip, grid)
-        depth = np.where(valid, classify.extinction(scalar), 0) * (slab.end - slab.begin)
+        gradient = GRADIENTS[volume.interpolation](voxels, slab.point) if needs_gradient(volume) else None
+        colour, extinction = optics(volume, classify, scalar, gradient, grid)
+        depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
-        colour = np.where(valid[:, None], classify.colour(scalar), 0)
-        if volume.shade:
-            gradient = GRADIENTS[volume.interpolation](voxels, slab.point)
+        colour = np.where(valid[:, None], colour, 0)
+        if volume.shade and gradient is not None:
             colour = lit(colour, gradient, rays.direction[slab.rays], volume, scene.lights, grid)
         rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
@@ -111,7 +113,8 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
 def _is_preintegrated(scene: Scene) -> bool:
     """Whether slabs have ramps to integrate: between nearest voxels there are none."""
     volume, classification = scene.volumes[0], str(scene.quality.classification)
-    return classification == "pre-integrated" and volume.blending == "composite" and volume.interpolation != "nearest"
+    has_ramps = volume.interpolation != "nearest" and volume.transfer_2d is None
+    return classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:

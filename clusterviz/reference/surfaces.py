@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
 from clusterviz.reference.slabs import slabs
@@ -37,11 +38,12 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         share = (1 - rgba[pixels, 3:]) * alpha[:, None]
         rgba[pixels] += share * np.append(colour, np.ones((len(pixels), 1)), axis=1)
 
-    def colours(scalar: Floats, point: Floats, pixels: NDArray[np.int64]) -> Floats:
-        colour = classify.colour(scalar)
-        if not volume.shade:
+    def gradients(point: Floats) -> Floats | None:
+        return GRADIENTS[volume.interpolation](voxels, point) if needs_gradient(volume) else None
+
+    def lit_up(colour: Floats, gradient: Floats | None, pixels: NDArray[np.int64]) -> Floats:
+        if gradient is None or not volume.shade:
             return colour
-        gradient = GRADIENTS[volume.interpolation](voxels, point)
         return lit(colour, gradient, rays.direction[pixels], volume, scene.lights, grid)
 
     for slab in slabs(rays, voxels.shape, length, lambda: rgba[:, 3] < 1):
@@ -51,7 +53,9 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         valid = front_valid & behind_valid
         middle, known = sample(voxels, *slab.point.T)
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
-        extinction, glow = np.where(known, classify.extinction(middle), 0), colours(middle, slab.point, slab.rays)
+        gradient = gradients(slab.point)
+        glow, extinction = optics(volume, classify, middle, gradient, grid)
+        glow, extinction = lit_up(glow, gradient, slab.rays), np.where(known, extinction, 0)
         begin = slab.begin.copy()
         for ordered, rises in ((wanted, True), (wanted[::-1], False)):
             for value, opacity in ordered:
@@ -66,7 +70,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
                 absorb(slab.rays[here], -np.expm1(-extinction[here] * gap), glow[here])
                 begin[here] = np.where(there, found, begin[here])
                 point = some.start + begin[here][:, None] * some.direction
-                colour = colours(np.full(len(here), value), point, slab.rays[here])
+                colour = lit_up(classify.colour(np.full(len(here), value)), gradients(point), slab.rays[here])
                 absorb(slab.rays[here], np.where(there & kept(point, scene.clip, grid), opacity, 0), colour)
         absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow)
     return rgba

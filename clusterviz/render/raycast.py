@@ -113,6 +113,10 @@ class Raycaster:
             if plan.look.shading:
                 buffers.make(plan.look.shading.block()).bind_to_uniform_block(2)
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
+            if plan.look.grading:
+                buffers.make(plan.look.grading.block()).bind_to_uniform_block(5)
+                if plan.look.grading.table is not None:
+                    buffers.table(plan.look.grading.table).use(1)
             # Front to back: each draw adds behind what the pixels hold.
             for number, residence in enumerate(self._residences):
                 buffers.bind(6, residence.visibility(plan, self._slot))
@@ -161,11 +165,11 @@ class Raycaster:
 
 
 class _Buffers:
-    """Buffers that live for one draw."""
+    """Buffers and textures that live for one draw."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._made: list[moderngl.Buffer] = []
+        self._made: list[moderngl.Buffer | moderngl.Texture] = []
 
     def bind(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
         buffer = self.make(data)
@@ -182,6 +186,13 @@ class _Buffers:
         buffer = self._context.buffer(data.tobytes())
         self._made.append(buffer)
         return buffer
+
+    def table(self, texels: NDArray[np.float32]) -> moderngl.Texture:
+        """A texture of float32 (h, w, 4)."""
+        texture = self._context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._made.append(texture)
+        return texture
 
     def __enter__(self) -> _Buffers:
         return self

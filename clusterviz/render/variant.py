@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.grading import Table
 from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
@@ -47,6 +48,8 @@ class Variant:
     planes : how many clip it
     surfaces : isosurfaces that it shows
     preintegrated : slabs are classified between their ends, not at their midpoints
+    fading : pieces of a function of the gradient's magnitude by which extinction is multiplied; 0: there is none
+    table : the transfer function is a table over scalars and magnitudes; "" where it is not
     """
 
     filter: Filter
@@ -59,6 +62,8 @@ class Variant:
     planes: int = 0
     surfaces: int = 0
     preintegrated: bool = False
+    fading: int = 0
+    table: Table = ""
 
     @property
     def source(self) -> ShaderSource:
@@ -71,6 +76,8 @@ class Variant:
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
         files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
         run, sample, behind = PREINTEGRATED_FILES if self.preintegrated else files
+        if self.table:
+            sample = "composite_2d.glsl"
         slots = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
@@ -83,21 +90,27 @@ class Variant:
             "BEHIND": behind,
             "GRADIENT": self._gradient,
             "CLIP": "clip.glsl" if self.planes else "unclipped.glsl",
+            "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
+            "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
         }
         return assemble("raycast.glsl", slots)
 
     @property
     def _gradient(self) -> str:
-        """The file of the gradient, or a comment where none is needed."""
-        if not self.lights:
-            return NOTHING
+        """The file of the gradient."""
+        if not (self.lights or self.fading or self.table):
+            return "gradient_none.glsl"
         files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl"}
         return files.get(self.filter, "gradient_differences.glsl")
 
     @property
     def _record_bytes(self) -> int:
         return (SLAB_RECORD if self.preintegrated else RECORD).itemsize
+
+    @property
+    def _sample_iterations(self) -> int:
+        return 1 + self.further_starts.bit_length() + self.lights + self.fading
 
     @property
     def constants(self) -> str:
@@ -118,7 +131,7 @@ class Variant:
             f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
-            f"const int SAMPLE_ITERATIONS = {1 + self.further_starts.bit_length() + self.lights}; // of loops, at most",
+            f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
         if self.slot.margin:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
@@ -129,6 +142,11 @@ class Variant:
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
+        lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
+        if self.fading or self.table:
+            lines.append(f"const int FADING_PIECES = {self.fading};")
+        if self.table:
+            lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
             lines.append(f"const int LIGHTS = {self.lights};")
         if self.blending in ("maximum", "minimum"):
@@ -148,6 +166,7 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     ----------
     uniform_bytes : the largest uniform block that the driver offers
     """
+    grading = plan.look.grading
     fits = plan.segments.records.nbytes <= uniform_bytes
     return Variant(
         plan.march.filter,
@@ -160,4 +179,6 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         len(plan.clip),
         _surfaces(plan),
         plan.march.preintegrated,
+        grading.fading if grading else 0,
+        grading.table_holds if grading else "",
     )

@@ -61,6 +61,11 @@ def check_points(points: Points) -> Points:
     """Control points: at least one, sorted by value; a value that occurs twice is a step."""
     if not points:
         raise UnusableError("no control points", "at least one")
+    return check_order(points)
+
+
+def check_order(points: Points) -> Points:
+    """Control points, if any, sorted by value."""
     for before, after in pairwise(points):
         if after[0] < before[0]:
             raise UnusableError(f"control points out of order: {after[0]} after {before[0]}", "points sorted by value")
@@ -99,6 +104,16 @@ def check_surfaces(isosurfaces: tuple[object, ...] | None) -> None:
     """A picture of isosurfaces needs some; None where another picture is asked for."""
     if isosurfaces == ():
         raise UnusableError("missing", "one data value or more, for blending: isosurface", key="isosurfaces")
+
+
+def check_grading(blending: str, fades: bool, has_table: bool, has_opacity: bool) -> None:
+    """What depends on the gradient belongs to composited volumes, and says opacity only once."""
+    for key, found in (("gradient_opacity", fades), ("transfer_2d", has_table)):
+        if found and blending != "composite":
+            raise UnusableError(f"not for blending: {blending}", "this key with blending: composite", key=key)
+    if has_table and (has_opacity or fades):
+        other = "opacity" if has_opacity else "gradient_opacity"
+        raise UnusableError("opacity is in transfer_2d already", "one of the two keys", key=other)
 
 
 def check_light(position: Vector | None, focal_point: Vector) -> None:

@@ -13,8 +13,10 @@ from clusterviz.scene.camera import fitted_camera
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.opacity import opacity_points, spread
 from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.transfer_2d import Transfer2d, table_of
 from clusterviz.scene.values import Scene, Volume
 
+UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
@@ -68,7 +70,9 @@ def complete_volume(volume: Volume, facts: VolumeFacts) -> Volume:
     clim = volume.clim or default_clim(facts)
     cmap = DEFAULT_CMAP if volume.cmap is None else volume.cmap
     found: dict[str, object] = {"clim": clim, "cmap": cmap}
-    if volume.opacity is None:
+    if volume.transfer_2d is not None:
+        found["transfer_2d"] = _completed_table(volume.transfer_2d, clim, min(facts.spacing))
+    elif volume.opacity is None:
         found["opacity"] = _default_opacity(cmap, clim)
     if volume.opacity_unit_distance is None:
         found["opacity_unit_distance"] = default_unit_distance(facts.shape_zyx, facts.spacing)
@@ -101,7 +105,7 @@ def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float,
 
 
 def transfer_function(volume: Volume) -> TransferFunction:
-    """The transfer function of a completed volume.
+    """The transfer function of a completed volume; of a table of two dimensions, for each scalar its most.
 
     Raises
     ------
@@ -111,11 +115,24 @@ def transfer_function(volume: Volume) -> TransferFunction:
         The volume is not completed.
     """
     clim, unit, cmap, opacity = volume.clim, volume.opacity_unit_distance, volume.cmap, volume.opacity
-    if clim is None or unit is None or cmap is None or opacity is None:
-        raise ValueError("a transfer function needs a completed volume; call complete_scene first")
+    table = volume.transfer_2d
+    if clim is None or unit is None or cmap is None:
+        raise ValueError(UNCOMPLETED)
     colour_values, colours = colour_points(cmap, clim, where=f"{volume.path}: cmap")
-    opacity_values, opacities = opacity_points(opacity, clim)
+    if table is not None:
+        opacity_values, opacities = table_of(table, where=f"{volume.path}: transfer_2d").most
+    elif opacity is not None:
+        opacity_values, opacities = opacity_points(opacity, clim)
+    else:
+        raise ValueError(UNCOMPLETED)
     return TransferFunction(colour_values, colours, opacity_values, opacities, unit, clim)
+
+
+def _completed_table(settings: Transfer2d, clim: tuple[float, float], spacing: float) -> Transfer2d:
+    """A table with its ranges; magnitudes go up to a quarter of clim a voxel, as in VTK."""
+    steepest = min(0.25 * (clim[1] / 2 - clim[0] / 2) / (spacing / 2), LARGEST)
+    magnitudes = settings.magnitudes or (0.0, steepest)
+    return settings.model_copy(update={"values": settings.values or clim, "magnitudes": magnitudes})
 
 
 def _default_opacity(cmap: object, clim: tuple[float, float]) -> tuple[tuple[float, float], ...]:

@@ -15,6 +15,7 @@ from clusterviz.errors import SceneError
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complaints import scene_error, shown
 from clusterviz.scene.overrides import Override, apply_overrides, parse_overrides
+from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml, yaml_problem
 
@@ -118,10 +119,13 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The raw scene with its paths joined to a folder; what is not a path yet is left for the check."""
     volumes = data.get("volumes")
     for volume in volumes if isinstance(volumes, list) else ():
-        for key in ("path", "cmap") if isinstance(volume, dict) else ():
-            text = volume.get(key)
-            if isinstance(text, str) and _is_path(key, text):
-                volume[key] = os.path.normpath(folder / Path(text).expanduser())
+        if not isinstance(volume, dict):
+            continue
+        table = volume.get("transfer_2d")
+        for section, key in ((volume, "path"), (volume, "cmap"), (table, "path")):
+            text = section.get(key) if isinstance(section, dict) else None
+            if isinstance(section, dict) and isinstance(text, str) and _is_path(key, text):
+                section[key] = os.path.normpath(folder / Path(text).expanduser())
     return data
 
 
@@ -142,4 +146,7 @@ def _checked(data: dict[str, Any], where: str, overrides: Sequence[Override]) ->
         if isinstance(volume.cmap, str):
             place = options.get(("volumes", index, "cmap"), where)
             colour_points(volume.cmap, (0.0, 1.0), where=f"{place}: volumes[{index}].cmap")
+        if volume.transfer_2d is not None:
+            place = options.get(("volumes", index, "transfer_2d", "path"), where)
+            read_table(volume.transfer_2d.path, where=f"{place}: volumes[{index}].transfer_2d.path")
     return scene

@@ -13,6 +13,7 @@ from clusterviz.scene.checks import (
     check_cmap,
     check_normal,
     check_opacity,
+    check_order,
     check_points,
     check_surface,
     form_of,
@@ -29,6 +30,9 @@ Normal = Annotated[Vector, AfterValidator(check_normal)]
 Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
 Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
 ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
+GradientPoint = Annotated[
+    tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)], Fraction], BeforeValidator(plain)
+]
 OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
 
 # A value of several types says by its form which one is meant, so that an error speaks of that one only.
@@ -49,6 +53,9 @@ Isosurface = Annotated[
     Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
     Discriminator(form_of),
     BeforeValidator(check_surface),
+]
+GradientOpacity = Annotated[
+    tuple[GradientPoint, ...], Field(max_length=64), BeforeValidator(plain), AfterValidator(check_order)
 ]
 Background = Annotated[
     Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.scene.checks import check_camera, check_light, check_path, check_surfaces, plain
+from clusterviz.scene.checks import check_camera, check_grading, check_light, check_path, check_surfaces, plain
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
@@ -19,6 +19,7 @@ from clusterviz.scene.kinds import (
     Clim,
     Cmap,
     Fraction,
+    GradientOpacity,
     Isosurface,
     Normal,
     Number,
@@ -28,6 +29,7 @@ from clusterviz.scene.kinds import (
     Side,
     Vector,
 )
+from clusterviz.scene.transfer_2d import Transfer2d
 
 
 class Volume(Section):
@@ -53,6 +55,16 @@ class Volume(Section):
     opacity_unit_distance: Positive | None = Field(
         default=None,
         description="World units over which opacity is gathered; default: diagonal / (mean dimension - 1).",
+    )
+    gradient_opacity: GradientOpacity = Field(
+        default=(),
+        description="[[magnitude, factor], …]: what the extinction of a composited volume is multiplied by where the "
+        "gradient has this magnitude (data values per world unit); a repeated magnitude is a step.",
+    )
+    transfer_2d: Transfer2d | None = Field(
+        default=None,
+        description="A table over values and gradient magnitudes in place of opacity, for a composited volume; it is "
+        "applied to the samples in the slabs' middles whatever quality.classification says.",
     )
     interpolation: Literal["linear", "nearest", "cubic"] = Field(
         default="linear",
@@ -87,6 +99,9 @@ class Volume(Section):
     @model_validator(mode="after")
     def _has_surfaces(self) -> Volume:
         check_surfaces(self.isosurfaces if self.blending == "isosurface" else None)
+        check_grading(
+            self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
+        )
         return self
 
 

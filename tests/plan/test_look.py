@@ -49,6 +49,7 @@ def test_margin_grows_with_what_a_volume_shows() -> None:
     assert margin_of(Volume(path="a")) == 0
     assert margin_of(Volume(path="a", shade=True)) == 1
     assert margin_of(Volume(path="a", shade=True, blending="maximum")) == 0
+    assert margin_of(Volume(path="a", gradient_opacity=((1.0, 0.5),))) == 1
     assert margin_of(Volume(**surfaces)) == 1
     assert margin_of(Volume(**surfaces, shade=True)) == 2
 

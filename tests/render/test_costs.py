@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import moderngl
@@ -27,7 +28,7 @@ BRICK = 16
 # Of every picture: pixels, progress and samples, the transfer function's buckets, records, visible groups, the frame.
 BUFFERS = 6
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
-PLAIN = "composite linear_u8 over samples segment unclipped unlit voxel_u8"
+PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded voxel_u8"
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
@@ -35,6 +36,7 @@ SURFACES = {"blending": "isosurface", "isosurfaces": [50.0, 100.0]}
 IN_VOLUME = {"isosurfaces": [50.0, 100.0]}
 LOCAL = {"blending": "local-maximum", "threshold": 9.0}
 SHADE = {"shade": True}
+FADED = {"gradient_opacity": [[0.0, 0.0], [9.0, 1.0]]}
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,10 @@ CASES = {
     "maximum, not lit": Case({"look": {"blending": "maximum"} | SHADE}, "composite over", "extreme"),
     "average": Case({"look": {"blending": "average"}}, "composite over", "sum"),
     "local maximum": Case({"look": LOCAL}, "composite over", "local_maximum"),
-    "shade": Case({"look": SHADE}, "unlit", "gradient lights", buffers=1, side=19),
+    "shade": Case({"look": SHADE}, "unlit gradient_none", "gradient lights", buffers=1, side=19),
     "nearest, shade": Case(
         {"interpolation": "nearest", "look": SHADE},
-        "linear_u8 unlit",
+        "linear_u8 unlit gradient_none",
         "nearest gradient_differences lights",
         buffers=1,
         side=19,
@@ -74,7 +76,7 @@ CASES = {
     "cubic": Case({"interpolation": "cubic"}, "linear_u8", "cubic", side=19),
     "cubic, shade": Case(
         {"interpolation": "cubic", "look": SHADE},
-        "linear_u8 unlit",
+        "linear_u8 unlit gradient_none",
         "cubic gradient_cubic lights",
         buffers=1,
         side=19,
@@ -84,7 +86,7 @@ CASES = {
     "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces", buffers=1, side=19),
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
-        "samples linear_u8 unlit unclipped",
+        "samples linear_u8 unlit unclipped gradient_none",
         "surfaces cubic gradient_cubic lights clip",
         buffers=3,
         side=19 + 2,
@@ -94,13 +96,24 @@ CASES = {
     ),
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated", "look": SHADE},
-        "composite samples segment unlit",
+        "composite samples segment unlit gradient_none",
         "preintegrated gradient lights",
         buffers=2,
         side=19 + 2,
     ),
     "pre-integrated, but nearest": Case(
         {"classification": "pre-integrated", "interpolation": "nearest"}, "linear_u8", "nearest"
+    ),
+    "gradient opacity": Case({"look": FADED}, "gradient_none unfaded", "gradient magnitude faded", buffers=1, side=19),
+    "gradient opacity, shade": Case(
+        {"look": FADED | SHADE}, "gradient_none unfaded unlit", "gradient magnitude faded lights", buffers=2, side=19
+    ),
+    "gradient opacity, pre-integrated": Case(
+        {"look": FADED, "classification": "pre-integrated"},
+        "composite samples segment gradient_none unfaded",
+        "preintegrated gradient magnitude faded",
+        buffers=2,
+        side=19 + 2,
     ),
     "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
 }
@@ -122,6 +135,10 @@ class Counted:
     def texture3d(self, *args: Any, **keys: Any) -> moderngl.Texture3D:
         self.made["textures"] += 1
         return self._context.texture3d(*args, **keys)
+
+    def texture(self, *args: Any, **keys: Any) -> moderngl.Texture:
+        self.made["tables"] += 1
+        return self._context.texture(*args, **keys)
 
     def compute_shader(self, source: str) -> moderngl.ComputeShader:
         self.made["programs"] += 1
@@ -163,8 +180,24 @@ def test_only_what_is_shown_is_compiled(name: str) -> None:
     source = variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 24).source
     files = set(f"{ALWAYS} {PLAIN} {case.more}".split()) - set(case.less.split())
     assert {part.removesuffix(".glsl") for part in source.names if part.endswith(".glsl")} == files
-    for constant, file in (("LIGHTS", "lights"), ("PLANES", "clip"), ("SURFACES", "surfaces")):
+    constants = (("LIGHTS", "lights"), ("PLANES", "clip"), ("SURFACES", "surfaces"), ("FADING_PIECES", "magnitude"))
+    for constant, file in constants:
         assert (f"const int {constant} " in source.text) == (file in files)
+
+
+@pytest.mark.gl
+def test_a_table_is_one_texture_and_one_buffer(context: moderngl.Context, tmp_path: Path) -> None:
+    np.save(tmp_path / "table.npy", np.ones((3, 5)))
+    table = {"path": str(tmp_path / "table.npy"), "values": (0.0, 200.0), "magnitudes": (0.0, 9.0)}
+    scene = scene_of(VOXELS, camera_at("outside", GRID), opacity=None, look={"transfer_2d": table})
+    prepared = prepare(scene, VOXELS, GRID, BRICK)
+    counted = Counted(context)
+    caster = Raycaster(counted, prepared.plan, build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
+    caster.load(prepared.plan, prepared.bricks)
+    counted.made.clear()
+    caster.draw(prepared.plan)
+    assert counted.made == {"buffers": BUFFERS + 1, "tables": 1, "dispatches": 1}
+    caster.release()
 
 
 def test_scenes_that_differ_in_numbers_share_a_program() -> None:

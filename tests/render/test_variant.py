@@ -49,6 +49,19 @@ def test_every_preintegrated_variant_compiles(context: moderngl.Context, filter:
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize(("fading", "table"), [(1, ""), (63, ""), (0, "opacity"), (0, "colour and opacity")])
+@pytest.mark.parametrize("surfaces", [0, 1])
+@pytest.mark.parametrize("filter", ["linear", "nearest", "cubic", "hardware"])
+def test_every_grading_compiles(context: moderngl.Context, filter: str, surfaces: int, fading: int, table: str) -> None:
+    slot = Slot((15, 16, 33), "u8", filter == "hardware", 2, surfaces, 2)
+    variant = Variant(filter, slot, 33, 0, 16384, "composite", 1, 0, surfaces, fading=fading, table=table)
+    compile_compute(context, variant.source).release()
+    if fading and filter != "nearest" and not surfaces:
+        variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
+        compile_compute(context, variant.source).release()
+
+
+@pytest.mark.gl
 @pytest.mark.parametrize("kind", ["u8", "f32"])
 @pytest.mark.parametrize("blending", [name for name in BLENDING_FILES if name != "isosurface"])
 def test_every_projection_compiles(context: moderngl.Context, blending: str, kind: str) -> None:

@@ -1,0 +1,71 @@
+"""The witness of opacity that depends on the gradient: gradient opacity, and tables over scalars and magnitudes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference.rays import Floats
+from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
+from clusterviz.scene.transfer_2d import TransferTable, table_of
+from clusterviz.scene.values import Volume
+
+
+def needs_gradient(volume: Volume) -> bool:
+    """Whether what is seen of a composited volume depends on its gradient."""
+    return volume.shade or bool(volume.gradient_opacity) or volume.transfer_2d is not None
+
+
+def optics(
+    volume: Volume, classify: TransferFunction, scalar: Floats, gradient: Floats | None, grid: Grid
+) -> tuple[Floats, Floats]:
+    """Straight colour (n, 3) and extinction (n,) of samples.
+
+    Parameters
+    ----------
+    scalar : float64 (n,)
+    gradient : float64 (n, 3), per voxel along (x, y, z); None where nothing depends on it
+    """
+    if gradient is None or not (volume.gradient_opacity or volume.transfer_2d):
+        return classify.colour(scalar), classify.extinction(scalar)
+    magnitude = magnitude_of(gradient, grid)
+    if volume.transfer_2d is None:
+        return classify.colour(scalar), classify.extinction(scalar) * fading(volume, magnitude)
+    table = table_of(volume.transfer_2d)
+    opacity = _between_entries(table, table.opacities[..., None], scalar, magnitude)[:, 0]
+    colour = classify.colour(scalar)
+    if table.colours is not None:
+        colour = _between_entries(table, table.colours, scalar, magnitude)
+    return colour, -np.log1p(-np.minimum(opacity, OPAQUE)) / classify.unit_distance
+
+
+def magnitude_of(gradient: Floats, grid: Grid) -> Floats:
+    """Data values per world unit, (n,)."""
+    found: Floats = np.linalg.norm(gradient @ np.linalg.inv(grid.world_from_index[:3, :3]), axis=1)
+    return found
+
+
+def fading(volume: Volume, magnitude: Floats) -> Floats:
+    """What gradient opacity multiplies extinction by."""
+    magnitudes, factors = np.array(volume.gradient_opacity, np.float64).T
+    return interpolate(magnitude, magnitudes, factors[:, None])[:, 0]
+
+
+def _between_entries(table: TransferTable, entries: Floats, scalar: Floats, magnitude: Floats) -> Floats:
+    """Bilinear interpolation of entries (m, v, c), constant beyond them: (n, c)."""
+    places = []
+    for found, (low, high), count in zip(
+        (magnitude, scalar), (table.magnitudes, table.values), entries.shape[:2], strict=True
+    ):
+        share = np.clip((found - low) / (high - low), 0, 1)
+        places.append(share * (count - 1))
+    rows, columns = places
+    row, column = (np.minimum(np.floor(p), n - 1).astype(int) for p, n in zip(places, entries.shape[:2], strict=True))
+    below, behind = (
+        np.minimum(first + 1, count - 1) for first, count in zip((row, column), entries.shape[:2], strict=True)
+    )
+    down, along = (rows - row)[:, None], (columns - column)[:, None]
+    upper = entries[row, column] * (1 - along) + entries[row, behind] * along
+    lower = entries[below, column] * (1 - along) + entries[below, behind] * along
+    found_between: Floats = upper * (1 - down) + lower * down
+    return found_between

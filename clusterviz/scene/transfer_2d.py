@@ -1,0 +1,115 @@
+"""Two-dimensional transfer functions: tables of opacity, or of colour and opacity, over scalars and magnitudes.
+
+A table is a .npy file with a row for each magnitude and a column for each scalar, spread evenly over the ranges that
+the scene gives; between the entries it is bilinear, beyond its ends constant.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from clusterviz.errors import SceneError
+from clusterviz.scene.checks import check_path
+from clusterviz.scene.kinds import Clim, Section
+
+Floats = NDArray[np.float64]
+LARGEST_SIDE = 4096
+SHAPES = f"numbers in 0..1, (magnitudes, values) or (magnitudes, values, 4), at most {LARGEST_SIDE} a side"
+
+
+class Transfer2d(Section):
+    """A transfer function of the scalar and of the magnitude of its gradient, as a table."""
+
+    path: Annotated[str, AfterValidator(check_path)] = Field(
+        description="A .npy file of numbers in 0..1, relative to the scene file: opacities (magnitudes, values), or "
+        "straight colours and opacities (magnitudes, values, 4), which take the place of cmap."
+    )
+    values: Clim | None = Field(default=None, description="Data values of the first and last column; default: clim.")
+    magnitudes: Clim | None = Field(
+        default=None,
+        description="Magnitudes of the first and last row, data values per world unit; default: from 0 to a quarter of "
+        "clim's range over the smallest spacing.",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TransferTable:
+    """A table and where its entries lie.
+
+    Attributes
+    ----------
+    opacities : float64 (m, v), over one opacity unit distance
+    colours : float64 (m, v, 3), straight; None where the colour map holds
+    values : data values of the first and the last column
+    magnitudes : those of the first and the last row, data values per world unit
+    """
+
+    opacities: Floats
+    colours: Floats | None
+    values: tuple[float, float]
+    magnitudes: tuple[float, float]
+
+    @property
+    def most(self) -> tuple[Floats, Floats]:
+        """Control points (values, opacities) of what no magnitude exceeds: 0 only where every magnitude has 0."""
+        low, high = self.values
+        share = np.linspace(0.0, 1.0, self.opacities.shape[1])
+        return low * (1 - share) + high * share, self.opacities.max(axis=0)
+
+
+def table_of(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferTable:
+    """The table of a completed volume.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or holds no table.
+    """
+    if settings.values is None or settings.magnitudes is None:
+        raise ValueError("a table needs a completed volume; call complete_scene first")
+    opacities, colours = read_table(settings.path, where=where)
+    return TransferTable(opacities, colours, settings.values, settings.magnitudes)
+
+
+def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats | None]:
+    """Opacities (m, v) and colours (m, v, 3) or None of a file.
+
+    Parameters
+    ----------
+    where : the file and key that an error names
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or holds no table.
+    """
+    try:
+        facts = os.stat(path)
+        table = _loaded(path, facts.st_mtime_ns, facts.st_size)
+    except OSError as error:
+        raise SceneError(f"cannot read the table: {error.strerror}", where=where, found=path) from None
+    except (ValueError, EOFError) as error:
+        raise SceneError(f"not a .npy file: {error}", where=where, found=path, allowed=SHAPES) from None
+    shaped = (table.ndim == 2 or table.shape[2:] == (4,)) and table.size > 0
+    if not shaped or max(table.shape[:2]) > LARGEST_SIDE or table.dtype.kind not in "fiu":
+        raise SceneError("not a table", where=where, found=f"{table.dtype} {table.shape}", allowed=SHAPES)
+    if not ((table >= 0) & (table <= 1)).all():
+        raise SceneError("the table is out of range", where=where, found=path, allowed="0 to 1")
+    exact: Floats = table.astype(np.float64)
+    return (exact, None) if exact.ndim == 2 else (exact[..., 3], exact[..., :3])
+
+
+@lru_cache(maxsize=2)
+def _loaded(path: str, changed: int, size: int) -> NDArray[Any]:
+    """The file's array; read again only where the file has changed."""
+    with open(path, "rb") as file:
+        table = np.lib.format.read_array(file, allow_pickle=False)
+    table.setflags(write=False)
+    return np.asarray(table)

@@ -1,0 +1,12 @@
+// The magnitude of the gradient in the world. The parts of the block are those of plan/grading.py.
+layout(std140, binding = 5) uniform GradingBlock { vec4 grading[4 + FADING_PIECES]; };
+
+mat3 world_from_gradient = mat3(grading[0].xyz, grading[1].xyz, grading[2].xyz);
+
+float magnitude_of(vec3 gradient) {
+    vec3 world = world_from_gradient * gradient;
+    // Scaled first: the square of a steep gradient would leave float32.
+    float largest = max(max(abs(world.x), abs(world.y)), abs(world.z));
+    world /= largest > 0.0 ? largest : 1.0;
+    return largest * sqrt(dot(world, world));
+}
