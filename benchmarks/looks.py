@@ -21,7 +21,7 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.gl.context import open_context
-from clusterviz.partition import build_tree
+from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.raycast import Raycaster
@@ -81,6 +81,11 @@ def facts_of(source: Source, summary: VolumeSummary) -> VolumeFacts:
     return VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, *ends)
 
 
+def whole_pieces(plan: Plan) -> tuple[Piece, ...]:
+    """All bricks as one piece."""
+    return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, plan.layout.brick)
+
+
 def measure(path: str, size: int, frames: int, names: list[str]) -> list[dict[str, Any]]:
     """Time all looks, in turn."""
     source, context = open_source(path, None), open_context()
@@ -89,13 +94,13 @@ def measure(path: str, size: int, frames: int, names: list[str]) -> list[dict[st
     casters: dict[str, tuple[Raycaster, Plan]] = {}
     for name in names:
         plan, bricks = planned(path, source, value_range, size, LOOKS[name])
-        casters[name] = Raycaster(context, plan, build_tree(plan.cost, 1).leaves[0].trimmed), plan
+        casters[name] = Raycaster(context, plan), plan
         casters[name][0].load(plan, bricks)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     samples: dict[str, int] = {}
     for _ in range(frames + 1):
         for name, (caster, plan) in casters.items():
-            drawn = caster.draw(plan)
+            (drawn,) = caster.draw(plan, whole_pieces(plan))
             seconds[name].append(drawn.seconds_render)
             samples[name] = drawn.samples
     return [

@@ -26,7 +26,7 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
 from clusterviz.image import write_image
-from clusterviz.partition import bricks_of, build_tree, front_to_back
+from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.reference.over import over
 from clusterviz.render.raycast import Raycaster
 from clusterviz.scene import Scene, Volume, open_scene
@@ -98,24 +98,22 @@ def draw_tube(voxels: NDArray[np.uint8], begin: NDArray[Any], end: NDArray[Any],
 
 def partial_images(scene: Scene, ranks: int) -> Iterator[Floats]:
     """What each rank would draw, float32 (h, w, 4), premultiplied, front to back."""
-    share = prepare(Run(LoopbackChannel(), Options()), scene)
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
     plan = share.plan
     if plan is None:
         return
-    tree, view = build_tree(plan.cost, ranks), plan.view
-    context = open_context()
+    view = plan.view
+    eye = None if view.parallel else view.eye
+    pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, eye, view.forward, plan.layout.brick)
+    caster = Raycaster(open_context(), plan)
+    caster.load(plan, bricks)
     width, height = share.scene.image.size
-    for rank in front_to_back(tree, None if view.parallel else view.eye, view.forward, plan.layout.brick):
+    for drawn in caster.draw(plan, pieces):
         picture = np.zeros((height, width, 4), np.float32)
-        mine = [(int(z), int(y), int(x)) for z, y, x in bricks_of(tree, rank, plan.cost)]
-        if mine:
-            caster = Raycaster(context, plan, tree.leaves[rank].trimmed)
-            caster.load(plan, {index: share.bricks[index] for index in mine})
-            partial = caster.draw(plan).partial
-            rect = partial.rect
-            picture[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end] = partial.rgba
-            caster.release()
+        rect = drawn.partial.rect
+        picture[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end] = drawn.partial.rgba
         yield picture
+    yield from np.zeros((ranks - len(pieces), height, width, 4), np.float32)
 
 
 def main() -> None:

@@ -17,12 +17,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from looks import planned
+from looks import planned, whole_pieces
 
 from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample
 from clusterviz.gl.context import open_context
-from clusterviz.partition import build_tree
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import make_segments
 from clusterviz.render.raycast import Raycaster
@@ -73,11 +72,11 @@ def frames(path: str, size: int, repeats: int) -> list[dict[str, Any]]:
     casters, times = {}, {name: [0.0] for name in MODES}
     for name, look in MODES.items():
         plan, bricks = planned(path, source, (0.0, 1.0), size, look)
-        casters[name] = Raycaster(context, plan, build_tree(plan.cost, 1).leaves[0].trimmed), plan
+        casters[name] = Raycaster(context, plan), plan
         casters[name][0].load(plan, bricks)
     for _ in range(repeats + 1):
         for name, (caster, plan) in casters.items():
-            times[name].append(caster.draw(plan).seconds_render)
+            times[name].append(caster.draw(plan, whole_pieces(plan))[0].seconds_render)
     return [{"classification": name, "median_ms": 1e3 * median(found[2:])} for name, found in times.items()]
 
 

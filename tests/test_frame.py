@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz import frame
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
-from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, render_frame
+from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame
 from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
@@ -95,7 +94,7 @@ def test_the_source_is_read_brick_by_brick_and_no_more_than_needed() -> None:
 
 @pytest.mark.gl
 def test_check_tells_a_wrong_compositing_from_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = frame.collect
+    right = compositing.collect
     calls: list[int] = []
 
     def wrong(piece: Any, size: Any, channel: Any) -> Any:
@@ -105,7 +104,7 @@ def test_check_tells_a_wrong_compositing_from_a_right_one(monkeypatch: pytest.Mo
             image[3, 4] += 0.5
         return image
 
-    monkeypatch.setattr(frame, "collect", wrong)
+    monkeypatch.setattr(compositing, "collect", wrong)
     with pytest.raises(ClustervizError, match=r"serial compositing disagree: .* row 3, column 4"):
         draw(1, check=True)
 
@@ -140,7 +139,7 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     plain = draw(2)[0]
-    monkeypatch.setattr(frame, "HELD_SHARE_OF_MEMORY", 0.0)
+    monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
     again = draw(2)[0]
     assert plain.image is not None
     assert again.image is not None
@@ -206,8 +205,8 @@ def test_another_camera_reads_compiles_and_uploads_nothing(monkeypatch: pytest.M
     for name in ("__init__", "load"):
         right = getattr(Raycaster, name)
         monkeypatch.setattr(Raycaster, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
-    read = frame.read_bricks
-    monkeypatch.setattr(frame, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
+    read = opening.read_bricks
+    monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
     draw_all(scenes, LoopbackChannel())
     assert sorted(done) == ["__init__", "load", "read", "read"]
@@ -218,8 +217,7 @@ def test_chunks_are_ordered_anew_for_every_camera(monkeypatch: pytest.MonkeyPatc
     """Bricks that need several buffers: each view has its own order of them."""
     scenes = scenes_of({})[: len(CAMERAS)]
     alone = [render_frame(scene, LoopbackChannel()).image for scene in scenes]
-    for name in ("raycast", "lasting"):
-        monkeypatch.setattr(import_module(f"clusterviz.render.{name}"), "capacity", lambda *_: 2)
+    monkeypatch.setattr(import_module("clusterviz.render.raycast"), "capacity", lambda *_: 2)
     for drawn, picture in zip(draw_all(scenes, LoopbackChannel()), alone, strict=True):
         assert drawn.image is not None
         assert picture is not None
@@ -259,11 +257,11 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     scenes, right = scenes_of({})[:3], Raycaster.draw
     calls: list[int] = []
 
-    def fail_later(caster: Raycaster, plan: Any) -> Any:
+    def fail_later(caster: Raycaster, plan: Any, pieces: Any) -> Any:
         calls.append(1)
         if len(calls) == 3:
             raise ValueError("odd")
-        return right(caster, plan)
+        return right(caster, plan, pieces)
 
     monkeypatch.setattr(Raycaster, "draw", fail_later)
     with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary
-from clusterviz.partition import BspTree, bricks_of
+from clusterviz.image.partial import PartialImage
+from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.scene.complete import VolumeFacts
 from clusterviz.scene.values import Scene
+
+Bricks = dict[Index, NDArray[Any]]
+"""Samples (z, y, x) by index."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class OpenedVolume:
     source: Source
     layout: BrickLayout
     summary: VolumeSummary
-    held: dict[Index, NDArray[Any]]
+    held: Bricks
 
     @property
     def facts(self) -> VolumeFacts:
@@ -50,24 +54,27 @@ class Share:
     Attributes
     ----------
     scene : completed
-    plan, tree, dealt : None where there is no volume; `dealt` holds the costs from which the tree was built, float64
-        (bz, by, bx): a brick is held where it is above 0
-    order : the ranks from front to back
-    bricks : this rank's, by index; emptied as they go to the GPU
+    plan : None where there is no volume
+    pieces : the frame's partial images of all ranks, from front to back
+    holds : the bricks that this rank needs before it can draw
     """
 
     scene: Scene
     plan: Plan | None
-    tree: BspTree | None
-    dealt: NDArray[np.float64] | None
-    order: list[int]
-    bricks: dict[Index, NDArray[Any]]
+    pieces: tuple[Piece, ...]
+    holds: frozenset[Index]
 
-    def holds(self, plan: Plan) -> bool:
-        """Whether every brick that a plan shows is held by some rank."""
-        return self.dealt is not None and not np.any((plan.cost > 0) & (self.dealt == 0))
+    @property
+    def order(self) -> list[int]:
+        """The ranks of the partial images, from front to back."""
+        return [piece.rank for piece in self.pieces]
+
+    def pieces_of(self, rank: int) -> list[Piece]:
+        """What one rank draws, front to back."""
+        return [piece for piece in self.pieces if piece.rank == rank]
 
 
-def indices_of(tree: BspTree, rank: int, cost: NDArray[np.float64]) -> set[Index]:
-    """The bricks that a rank draws, as `bricks_of` finds them, as indices (z, y, x)."""
-    return {(int(z), int(y), int(x)) for z, y, x in bricks_of(tree, rank, cost)}
+def in_order(images: Sequence[Sequence[PartialImage]], order: Sequence[int]) -> list[PartialImage]:
+    """All images from front to back: each entry of the order is the next image of its rank."""
+    following = [iter(of_rank) for of_rank in images]
+    return [next(following[rank]) for rank in order]

@@ -9,6 +9,7 @@
 - edges.py    where planes may pass, and what moves as one
 - owners.py   each brick's rank, for distributions that are no tree
 - groups.py   any distribution in groups from front to back
+- pieces.py   a frame as partial images from front to back
 - interleave.py, replicate.py   distributions that are no tree
 
 Arrays and boxes count bricks along (z, y, x); positions and directions are (x, y, z) in index space, where sample i
@@ -25,6 +26,7 @@ from clusterviz.partition.groups import Group, order_of, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.order import front_to_back
 from clusterviz.partition.owners import NOBODY, Owners, owners_of
+from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces
 from clusterviz.partition.replicate import Replicas, replicate, responsible
 from clusterviz.partition.search import busiest, move_planes, search_tree
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
@@ -38,14 +40,18 @@ __all__ = [
     "Leaf",
     "Node",
     "Owners",
+    "Piece",
     "Replicas",
     "Split",
+    "bounding_box",
     "bricks_of",
     "build_tree",
     "busiest",
     "draw",
     "front_to_back",
+    "group_pieces",
     "interleave",
+    "leaf_pieces",
     "move_planes",
     "order_of",
     "owners_of",

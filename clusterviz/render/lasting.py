@@ -1,74 +1,44 @@
 """One rank's ray caster from frame to frame: compiled, and filled, only when the plan asks for it.
 
-A program is made for a variant and a box; bricks are stored in an encoding, and in chunks whose order is that of the
-view. Another camera needs nothing new, unless it sees several chunks in another order; another transfer function may
-need another program, or bricks that nobody could see before.
+A program is made for a variant; bricks are stored in an encoding. Another camera needs nothing new; another transfer
+function may need another program, or bricks that nobody could see before.
 """
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, MutableMapping, Sequence
 from typing import Any
 
 import moderngl
-import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.partition import BrickBox, BspTree
+from clusterviz.image.partial import blank
+from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.chunks import chunks_of
 from clusterviz.render.raycast import Drawn, Raycaster
-from clusterviz.render.residence import capacity
-from clusterviz.render.storage import make_slot
-from clusterviz.render.variant import Variant, variant_of
+from clusterviz.render.storage import Slot, make_slot
 
 Index = tuple[int, int, int]
 
 
-@dataclass(frozen=True)
-class Needs:
-    """What a ray caster is made for.
-
-    Attributes
-    ----------
-    variant, box : of the program
-    encoding : of the bricks; None for integers, which are stored as they are
-    chunks : boxes of bricks from front to back
-    """
-
-    variant: Variant
-    box: BrickBox
-    encoding: Encoding | None
-    chunks: tuple[BrickBox, ...]
-
-
 class LastingCaster:
-    """What a rank keeps for drawing: its context, and a ray caster for its last plan.
+    """What a rank keeps for drawing: its context, and a ray caster for its last plan."""
 
-    Parameters
-    ----------
-    rank : whose leaf of the tree is drawn
-    """
-
-    def __init__(self, rank: int) -> None:
-        self._rank = rank
+    def __init__(self) -> None:
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | None = None
-        self._needs: Needs | None = None
-        self._tree: BspTree | None = None
+        self._encoding: Encoding | None = None
 
-    def is_stale(self, plan: Plan, tree: BspTree, loaded: NDArray[np.float64]) -> bool:
-        """Whether this rank's bricks must be uploaded, or uploaded again, before the plan can be drawn.
+    def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
+        """The bricks that have to be loaded, or loaded again, before the plan can be drawn."""
+        if self._caster is None or self._encoding != _encoding_of(plan) or self._caster.slot != _slot_of(plan):
+            return set(wanted)
+        return set(wanted) - self._caster.pool.bricks
 
-        Parameters
-        ----------
-        loaded : float64 (bz, by, bx), the costs from which the tree was built: above 0 where a brick is in memory
-        """
-        if tree is not self._tree:
-            return True
-        return self._caster is not None and self._needs_of(plan, tree, loaded) != self._needs
+    def is_compiled(self, plan: Plan) -> bool:
+        """Whether there is a program for the plan."""
+        return self._caster is not None and self._caster.slot == _slot_of(plan) and self._caster.can_draw(plan)
 
     def open(self, local_rank: int, device: int | None) -> None:
         """Make the context, unless there is one."""
@@ -77,33 +47,38 @@ class LastingCaster:
         if self._context is None:
             self._context = open_context(local_rank, device)
 
-    def compile(self, plan: Plan, tree: BspTree, loaded: NDArray[np.float64]) -> None:
-        """Make the program, unless the last one will do."""
+    def compile(self, plan: Plan) -> None:
+        """Make the program, unless the last one will do; bricks stay where they fit the plan's slots."""
         if self._context is None:
             raise ValueError("there is no context yet")
-        last, self._needs = self._needs, self._needs_of(plan, tree, loaded)
-        wanted = (self._needs.variant, self._needs.box)
-        if self._caster is None or last is None or (last.variant, last.box) != wanted:
+        if self._caster is not None and self._caster.slot != _slot_of(plan):
             self._drop()
-            self._caster = Raycaster(self._context, plan, self._needs.box)
+        if self._caster is None:
+            self._caster = Raycaster(self._context, plan)
+        elif not self._caster.can_draw(plan):
+            self._caster.compile(plan)
 
-    def load(self, plan: Plan, tree: BspTree, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
-        """Put bricks into GPU memory, taken out as they are stored; without any, nothing is drawn from now on."""
-        self._tree = tree
-        if not bricks:
-            self._drop()
-        elif self._caster is not None:
-            self._caster.load(plan, bricks)
+    def load(self, plan: Plan, wanted: Collection[Index], bricks: MutableMapping[Index, NDArray[Any]]) -> None:
+        """Keep of what is there what is wanted, and upload bricks, taken out as they are stored."""
+        if self._caster is None:
+            return
+        here = self._caster.pool.bricks
+        self._caster.drop(here - set(wanted) | here & bricks.keys())
+        self._caster.load(plan, bricks)
+        self._encoding = _encoding_of(plan)
 
-    def draw(self, plan: Plan) -> Drawn | None:
-        """Draw a frame; None on a rank that has nothing to draw."""
-        return None if self._caster is None else self._caster.draw(plan)
+    def draw(self, plan: Plan, pieces: Sequence[Piece]) -> list[Drawn]:
+        """Draw a frame's pieces of this rank; blank ones where it never had a brick."""
+        return [Drawn(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces)
 
     @property
     def held(self) -> dict[str, Any]:
-        """What there is to draw with: renderer, OpenGL's name of it, and voxel_bytes, of GPU memory."""
-        caster = self._caster
-        return {"renderer": caster.renderer, "voxel_bytes": caster.voxel_bytes} if caster else {}
+        """What there is to draw with: renderer, OpenGL's name of it; bricks, their voxels and bytes of GPU memory."""
+        if self._caster is None:
+            return {}
+        pool = self._caster.pool
+        counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
+        return {"renderer": self._caster.renderer, **counted}
 
     def release(self) -> None:
         """Give everything back to the driver."""
@@ -117,13 +92,11 @@ class LastingCaster:
             self._caster.release()
             self._caster = None
 
-    def _needs_of(self, plan: Plan, tree: BspTree, loaded: NDArray[np.float64]) -> Needs:
-        if self._context is None:
-            raise ValueError("there is no context yet")
-        box = tree.leaves[self._rank].trimmed
-        slot = make_slot(plan.layout, plan.encoding, plan.march)
-        variant = variant_of(plan, slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
-        # Bricks that are loaded but hidden now stay where they are: only the order of the chunks may change.
-        chunks = chunks_of(box, replace(plan, cost=loaded), capacity(self._context, slot))
-        encoding = plan.encoding if plan.encoding.kind == "f32" else None
-        return Needs(variant, box, encoding, tuple(chunks))
+
+def _slot_of(plan: Plan) -> Slot:
+    return make_slot(plan.layout, plan.encoding, plan.march)
+
+
+def _encoding_of(plan: Plan) -> Encoding | None:
+    """What stored bricks depend on; None for integers, which are stored as they are."""
+    return plan.encoding if plan.encoding.kind == "f32" else None

@@ -1,4 +1,4 @@
-"""Single-pass ray casting of one rank's bricks: a partial image, and how many samples it took.
+"""Single-pass ray casting of one rank's bricks: a partial image a piece, and how many samples it took.
 
 References
 ----------
@@ -8,7 +8,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
+from collections.abc import Iterable, MutableMapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import EMPTY, Rect
-from clusterviz.partition import BrickBox
+from clusterviz.image.region import Rect
+from clusterviz.partition import Piece, bounding_box
 from clusterviz.plan.plan import Plan
-from clusterviz.render.chunks import chunks_of
 from clusterviz.render.frame_block import frame_block
-from clusterviz.render.residence import Residence, capacity, upload
-from clusterviz.render.storage import Slot, make_slot
-from clusterviz.render.variant import variant_of
+from clusterviz.render.pool import BrickPool
+from clusterviz.render.residence import capacity, store
+from clusterviz.render.storage import make_slot
+from clusterviz.render.variant import Variant, variant_of
 
 TILE = 8  # pixels along the side of a work group, as in raycast.glsl
 Index = tuple[int, int, int]
@@ -34,7 +34,7 @@ Index = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Drawn:
-    """What one draw gave.
+    """What drawing one piece gave.
 
     Attributes
     ----------
@@ -57,18 +57,21 @@ class Raycaster:
     Parameters
     ----------
     context : a context that this thread has current
-    plan : decides the variant, the slots and the transfer function
-    box : the bricks that this rank owns, and no other rank
+    plan : decides the variant, the slots and the encoding of bricks
     block_bytes : GPU buffers no larger than this, for tests
+
+    Attributes
+    ----------
+    slot : what a brick takes
+    pool : the bricks that are here
     """
 
-    def __init__(self, context: moderngl.Context, plan: Plan, box: BrickBox, block_bytes: int | None = None) -> None:
-        self._context, self._box = context, box
-        self._slot: Slot = make_slot(plan.layout, plan.encoding, plan.march)
-        self._variant = variant_of(plan, self._slot, int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
+    def __init__(self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None) -> None:
+        self._context = context
+        self.slot = make_slot(plan.layout, plan.encoding, plan.march)
+        self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes))
+        self._variant = self.variant_of(plan)
         self._program = compile_compute(context, self._variant.source)
-        self._capacity = capacity(context, self._slot, block_bytes)
-        self._residences: list[Residence] = []
 
     @property
     def renderer(self) -> str:
@@ -78,32 +81,42 @@ class Raycaster:
     @property
     def voxel_bytes(self) -> int:
         """GPU memory taken by voxels."""
-        return sum(residence.bytes for residence in self._residences)
+        return self.pool.bytes
+
+    def variant_of(self, plan: Plan) -> Variant:
+        """The program that a plan needs on this context."""
+        return variant_of(plan, self.slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
+
+    def can_draw(self, plan: Plan) -> bool:
+        """Whether the program is that of a plan."""
+        return self._variant == self.variant_of(plan)
+
+    def compile(self, plan: Plan) -> None:
+        """Make the program of another plan with the same slots; the bricks stay."""
+        self._variant, old = self.variant_of(plan), self._program
+        self._program = compile_compute(self._context, self._variant.source)
+        old.release()
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
-        """Upload the visible bricks of this rank's box: samples (z, y, x) by index, taken out as they are stored."""
-        self._drop()
-        self._residences = [
-            upload(self._context, chunk, bricks, self._slot, plan.encoding)
-            for chunk in chunks_of(self._box, plan, self._capacity)
-        ]
+        """Upload bricks beside those that are there: samples (z, y, x) by index, taken out as they are stored."""
+        self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
 
-    def draw(self, plan: Plan) -> Drawn:
-        """Draw one frame; the partial image is the rectangle that the loaded bricks may cover."""
-        started = perf_counter()
-        rects = [_footprint(plan, residence.box) for residence in self._residences]
-        rect = EMPTY
-        for part in rects:
-            rect = rect.unite(part)
-        if rect.pixels == 0:
-            return Drawn(blank())
-        groups = (-(-rect.width // TILE), -(-rect.height // TILE))
-        segments = plan.segments
+    def drop(self, bricks: Iterable[Index]) -> None:
+        """Give up bricks that are there."""
+        self.pool.drop(bricks)
+
+    def draw(self, plan: Plan, pieces: Sequence[Piece]) -> list[Drawn]:
+        """Draw one frame's pieces: the bricks that they show are there.
+
+        Returns
+        -------
+        drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
+        """
         with _Buffers(self._context) as buffers:
-            pixels = buffers.reserve(1, 16 * rect.pixels)
-            progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
+            segments = plan.segments
             buffers.bind(4, segments.buckets)
             records = buffers.make(_padded(segments.records, self._variant.block_bytes))
+            records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             if segments.sums is not None:
                 buffers.bind(0, segments.sums)
             if len(plan.clip):
@@ -112,28 +125,41 @@ class Raycaster:
                 buffers.make(plan.look.surface_block()).bind_to_uniform_block(4)
             if plan.look.shading:
                 buffers.make(plan.look.shading.block()).bind_to_uniform_block(2)
-            records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             if plan.look.grading:
                 buffers.make(plan.look.grading.block()).bind_to_uniform_block(5)
                 if plan.look.grading.table is not None:
                     buffers.table(plan.look.grading.table).use(1)
-            # Front to back: each draw adds behind what the pixels hold.
-            for number, residence in enumerate(self._residences):
-                buffers.bind(6, residence.visibility(plan, self._slot))
-                self._bind(residence)
-                block = frame_block(plan, residence.box, rect, self._slot)
+            return [self._draw_piece(plan, piece) for piece in pieces]
+
+    def _draw_piece(self, plan: Plan, piece: Piece) -> Drawn:
+        started = perf_counter()
+        bricks = piece.members(plan.cost > 0)
+        rect = footprint(plan, piece)
+        if len(bricks) == 0 or rect.pixels == 0:
+            return Drawn(blank())
+        groups = (-(-rect.width // TILE), -(-rect.height // TILE))
+        with _Buffers(self._context) as buffers:
+            pixels = buffers.reserve(1, 16 * rect.pixels)
+            progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
+            # Front to back: each part adds behind what the pixels hold.
+            for number, (residence, part) in enumerate(self.pool.parts(plan, bricks)):
+                box = bounding_box(part)
+                offsets, visible = residence.tables(plan, box, part)
+                buffers.bind(3, offsets)
+                buffers.bind(6, visible)
+                residence.bind()
+                block = frame_block(plan, box, rect, self.slot)
                 block["first_box"] = number == 0
                 self._march(buffers, block, progress, groups)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
             samples = progress.read(offset=4 + 4 * rect.pixels)
             taken = int(np.frombuffer(samples, np.uint32).sum(dtype=np.int64))
-        bricks = sum(residence.bricks for residence in self._residences)
-        return Drawn(PartialImage(rect, rgba), taken, bricks, rendered - started, perf_counter() - rendered)
+        return Drawn(PartialImage(rect, rgba), taken, len(bricks), rendered - started, perf_counter() - rendered)
 
     def release(self) -> None:
         """Give everything back to the driver."""
-        self._drop()
+        self.pool.release()
         self._program.release()
 
     def _march(
@@ -151,21 +177,9 @@ class Raycaster:
             unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
             block["first_dispatch"] = 0
 
-    def _bind(self, residence: Residence) -> None:
-        residence.offsets.bind_to_storage_buffer(3)
-        if isinstance(residence.voxels, moderngl.Buffer):
-            residence.voxels.bind_to_storage_buffer(7)
-        else:
-            residence.voxels.use(0)
-
-    def _drop(self) -> None:
-        for residence in self._residences:
-            residence.release()
-        self._residences = []
-
 
 class _Buffers:
-    """Buffers and textures that live for one draw."""
+    """Buffers and textures that live for one draw or one piece."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -209,9 +223,10 @@ def _padded(records: NDArray[np.void], size: int) -> NDArray[np.uint8]:
     return data
 
 
-def _footprint(plan: Plan, box: BrickBox) -> Rect:
-    """The pixels that a box of bricks may cover."""
-    brick, cells = plan.layout.brick, plan.layout.cells_zyx
+def footprint(plan: Plan, piece: Piece) -> Rect:
+    """The pixels of its window that a piece may cover."""
+    brick, cells, box = plan.layout.brick, plan.layout.cells_zyx, piece.box
     begin = tuple(float(b * brick) for b in box.begin_zyx[::-1])
     end = tuple(float(min(e * brick, c)) for e, c in zip(box.end_zyx[::-1], cells[::-1], strict=True))
-    return plan.view.footprint(begin, end)  # type: ignore[arg-type]
+    rect = plan.view.footprint(begin, end)  # type: ignore[arg-type]
+    return rect if piece.window is None else rect.intersect(piece.window)

@@ -1,8 +1,8 @@
-"""Bricks in GPU memory: one buffer or one texture for a box of bricks, and the table of where each brick begins."""
+"""Bricks in GPU memory: one buffer or texture with a slot for each, which brick is in which, what it may show."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from clusterviz.partition import BrickBox
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.emptiness import Ranges, group_ranges, visibility_bits
+from clusterviz.render.emptiness import group_ranges, visibility_bits
 from clusterviz.render.storage import Slot
 
 Index = tuple[int, int, int]
@@ -21,39 +21,158 @@ TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; intege
 TEXTURE_BYTES = 1 << 30
 
 
-@dataclass(frozen=True)
-class Residence:
-    """A box of bricks, uploaded.
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A brick as its slot keeps it.
 
     Attributes
     ----------
-    box : the bricks
-    offsets : GPU buffer of int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
-    places : int (n, 3), where each stored brick lies in the box, (z, y, x)
-    ranges : lowest and highest sample of the groups of cells of each, (n, *slot.groups_zyx)
-    voxels : the buffer of words, or the texture of slots
-    bricks : how many are stored
-    bytes : GPU memory taken by their voxels
+    words : what the slot holds, as `Slot.pack` made it
+    low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
+    voxels : samples that it was made of
     """
 
-    box: BrickBox
-    offsets: moderngl.Buffer
-    places: NDArray[np.intp]
-    ranges: Ranges
-    voxels: moderngl.Buffer | moderngl.Texture3D
-    bricks: int
-    bytes: int
+    words: NDArray[Any]
+    low: NDArray[Any]
+    high: NDArray[Any]
+    voxels: int
 
-    def visibility(self, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-        """Which groups of cells may show something: uint32, `slot.visibility_words` a brick of the box."""
-        words = np.zeros((*self.box.shape_zyx, slot.visibility_words), np.uint32)
-        words[tuple(self.places.T)] = visibility_bits(self.ranges, plan, slot)
-        return words
+
+def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
+    """Make a brick's samples (z, y, x) ready for a slot."""
+    low, high = group_ranges(voxels, slot)
+    return Stored(slot.pack(voxels, encoding), low, high, voxels.size)
+
+
+class Residence:
+    """Room for bricks in one buffer or one texture.
+
+    Parameters
+    ----------
+    context : a context that this thread has current
+    slot : what a brick takes
+    room : bricks that fit, at least 1
+
+    Attributes
+    ----------
+    slots : the number of each brick's slot
+    """
+
+    def __init__(self, context: moderngl.Context, slot: Slot, room: int) -> None:
+        self._context, self._slot, self.room = context, slot, room
+        self.slots: dict[Index, int] = {}
+        self._free = list(range(room))[::-1]
+        self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self._counts = np.zeros(room, np.int64)
+        self._voxels = _texture(context, slot, room) if slot.textured else context.buffer(reserve=room * slot.bytes)
+
+    @property
+    def free(self) -> int:
+        """Bricks that still fit."""
+        return len(self._free)
+
+    @property
+    def bytes(self) -> int:
+        """GPU memory taken."""
+        return self.room * self._slot.bytes
+
+    @property
+    def voxels(self) -> int:
+        """Samples of which its bricks were made."""
+        return int(self._counts[list(self.slots.values())].sum())
+
+    def put(self, index: Index, stored: Stored) -> None:
+        """Keep a brick in a free slot."""
+        number = self._free.pop()
+        self.slots[index] = number
+        self._note(number, stored)
+        if isinstance(self._voxels, moderngl.Buffer):
+            self._voxels.write(stored.words, offset=number * self._slot.bytes)
+        else:
+            self._voxels.write(stored.words, viewport=self._viewport(number), alignment=1)
+
+    def drop(self, index: Index) -> None:
+        """Free a brick's slot."""
+        self._free.append(self.slots.pop(index))
+
+    def grown(self, room: int) -> Residence:
+        """The same bricks with more room; this one is given back."""
+        larger = Residence(self._context, self._slot, room)
+        for index, stored in self.stored(list(self.slots)):
+            larger.put(index, stored)
+        self.release()
+        return larger
+
+    def stored(self, bricks: Sequence[Index]) -> Iterator[tuple[Index, Stored]]:
+        """What is in the slots of bricks, read back from the GPU."""
+        # A texture is read as a whole.
+        texels = None if isinstance(self._voxels, moderngl.Buffer) else self._texels(self._voxels)
+        for index in bricks:
+            number = self.slots[index]
+            low, high = (side[number] for side in self._ranges or ())
+            words = self._words(number) if texels is None else self._cut(texels, number)
+            yield index, Stored(words, low, high, int(self._counts[number]))
+
+    def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Where bricks begin, and which of their groups of cells may show something, for all bricks of a box.
+
+        Parameters
+        ----------
+        bricks : int64 (m, 3), those to be drawn; they are here and in the box
+
+        Returns
+        -------
+        offsets : int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
+        visible : uint32, `slot.visibility_words` a brick of the box
+        """
+        numbers = np.array([self.slots[z, y, x] for z, y, x in bricks.tolist()])
+        places = tuple((bricks - box.begin_zyx).T)
+        offsets = np.full(box.shape_zyx, -1, np.int32)
+        offsets[places] = numbers if self._slot.textured else numbers * self._slot.words
+        visible = np.zeros((*box.shape_zyx, self._slot.visibility_words), np.uint32)
+        assert self._ranges, "no slot was filled"
+        low, high = self._ranges
+        visible[places] = visibility_bits((low[numbers], high[numbers]), plan, self._slot)
+        return offsets, visible
+
+    def bind(self) -> None:
+        """Let draws read from here."""
+        if isinstance(self._voxels, moderngl.Buffer):
+            self._voxels.bind_to_storage_buffer(7)
+        else:
+            self._voxels.use(0)
 
     def release(self) -> None:
         """Give the GPU memory back."""
-        self.offsets.release()
-        self.voxels.release()
+        self._voxels.release()
+
+    def _note(self, number: int, stored: Stored) -> None:
+        if self._ranges is None:
+            shape = (self.room, *stored.low.shape)
+            self._ranges = np.zeros(shape, stored.low.dtype), np.zeros(shape, stored.high.dtype)
+        self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
+        self._counts[number] = stored.voxels
+
+    def _words(self, number: int) -> NDArray[Any]:
+        """A slot of a buffer."""
+        assert isinstance(self._voxels, moderngl.Buffer), "textures have texels"
+        return np.frombuffer(self._voxels.read(self._slot.bytes, offset=number * self._slot.bytes), "<u4")
+
+    def _texels(self, texture: moderngl.Texture3D) -> NDArray[Any]:
+        """All texels, (z, y, x)."""
+        kind = {"u8": "u1", "u16": "<u2", "f32": "<f4"}[self._slot.kind]
+        return np.frombuffer(texture.read(alignment=1), kind).reshape(texture.depth, texture.height, texture.width)
+
+    def _cut(self, texels: NDArray[Any], number: int) -> NDArray[Any]:
+        x, y, z, width, height, depth = self._viewport(number)
+        return np.ascontiguousarray(texels[z : z + depth, y : y + height, x : x + width])
+
+    def _viewport(self, number: int) -> tuple[int, int, int, int, int, int]:
+        """The texels of a slot: corner and size along (x, y, z)."""
+        assert isinstance(self._voxels, moderngl.Texture3D), "buffers have no corners"
+        z, y, x = self._slot.samples_zyx
+        across, down = self._voxels.width // x, self._voxels.height // y
+        return number % across * x, number // across % down * y, number // (across * down) * z, x, y, z
 
 
 def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = None) -> int:
@@ -71,63 +190,16 @@ def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = No
     return max(1, most)
 
 
-def upload(
-    context: moderngl.Context,
-    box: BrickBox,
-    bricks: MutableMapping[Index, NDArray[Any]],
-    slot: Slot,
-    encoding: Encoding,
-) -> Residence:
-    """Store the bricks that lie in a box.
-
-    Parameters
-    ----------
-    bricks : samples (z, y, x) by brick index; bricks outside of the box are passed over, absent ones are not drawn.
-        What is stored is taken out, so that no brick is held twice for long.
-    """
-    inside = [i for i in bricks if all(b <= n < e for b, n, e in zip(box.begin_zyx, i, box.end_zyx, strict=True))]
-    places = np.array(inside, np.intp).reshape(-1, 3) - box.begin_zyx
-    ranges: list[Ranges] = []
-    packed = (_packed(bricks.pop(index), slot, encoding, ranges) for index in inside)
-    voxels: moderngl.Buffer | moderngl.Texture3D
-    voxels, starts = (_into_texture if slot.textured else _into_buffer)(context, packed, len(inside), slot)
-    offsets = np.full(box.shape_zyx, -1, np.int32)
-    offsets[tuple(places.T)] = starts
-    low, high = (np.array([pair[side] for pair in ranges]).reshape(-1, *slot.groups_zyx) for side in (0, 1))
-    table = context.buffer(offsets.tobytes())
-    return Residence(box, table, places, (low, high), voxels, len(inside), len(inside) * slot.bytes)
-
-
-def _packed(voxels: NDArray[Any], slot: Slot, encoding: Encoding, ranges: list[Ranges]) -> NDArray[Any]:
-    """One brick as its slot keeps it; its ranges are noted on the way."""
-    ranges.append(group_ranges(voxels, slot))
-    return slot.pack(voxels, encoding)
-
-
-def _into_buffer(
-    context: moderngl.Context, packed: Iterable[NDArray[Any]], count: int, slot: Slot
-) -> tuple[moderngl.Buffer, list[int]]:
-    """One after the other; where each begins, in words."""
-    buffer = context.buffer(reserve=max(1, count) * slot.bytes)
-    for number, words in enumerate(packed):
-        buffer.write(words, offset=number * slot.bytes)
-    return buffer, [number * slot.words for number in range(count)]
-
-
-def _into_texture(
-    context: moderngl.Context, packed: Iterable[NDArray[Any]], count: int, slot: Slot
-) -> tuple[moderngl.Texture3D, list[int]]:
-    """Side by side along x, then y, then z; the number of each slot."""
+def _texture(context: moderngl.Context, slot: Slot, room: int) -> moderngl.Texture3D:
+    """Slots side by side along x, then y, then z."""
     side = int(context.info["GL_MAX_3D_TEXTURE_SIZE"])
     z, y, x = slot.samples_zyx
-    across, down = min(count, side // x), side // y
-    rows = -(-count // across)
+    across, down = min(room, side // x), side // y
+    rows = -(-room // across)
     down = min(rows, down)
-    size = (across * x, down * y, -(-rows // down) * z)
-    texture = context.texture3d(size, 1, alignment=1, dtype=TEXEL_TYPE[slot.kind])
+    texture = context.texture3d(
+        (across * x, down * y, -(-rows // down) * z), 1, alignment=1, dtype=TEXEL_TYPE[slot.kind]
+    )
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = texture.repeat_z = False
-    for number, texels in enumerate(packed):
-        corner = (number % across * x, number // across % down * y, number // (across * down) * z)
-        texture.write(texels, viewport=(*corner, x, y, z), alignment=1)
-    return texture, list(range(count))
+    return texture

@@ -15,7 +15,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Index
 from clusterviz.data.summary import summarise
 from clusterviz.image.partial import PartialImage
-from clusterviz.partition import BrickBox, build_tree
+from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.raycast import Drawn, Raycaster
@@ -145,11 +145,17 @@ def draw(
 ) -> Drawn:
     """Draw one box of bricks, by default all."""
     plan = prepared.plan
-    caster = Raycaster(context, plan, box or build_tree(plan.cost, 1).leaves[0].trimmed, block_bytes)
-    caster.load(plan, dict(prepared.bricks))
-    drawn = caster.draw(plan)
+    box = box or build_tree(plan.cost, 1).leaves[0].trimmed
+    caster = Raycaster(context, plan, block_bytes)
+    caster.load(plan, shown(prepared))
+    (drawn,) = caster.draw(plan, [Piece(0, box)])
     caster.release()
     return drawn
+
+
+def shown(prepared: Prepared) -> dict[Index, np.ndarray]:
+    """The bricks that a plan shows."""
+    return {index: samples for index, samples in prepared.bricks.items() if prepared.plan.cost[index] > 0}
 
 
 def whole(partial: PartialImage, size: tuple[int, int]) -> np.ndarray:

@@ -13,7 +13,7 @@ import pytest
 from render.scenes import camera_at, prepare, scene_of
 
 from clusterviz.data.grid import Grid
-from clusterviz.partition import build_tree
+from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.render import raycast
 from clusterviz.render.raycast import Raycaster
@@ -25,8 +25,9 @@ SHAPE = (33, 33, 33)
 GRID = Grid(SHAPE)
 VOXELS = (np.indices(SHAPE).sum(axis=0) * 2).astype(np.uint8)
 BRICK = 16
-# Of every picture: pixels, progress and samples, the transfer function's buckets, records, visible groups, the frame.
-BUFFERS = 6
+# Of every picture: pixels, progress and samples, the transfer function's buckets, records, where bricks begin, visible
+# groups, the frame.
+BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
 PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded voxel_u8"
 
@@ -160,16 +161,15 @@ def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> Non
     case = CASES[name]
     plan, bricks = planned(name)
     counted = Counted(context)
-    caster = Raycaster(counted, plan, build_tree(plan.cost, 1).leaves[0].trimmed)
+    caster = Raycaster(counted, plan)
     assert counted.made == {"programs": 1}
-    caster.load(plan, bricks)
+    caster.load(plan, {index: bricks[index] for index in map(tuple, np.argwhere(plan.cost).tolist())})
     shown = np.count_nonzero(plan.cost)
-    # Where the bricks begin, and the voxels: a buffer or a texture.
-    assert counted.made == {"programs": 1, "buffers": 2 - case.textures} | ({"textures": 1} if case.textures else {})
+    assert counted.made == {"programs": 1} | ({"textures": 1} if case.textures else {"buffers": 1})
     voxels = case.side**3 if case.textures else 4 * -(-(case.side - 1) // 3) * case.side**2
     assert caster.voxel_bytes == shown * voxels
     counted.made.clear()
-    caster.draw(plan)
+    caster.draw(plan, [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)])
     assert counted.made == {"buffers": BUFFERS + case.buffers, "dispatches": 1}
     caster.release()
 
@@ -192,10 +192,10 @@ def test_a_table_is_one_texture_and_one_buffer(context: moderngl.Context, tmp_pa
     scene = scene_of(VOXELS, camera_at("outside", GRID), opacity=None, look={"transfer_2d": table})
     prepared = prepare(scene, VOXELS, GRID, BRICK)
     counted = Counted(context)
-    caster = Raycaster(counted, prepared.plan, build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
+    caster = Raycaster(counted, prepared.plan)
     caster.load(prepared.plan, prepared.bricks)
     counted.made.clear()
-    caster.draw(prepared.plan)
+    caster.draw(prepared.plan, [Piece(0, build_tree(prepared.plan.cost, 1).leaves[0].trimmed)])
     assert counted.made == {"buffers": BUFFERS + 1, "tables": 1, "dispatches": 1}
     caster.release()
 

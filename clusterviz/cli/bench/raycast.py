@@ -41,12 +41,12 @@ def measure(scene: Scene, frames: int) -> dict[str, Any]:
     from clusterviz.gl.context import open_context
     from clusterviz.render.raycast import Raycaster
 
-    share = prepare(Run(LoopbackChannel(), Options()), scene)
-    if share.plan is None or share.tree is None:
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
+    if share.plan is None:
         raise SceneError("nothing to draw", where="volumes", allowed="one volume")
-    caster = Raycaster(open_context(), share.plan, share.tree.leaves[0].trimmed)
-    caster.load(share.plan, share.bricks)
-    drawn = [caster.draw(share.plan) for _ in range(frames + 1)][1:]
+    caster = Raycaster(open_context(), share.plan)
+    caster.load(share.plan, bricks)
+    drawn = [drawn for _ in range(frames + 1) for drawn in caster.draw(share.plan, share.pieces)][1:]
     seconds = [frame.seconds_render for frame in drawn]
     return {
         "median_s": median(seconds),

@@ -21,6 +21,7 @@ from clusterviz.comm.place import granted_cores
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.frame.share import Share, in_order
 from clusterviz.gl.context import open_context
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.partial import PartialImage, blank
@@ -117,12 +118,14 @@ def measure(scene: Scene, channel: Channel, frames: int, write: Write, warm_up: 
     run = Run(channel, Options())
     work, seat = _prepare(run, scene)
     drawn = [_frame(work) for _ in range(warm_up + frames)]
-    _, partial, picture = drawn[-1]
-    algorithm, counted = _count(work, partial)
+    _, partials, picture = drawn[-1]
+    algorithm, counted = _count(work, partials)
     with run.alone("write", "finish"):
         if picture is not None:
-            write(picture, work.scene)
-    seconds, rect = run.clock.seconds, partial.rect
+            write(picture, work.share.scene)
+    # The coherent distribution: one image a rank, or none.
+    seconds, partial = run.clock.seconds, partials[0] if partials else blank()
+    rect = partial.rect
     sides = (rect.x_begin, rect.y_begin, rect.x_end, rect.y_end)
     every = channel.allgather(([frame for frame, _, _ in drawn[warm_up:]], seconds, seat, counted, sides))
     work.compositor.close()
@@ -131,12 +134,12 @@ def measure(scene: Scene, channel: Channel, frames: int, write: Write, warm_up: 
         once=[{name: rank[1].get(name, 0.0) for name in ("plan", "load", "context", "shaders")} for rank in every],
         finish_seconds=every[0][1]["finish"],
         seats=[rank[2] for rank in every],
-        order=work.order,
+        order=work.share.order,
         rects=[rank[4] for rank in every],
         algorithm=algorithm,
         counted=[rank[3] for rank in every],
-        size=work.scene.image.size,
-        step=work.scene.quality.step,
+        size=work.share.scene.image.size,
+        step=work.share.scene.quality.step,
         bytes_per_pixel=4 * partial.rgba.dtype.itemsize,
     )
 
@@ -152,9 +155,8 @@ class Work:
     """
 
     channel: Channel
-    scene: Scene
+    share: Share
     plan: Plan
-    order: list[int]
     held: RankFrame
     caster: Raycaster | None
     compositor: Compositor
@@ -162,9 +164,9 @@ class Work:
 
 def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
     """Read, plan, and bring this rank's bricks to where they are drawn; one without any starts no OpenGL."""
-    share = prepare(run, scene)
-    plan, tree, bricks = share.plan, share.tree, share.bricks
-    if plan is None or tree is None:
+    share, bricks = prepare(run, scene)
+    plan = share.plan
+    if plan is None:
         raise SceneError("nothing to measure", where="volumes", allowed="a scene with a volume")
     held = RankFrame({}, bricks=len(bricks), voxels=sum(voxels.size for voxels in bricks.values()))
     with run.together("context", "context"):
@@ -178,7 +180,7 @@ def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
             seat = replace(seat, gpu=None if devices[chosen].software else chosen)
     with run.alone("shaders", "shaders"):
         if bricks:
-            caster = Raycaster(context, plan, tree.leaves[run.channel.rank].trimmed)
+            caster = Raycaster(context, plan)
     with run.alone("upload", "load"):
         if caster:
             caster.load(plan, bricks)
@@ -186,7 +188,7 @@ def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
         compile_kernels(run.channel)
         cluster = share.scene.cluster
         compositor = _compositor(run.channel, share.scene, cluster.codec, cluster.transport)
-    return Work(run.channel, share.scene, plan, share.order, held, caster, compositor), seat
+    return Work(run.channel, share, plan, held, caster, compositor), seat
 
 
 def _compositor(channel: Channel, scene: Scene, codec: str, transport: str) -> Compositor:
@@ -194,40 +196,41 @@ def _compositor(channel: Channel, scene: Scene, codec: str, transport: str) -> C
     return Compositor(channel, scene.image.size, algorithm=algorithm, codec=codec, transport=transport)
 
 
-def _frame(work: Work) -> tuple[RankFrame, PartialImage, Image | None]:
+def _frame(work: Work) -> tuple[RankFrame, list[PartialImage], Image | None]:
     """Draw, composite and collect once, all ranks together from a barrier on."""
     channel, clock = work.channel, Clock(dict.fromkeys(STAGES, 0.0))
     with abort_on_failure(channel, 0, "barrier"):
         channel.barrier()
     started, cpu = perf_counter(), process_time()
     with agree(channel, 0, "render"):
-        partial, counts = _draw(work, clock)
+        partials, counts = _draw(work, clock)
     with abort_on_failure(channel, 0, "composite"):
         if work.plan.look.operator == "over":
-            composed, counters = work.compositor.composite(partial, work.order)
+            composed, counters = work.compositor.composite(partials, work.share.order)
             picture = cast("Image | None", composed)
             counts = _with_counters(counts, clock, counters)
         else:
             with clock.stage("collect"):
                 # As `frame` does it: the parts of a picture that is not composited are merged on rank 0.
-                parts = channel.gather(partial)
-                picture = None if parts is None else project(work.plan, [parts[rank] for rank in work.order])
+                parts = channel.gather(partials)
+                picture = None if parts is None else project(work.plan, in_order(parts, work.share.order))
     clock.add("total", perf_counter() - started)
     clock.add("cpu", process_time() - cpu)
     # The picture may lie in memory that the next frame changes.
     kept = None if picture is None else np.array(picture, np.float32)
-    return replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes()), partial, kept
+    return replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes()), partials, kept
 
 
-def _draw(work: Work, clock: Clock) -> tuple[PartialImage, RankFrame]:
-    """This rank's partial image."""
+def _draw(work: Work, clock: Clock) -> tuple[list[PartialImage], RankFrame]:
+    """This rank's partial images."""
     if work.caster is None:
-        return blank(), work.held
-    drawn = work.caster.draw(work.plan)
-    clock.add("render", drawn.seconds_render)
-    clock.add("readback", drawn.seconds_readback)
-    counts = replace(work.held, bricks_drawn=drawn.bricks, samples=drawn.samples, voxel_bytes=work.caster.voxel_bytes)
-    return drawn.partial, replace(counts, renderer=work.caster.renderer)
+        return [], work.held
+    drawn = work.caster.draw(work.plan, work.share.pieces_of(work.channel.rank))
+    clock.add("render", sum(each.seconds_render for each in drawn))
+    clock.add("readback", sum(each.seconds_readback for each in drawn))
+    bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
+    counts = replace(work.held, bricks_drawn=bricks, samples=samples, voxel_bytes=work.caster.voxel_bytes)
+    return [each.partial for each in drawn], replace(counts, renderer=work.caster.renderer)
 
 
 def _with_counters(counts: RankFrame, clock: Clock, counters: CompositeCounters) -> RankFrame:
@@ -246,12 +249,12 @@ def _with_counters(counts: RankFrame, clock: Clock, counters: CompositeCounters)
     )
 
 
-def _count(work: Work, partial: PartialImage) -> tuple[str, list[tuple[int, int]]]:
+def _count(work: Work, partials: list[PartialImage]) -> tuple[str, list[tuple[int, int]]]:
     """The algorithm by messages, and what this rank sends in each round of it."""
     if work.plan.look.operator != "over":
         return "", []
     with abort_on_failure(work.channel, 0, "count"):
-        compositor = _compositor(work.channel, work.scene, "raw", "messages")
-        _, counters = compositor.composite(partial, work.order)
+        compositor = _compositor(work.channel, work.share.scene, "raw", "messages")
+        _, counters = compositor.composite(partials, work.share.order)
         compositor.close()
     return counters.algorithm, [(stage.messages_sent, stage.pixels_sent) for stage in counters.stages]

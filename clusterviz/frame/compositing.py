@@ -1,0 +1,97 @@
+"""From the partial images of all ranks to the picture on rank 0, and what that cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from time import perf_counter
+from typing import cast
+
+from clusterviz.composite import Compositor, collect, compile_kernels, composite
+from clusterviz.errors import ClustervizError
+from clusterviz.frame.run import Image, Run
+from clusterviz.frame.share import Share, in_order
+from clusterviz.image.compare import compare
+from clusterviz.image.partial import PartialImage
+from clusterviz.render.projection import project
+from clusterviz.report.statistics import RankFrame
+from clusterviz.report.trace import composition_spans
+
+CHECK_TOLERANCE = 1e-5
+
+
+class Compositing:
+    """What composites, from frame to frame; opened by the first one that needs it.
+
+    Parameters
+    ----------
+    run : of the loop
+    several : whether more than one frame may come
+    """
+
+    def __init__(self, run: Run, several: bool) -> None:
+        self._run, self._several = run, several
+        self._compositor: Compositor | None = None
+
+    def picture(
+        self, share: Share, partials: Sequence[PartialImage], counts: RankFrame
+    ) -> tuple[Image | None, RankFrame]:
+        """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
+        if share.plan is not None and share.plan.look.operator != "over":
+            return self._projected(share, partials), counts
+        run = self._run
+        compositor = self._compositor = self._compositor or self._open(share)
+        with run.together("composite"):
+            began = perf_counter()
+            composed, counters = compositor.composite(partials, share.order)
+            # The picture may lie in memory that the next frame changes, or that goes with the compositor.
+            image = cast("Image | None", composed if composed is None else composed.copy())
+            compositing = {**asdict(counters), "seconds": counters.seconds}
+            run.clock.note(*composition_spans(began, perf_counter(), compositing))
+            if not self._several:
+                self.close()
+        total = counters.total
+        run.clock.add("encode", total.seconds_encode)
+        run.clock.add("exchange", total.seconds_wait + counters.seconds_agree)
+        run.clock.add("blend", total.seconds_blend)
+        run.clock.add("collect", counters.seconds_collect)
+        if run.options.check:
+            self._check(share, partials, image)
+        sent = {name: getattr(total, name) for name in ("bytes_raw", "bytes_sent", "messages_sent")}
+        return image, replace(counts, **sent, compositing=compositing)
+
+    def close(self) -> None:
+        """Give shared memory back; collective."""
+        if self._compositor is not None:
+            self._compositor.close()
+            self._compositor = None
+
+    def _open(self, share: Share) -> Compositor:
+        cluster, size, channel = share.scene.cluster, share.scene.image.size, self._run.channel
+        with self._run.together("kernels", "kernels"):
+            compile_kernels(channel)
+        with self._run.together("composite"):
+            # One frame is over before it is learnt which codec pays.
+            codec = "raw" if cluster.codec == "auto" and not self._several else cluster.codec
+            algorithm, transport = cluster.compositing, cluster.transport
+            return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport)
+
+    def _projected(self, share: Share, partials: Sequence[PartialImage]) -> Image | None:
+        """Projections are not composited: their parts are merged on rank 0, one after the other."""
+        with self._run.together("composite", "collect"):
+            every = self._run.channel.gather(partials)
+            if every is None or share.plan is None:
+                return None
+            return project(share.plan, in_order(every, share.order))
+
+    def _check(self, share: Share, partials: Sequence[PartialImage], image: Image | None) -> None:
+        """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
+        with self._run.together("check", "check"):
+            piece, _ = composite(partials, share.order, self._run.channel, "serial", "raw")
+            plain = collect(piece, share.scene.image.size, self._run.channel)
+        with self._run.alone("check", "check"):
+            if image is not None and plain is not None:
+                difference = compare(image, plain, CHECK_TOLERANCE)
+                if difference.count:
+                    name = share.scene.cluster.compositing
+                    raise ClustervizError(f"{name} and serial compositing disagree: {difference}")

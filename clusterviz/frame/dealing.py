@@ -1,0 +1,42 @@
+"""From a scene to what each rank has to draw: the scene completed, the frame planned, its pieces dealt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from clusterviz.frame.distribution import Distribution
+from clusterviz.frame.run import Run
+from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.view import make_view
+from clusterviz.scene.complete import complete_scene
+from clusterviz.scene.difference import check_same_volume
+from clusterviz.scene.values import Scene
+
+
+def deal(
+    run: Run, opened: OpenedVolume | None, scene: Scene, distribution: Distribution, last: Share | None = None
+) -> Share:
+    """Complete the scene, plan the frame, and have it dealt out; collective.
+
+    Parameters
+    ----------
+    last : of the frame before, from which the scene may differ in camera and transfer function only
+    """
+    with run.alone("plan", "plan"):
+        completed = complete_scene(scene, opened.facts if opened else ())
+        if last:
+            check_same_volume(last.scene, completed)
+        if opened is None:
+            return Share(completed, None, (), frozenset())
+        plan = _plan(opened, completed, last)
+        pieces = distribution.deal(plan)
+        return Share(completed, plan, pieces, distribution.holds(run.channel.rank))
+
+
+def _plan(opened: OpenedVolume, scene: Scene, last: Share | None) -> Plan:
+    """A frame's decisions; of the last frame's only the view is made anew where only the camera is another."""
+    source = opened.source
+    if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
+        return replace(last.plan, view=make_view(scene.camera, scene.image.size, source.grid))
+    return make_plan(scene, source.grid, source.dtype, opened.layout, opened.summary)

@@ -1,0 +1,80 @@
+"""One rank's part of the picture: the bricks that it needs brought to its GPU, its pieces drawn, and what that cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from clusterviz.frame.opening import load_bricks
+from clusterviz.frame.run import Run
+from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.image.partial import PartialImage
+from clusterviz.report.statistics import RankFrame
+
+if TYPE_CHECKING:
+    from clusterviz.render.lasting import LastingCaster
+    from clusterviz.render.raycast import Drawn
+
+
+class Drawing:
+    """What draws, from frame to frame; a rank that never has a brick starts no OpenGL.
+
+    Parameters
+    ----------
+    run : of the loop
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._caster: LastingCaster | None = None
+
+    def bring(self, opened: OpenedVolume, share: Share) -> None:
+        """Compile, read and upload what is not there; collective."""
+        from clusterviz.render.lasting import LastingCaster
+
+        run, plan, holds = self._run, share.plan, share.holds
+        if plan is None:
+            return
+        caster = self._caster = self._caster or LastingCaster()
+        missing = caster.missing(plan, holds)
+        stale = bool(missing) or bool(holds and not caster.is_compiled(plan))
+        if not run.channel.maximum(stale):
+            return
+        bricks = load_bricks(run, opened, missing, holds)
+        with run.together("context", "context"):
+            place = run.channel.place()
+        with run.alone("context", "context"):
+            if holds:
+                caster.open(place.local_rank, run.options.device)
+        with run.alone("shaders", "shaders"):
+            if holds:
+                caster.compile(plan)
+        with run.alone("upload", "load"):
+            if missing:
+                caster.load(plan, holds, bricks)
+
+    def draw(self, share: Share) -> tuple[list[PartialImage], RankFrame]:
+        """This rank's partial images, front to back."""
+        run = self._run
+        with run.alone("render"):
+            pieces = share.pieces_of(run.channel.rank)
+            if self._caster is None or share.plan is None:
+                return [], RankFrame({})
+            began = perf_counter()
+            drawn = self._caster.draw(share.plan, pieces)
+            for each in drawn:
+                began = run.clock.add_span("render", began, each.seconds_render)
+                began = run.clock.add_span("readback", began, each.seconds_readback)
+            return [each.partial for each in drawn], self._counted(drawn)
+
+    def release(self) -> None:
+        """Give everything back to the driver."""
+        if self._caster is not None:
+            self._caster.release()
+            self._caster = None
+
+    def _counted(self, drawn: Sequence[Drawn]) -> RankFrame:
+        held = self._caster.held if self._caster else {}
+        bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
+        return RankFrame({}, **held, bricks_drawn=bricks, samples=samples)

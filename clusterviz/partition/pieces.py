@@ -1,0 +1,75 @@
+"""Pieces: a frame as partial images from front to back, whatever the distribution.
+
+Every rank lists the same pieces; each becomes one partial image of one rank. A slab is drawn by the piece that owns the
+brick at its midpoint, in the pixels of its window, so pictures are equal whatever the pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.region import Rect
+from clusterviz.partition.bsp import Costs, trim
+from clusterviz.partition.groups import Group
+from clusterviz.partition.order import Vector, front_to_back
+from clusterviz.partition.tree import BrickBox, BspTree
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One partial image.
+
+    Attributes
+    ----------
+    rank : who draws it
+    box : the bounding box of its bricks
+    bricks : bool (bz, by, bx) of the box, which of them are its own; None: all
+    window : the pixels to which it is cut; None: the whole picture
+    """
+
+    rank: int
+    box: BrickBox
+    bricks: NDArray[np.bool_] | None = None
+    window: Rect | None = None
+
+    def members(self, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Those of its bricks that are shown, int64 (m, 3), indices (z, y, x); `shown` is bool over all bricks."""
+        inside = shown[self.box.slices]
+        return np.argwhere(inside if self.bricks is None else inside & self.bricks) + self.box.begin_zyx
+
+
+def leaf_pieces(
+    tree: BspTree, cost: Costs, eye_index: Vector | None, direction_index: Vector, brick_cells: int
+) -> tuple[Piece, ...]:
+    """A piece for each leaf that costs something, from front to back.
+
+    Parameters
+    ----------
+    tree : one leaf a rank
+    cost : float64 (bz, by, bx); may be other costs than those from which the tree was built
+    eye_index, direction_index, brick_cells : as of `front_to_back`
+    """
+    order = front_to_back(tree, eye_index, direction_index, brick_cells)
+    boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]
+    return tuple(Piece(rank, box) for rank, box in boxes if box.bricks)
+
+
+def group_pieces(groups: Sequence[Group]) -> tuple[Piece, ...]:
+    """A piece for each group of `visible_groups`, in its order."""
+    pieces = []
+    for group in groups:
+        box = bounding_box(group.bricks)
+        own = np.zeros(box.shape_zyx, bool)
+        own[tuple((group.bricks - box.begin_zyx).T)] = True
+        pieces.append(Piece(group.rank, box, None if own.all() else own))
+    return tuple(pieces)
+
+
+def bounding_box(bricks: NDArray[np.int64]) -> BrickBox:
+    """The smallest box that holds bricks, int64 (m, 3), m at least 1."""
+    (z, y, x), (z_last, y_last, x_last) = bricks.min(axis=0).tolist(), bricks.max(axis=0).tolist()
+    return BrickBox((z, y, x), (z_last + 1, y_last + 1, x_last + 1))
