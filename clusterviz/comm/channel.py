@@ -7,8 +7,8 @@ they were sent; only one receive at a time may be pending for a source and a tag
 until `wait_sends` returns. A message may be shorter than the buffer posted for it; a longer one is a MessageError.
 
 Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
-`window`, `counters`) are made by every rank in the same order. They carry small Python objects, or few numbers; pixels
-travel point to point, or lie in a window that the ranks of a node share.
+`window`, `counters`, `for_thread`) are made by every rank in the same order. They carry small Python objects, or few
+numbers; pixels travel point to point, or lie in a window that the ranks of a node share.
 """
 
 from __future__ import annotations
@@ -121,6 +121,13 @@ class Channel(Protocol):
 
     def counters(self, count: int) -> Counters:
         """So many numbers that every rank reads and raises; the same count on every rank."""
+        ...
+
+    def for_thread(self) -> Channel | None:
+        """Another channel to the same ranks, for another thread of each: neither waits for the other's calls.
+
+        None, on every rank, where MPI was started for one thread at a time.
+        """
         ...
 
     def abort(self, status: int) -> None:

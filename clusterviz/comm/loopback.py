@@ -51,6 +51,7 @@ class _World:
     offered: dict[int, dict[int, Any]] = field(default_factory=dict)
     taken: dict[int, int] = field(default_factory=dict)
     failed: bool = False
+    others: list[_World] = field(default_factory=list)
 
     def wait(self, ready: Callable[[], bool], what: str) -> None:
         """Wait (with `changed` held) until something is so, a rank has failed, or the time is out."""
@@ -64,6 +65,15 @@ class _World:
         with self.changed:
             self.failed = True
             self.changed.notify_all()
+        for other in self.others:
+            other.fail()
+
+    def beside(self) -> _World:
+        """Another one of the same ranks, which ends with this one."""
+        other = _World(self.size, self.timeout_seconds, self.ranks_per_node, unread=[0] * self.size)
+        with self.changed:
+            self.others.append(other)
+        return other
 
 
 class LoopbackChannel:
@@ -180,6 +190,10 @@ class LoopbackChannel:
     def counters(self, count: int) -> LoopbackCounters:
         """One list for all ranks: that of rank 0."""
         return LoopbackCounters(self._world.changed, self.broadcast([0] * count), self.barrier)
+
+    def for_thread(self) -> LoopbackChannel:
+        """A channel of another world."""
+        return LoopbackChannel(self.broadcast(self._world.beside() if self._rank == 0 else None), self._rank)
 
     def abort(self, status: int) -> None:
         """Nothing: the error itself ends the ranks, which share this process."""

@@ -1,7 +1,9 @@
 """A channel over MPI: the only module that imports mpi4py.
 
 mpi4py initialises MPI when it is first imported, so the import waits until a channel is asked for. One thread at a
-time talks (MPI_THREAD_SERIALIZED). The communicator is duplicated, so that no message meets those of the caller.
+time talks through a channel; several threads, each through its own, only where MPI was started for that
+(MPI_THREAD_MULTIPLE), which it is if the first channel is asked for with `several_threads`. The communicator is
+duplicated, so that no message meets those of the caller.
 
 A message longer than a chunk (1 GiB) travels in pieces, because an MPI before version 4 counts bytes in 31 bits. The
 last piece is the first one that is shorter than a chunk (empty, if need be): the receiver needs to know no sizes.
@@ -47,12 +49,12 @@ class _Receive:
     received: int = 0
 
 
-def _load_mpi() -> Any:
+def _load_mpi(several_threads: bool = False) -> Any:
     """The MPI module, initialised no higher than needed where nobody has done so before."""
     if "mpi4py.MPI" not in sys.modules:
         import mpi4py
 
-        mpi4py.rc.thread_level = "serialized"
+        mpi4py.rc.thread_level = "multiple" if several_threads else "serialized"
     from mpi4py import MPI
 
     return MPI
@@ -72,10 +74,13 @@ class MpiChannel:
     ----------
     comm : the communicator to duplicate; all processes of the job where None is given
     chunk_bytes : the longest single MPI message
+    several_threads : whether other threads may talk too; where MPI runs already, it stays as it is
     """
 
-    def __init__(self, comm: MPI.Comm | None = None, *, chunk_bytes: int = CHUNK_BYTES) -> None:
-        self._mpi = _load_mpi()
+    def __init__(
+        self, comm: MPI.Comm | None = None, *, chunk_bytes: int = CHUNK_BYTES, several_threads: bool = False
+    ) -> None:
+        self._mpi = _load_mpi(several_threads)
         self._comm = (comm or self._mpi.COMM_WORLD).Dup()
         self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
@@ -249,6 +254,12 @@ class MpiChannel:
     def counters(self, count: int) -> MpiCounters:
         """Numbers in rank 0's memory."""
         return MpiCounters(self._mpi, self._comm, count, self.barrier)
+
+    def for_thread(self) -> MpiChannel | None:
+        """A duplicate of the communicator, whose messages never meet this one's."""
+        if self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
+            return None
+        return MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 from typing import Any
 
@@ -13,16 +12,22 @@ from clusterviz.comm.place import launched
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.errors import InputError
 
+_OPENED: list[Channel] = []
 
-@functools.cache
-def open_channel() -> Channel:
-    """The channel to all ranks of this job; one rank without MPI where nobody launched this process with MPI.
+
+def open_channel(*, several_threads: bool = False) -> Channel:
+    """The channel to all ranks of this job, the same in every call; one rank alone where nobody launched it with MPI.
 
     MPI is used where a launcher's variables are in the environment, or where the caller has imported mpi4py.MPI.
+
+    Parameters
+    ----------
+    several_threads : whether other threads will talk too, through `for_thread`; the first call starts MPI so
     """
-    if launched() or "mpi4py.MPI" in sys.modules:
-        return MpiChannel()
-    return LoopbackChannel()
+    if not _OPENED:
+        with_mpi = launched() or "mpi4py.MPI" in sys.modules
+        _OPENED.append(MpiChannel(several_threads=several_threads) if with_mpi else LoopbackChannel())
+    return _OPENED[0]
 
 
 def as_channel(comm_or_channel: Any) -> Channel:

@@ -173,6 +173,13 @@ class ThrottledChannel:
         """As beneath."""
         return self._channel.counters(count)
 
+    def for_thread(self) -> ThrottledChannel | None:
+        """As beneath, through a link of its own that is as slow."""
+        beneath = self._channel.for_thread()
+        if beneath is None:
+            return None
+        return ThrottledChannel(beneath, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+
     def abort(self, status: int) -> None:
         """As beneath."""
         self._channel.abort(status)

@@ -17,6 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
@@ -172,7 +173,7 @@ class Raycaster:
         while unfinished:
             frame.write(block)
             progress.write(b"\0\0\0\0")
-            self._program.run(*groups)
+            run_compute(self._program, groups)
             self._context.memory_barrier()
             unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
             block["first_dispatch"] = 0

@@ -1,0 +1,38 @@
+"""Running compute shaders without holding Python's lock, so that other threads of the rank work meanwhile.
+
+moderngl keeps the lock in all its calls, and a software driver draws the whole picture inside one of them. Here the
+three calls that take long go to the driver through ctypes, which lets the lock go.
+
+References
+----------
+EGL 1.5 specification, 3.12 (eglGetProcAddress returns functions of OpenGL, too).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes.util import find_library
+from functools import cache
+from typing import Any
+
+import moderngl
+
+
+def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
+    """Run so many work groups of a program of the thread's current context, and wait until they are done."""
+    use, dispatch, finish = _functions()
+    use(program.glo)
+    dispatch(*(*groups, 1, 1)[:3])
+    finish()
+
+
+@cache
+def _functions() -> tuple[Any, Any, Any]:
+    """glUseProgram, glDispatchCompute, glFinish."""
+    egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
+    address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
+
+    def function(name: bytes, numbers: int) -> Any:
+        return ctypes.CFUNCTYPE(None, *[ctypes.c_uint] * numbers)(address(name))
+
+    return function(b"glUseProgram", 1), function(b"glDispatchCompute", 3), function(b"glFinish", 0)
