@@ -41,6 +41,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "additive": {"volume": {"blending": "additive"}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
+    "shade, light in a place": {"volume": {"shade": True}, "scene": {"lights": ({**LIGHT, "positional": True},)}},
     "gradient opacity": {"volume": {"gradient_opacity": FADING}},
     "gradient opacity, shade": {"volume": {"gradient_opacity": FADING, "shade": True}},
     "nearest": {"volume": {"interpolation": "nearest"}},

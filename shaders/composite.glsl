@@ -4,7 +4,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     Segment segment = segment_at(s);
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     float opacity = slab_opacity(segment.unit_opacity, frame.optics.x * share * faded(gradient));
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(segment.colour, gradient), 1.0);
+    sum += ((1.0 - sum.a) * opacity) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
@@ -12,6 +12,7 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
         take_share(sum, s, place, beyond, 1.0);
     } else if (s >= buckets.w) {
         Segment segment = segment_at(s);
-        sum += ((1.0 - sum.a) * segment.opacity) * vec4(lit(segment.colour, gradient_at(place.brick, place.cell, beyond)), 1.0);
+        vec3 gradient = gradient_at(place.brick, place.cell, beyond);
+        sum += ((1.0 - sum.a) * segment.opacity) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
     }
 }

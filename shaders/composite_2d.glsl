@@ -20,7 +20,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     vec4 entry = entry_at(s, magnitude_of(gradient));
     float opacity = slab_opacity(clamp(entry.a, 0.0, 1.0 - 5.9604645e-8), frame.optics.x * share);
     vec3 colour = TABLE_HAS_COLOUR ? entry.rgb : segment_at(s).colour;
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(colour, gradient), 1.0);
+    sum += ((1.0 - sum.a) * opacity) * vec4(lit(colour, gradient, place, beyond), 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

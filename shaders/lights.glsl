@@ -1,6 +1,6 @@
-// Ambient, diffuse and specular light (Phong), on both sides of a surface, as in VTK. Lights are far away; a headlight shines from the eye.
+// Ambient, diffuse and specular light (Phong), on both sides of a surface, as in VTK. A headlight shines from the eye, as if from afar.
 // The parts of the block are those of plan/shading.py.
-layout(std140, binding = 2) uniform LightsBlock { vec4 lighting[7 + 2 * LIGHTS]; };
+layout(std140, binding = 2) uniform LightsBlock { vec4 lighting[7 + LIGHT_ROWS * LIGHTS]; };
 
 // Of the ray and in the world: in a loop, a driver may fetch a block's member again each time.
 vec3 toward_eye;
@@ -17,7 +17,10 @@ float power(float x, float y) {
     return y == 0.0 ? 1.0 : pow(x, y);
 }
 
-vec3 lit(vec3 colour, vec3 gradient) {
+// The unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes what arrives of it.
+vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);
+
+vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond) {
     vec3 normal = normal_from_gradient * gradient;
     // Scaled first: the square of a steep gradient would leave float32.
     float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
@@ -27,12 +30,13 @@ vec3 lit(vec3 colour, vec3 gradient) {
     float toward = dot(normal, toward_eye);
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     for (int k = 0; k < LIGHTS; ++k) {
-        vec4 direction = lighting[7 + 2 * k], strength = lighting[8 + 2 * k];
-        vec3 toward_light = direction.w != 0.0 ? toward_eye : direction.xyz;
-        float facing = dot(normal, toward_light);
-        float mirrored = max(2.0 * facing * toward - dot(toward_light, toward_eye), 0.0);
-        diffuse += abs(facing) * strength.rgb;
-        specular += (facing != 0.0 ? power(mirrored, material.w) : 0.0) * strength.rgb;
+        int row = 7 + LIGHT_ROWS * k;
+        vec3 strength = lighting[row + 1].rgb;
+        vec3 light = toward_light(row, place, beyond, strength);
+        float facing = dot(normal, light);
+        float mirrored = max(2.0 * facing * toward - dot(light, toward_eye), 0.0);
+        diffuse += abs(facing) * strength;
+        specular += (facing != 0.0 ? power(mirrored, material.w) : 0.0) * strength;
     }
     return min(colour * (material.x + material.y * diffuse) + material.z * specular, 1.0);
 }

@@ -39,6 +39,8 @@ struct Place {
 };
 const int GAP = -1, OUTSIDE = -2;
 
+ivec3 brick_begin; // the first cell of the brick that was found last
+
 // Where slab k is, and what is there: a run of a visible group of cells, a group of cells or a whole brick without anything visible.
 Place place_of(Ray ray, int k, vec3 slab) {
     dvec3 position = midpoint(ray, k);
@@ -47,6 +49,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
     // Integer division is slow where there is no hardware for it; this is exact.
     ivec3 number = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
     ivec3 first = number * BRICK, at = number - bricks_begin;
+    brick_begin = first;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;

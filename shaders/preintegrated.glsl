@@ -83,7 +83,7 @@ void take_slab(inout vec4 sum, Class front, Class back, float units, Place place
     if (max(front.s, back.s) < buckets.w || (front.segment == back.segment && front.kappa == vec3(0.0))) return;
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     vec4 slab = integrated(front, back, units * faded(gradient));
-    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient), 1.0);
+    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient, place, beyond), 1.0);
 }
 
 // Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.

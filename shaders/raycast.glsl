@@ -27,6 +27,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <MAGNITUDE>
 #include <FADE>
 #include <LIGHT>
+#include <LIGHTS_FROM>
 #include <RUN>
 #include <SAMPLE>
 #include <BEHIND>

@@ -62,7 +62,8 @@ void take_slab(inout vec4 sum, Ray ray, int k, Place place, vec3 beyond, vec3 sl
         at_begin = value;
         if (is_end || !is_at_kept(ray, k, begin, half_length)) continue;
         vec4 look = surface[2 * n + 1];
-        sum += (1.0 - sum.a) * look.a * vec4(lit(look.rgb, gradient_at(place.brick, place.cell, beyond + begin * slab)), 1.0);
+        vec3 at = beyond + begin * slab;
+        sum += (1.0 - sum.a) * look.a * vec4(lit(look.rgb, gradient_at(place.brick, place.cell, at), place, at), 1.0);
     }
 }
 

@@ -10,24 +10,36 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.scene.checks import difference
-from clusterviz.scene.values import Light, Volume
+from clusterviz.scene.light import Light
+from clusterviz.scene.values import Volume
 
 Triple = tuple[float, float, float]
 HEADLIGHT = Light(type="headlight")
+UP = np.array([0.0, 0.0, 1.0])  # of a light that shines everywhere, which has no axis
+FAR = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A light far away.
+    """A light.
 
     Attributes
     ----------
-    direction : unit vector towards it, in the world; None for one that shines from the eye
+    direction : unit vector towards it, in the world; None for one that shines from the eye; of one with a place, away
+        from where its cone points
     strength : (r, g, b), colour times intensity
+    place : (x, y, z) in index space; None for one that is far away
+    edge : cosine of the angle from the cone's axis to its edge; −2 where there is no cone
+    exponent : of the cosine of the angle from the axis
+    attenuation : what its light is divided by, in powers of the distance
     """
 
     direction: Triple | None
     strength: Triple
+    place: Triple | None = None
+    edge: float = -2.0
+    exponent: float = 0.0
+    attenuation: Triple = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -47,16 +59,33 @@ class Shading:
     world_from_index: tuple[Triple, ...]
     normal_from_gradient: tuple[Triple, ...]
 
+    @property
+    def has_places(self) -> bool:
+        """Whether any light is not far away."""
+        return any(light.place is not None for light in self.lights)
+
+    @property
+    def light_rows(self) -> int:
+        """Rows of the block for each light."""
+        return 5 if self.has_places else 2
+
     def block(self) -> NDArray[np.float32]:
-        """The block of lights.glsl, (7 + 2 · lights, 4): columns of both matrices, the material, two rows a light."""
-        rows = np.zeros((7 + 2 * len(self.lights), 4), np.float32)
+        """The block of lights.glsl, (7 + light_rows · lights, 4): both matrices by columns, material, lights."""
+        rows = np.zeros((7 + self.light_rows * len(self.lights), 4))
         rows[:3, :3] = np.transpose(self.world_from_index)
         rows[3:6, :3] = np.transpose(self.normal_from_gradient)
         rows[6] = self.material
         for number, light in enumerate(self.lights):
-            rows[7 + 2 * number] = (0, 0, 0, 1) if light.direction is None else (*light.direction, 0)
-            rows[8 + 2 * number, :3] = light.strength
-        return rows
+            first = 7 + self.light_rows * number
+            rows[first] = (0, 0, 0, 1) if light.direction is None else (*light.direction, 2 if light.place else 0)
+            rows[first + 1] = (*light.strength, light.exponent)
+            if light.place is not None:
+                # In two parts, so that a place in a volume of 10⁶ voxels keeps its digits.
+                whole = np.round(light.place)
+                rows[first + 2] = (*whole, light.edge)
+                rows[first + 3, :3] = np.array(light.place) - whole
+                rows[first + 4, :3] = light.attenuation
+        return np.clip(rows, -FAR, FAR).astype(np.float32)
 
 
 def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid) -> Shading:
@@ -64,19 +93,32 @@ def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid) -> Shading
     world_from_index = grid.world_from_index[:3, :3]
     return Shading(
         (volume.ambient, volume.diffuse, volume.specular, volume.specular_power),
-        tuple(_lamp(light) for light in lights or (HEADLIGHT,)),
+        tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,)),
         _rows(world_from_index),
         _rows(np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T),
     )
 
 
-def _lamp(light: Light) -> Lamp:
+def _lamp(light: Light, grid: Grid) -> Lamp:
     r, g, b = (channel * light.intensity for channel in light.color)
     if light.type == "headlight" or light.position is None:
         return Lamp(None, (r, g, b))
-    toward = np.array(difference(light.position, light.focal_point))
+    toward = np.array(difference(light.position, light.focal_point)) if light.position != light.focal_point else UP
     x, y, z = (toward / np.linalg.norm(toward)).tolist()
-    return Lamp((x, y, z), (r, g, b))
+    if not light.positional:
+        return Lamp((x, y, z), (r, g, b))
+    matrix = grid.world_from_index[:3, :3]
+    place = np.linalg.solve(matrix, np.array(light.position) - np.array(grid.origin))
+    edge = float(np.cos(np.radians(light.cone_angle))) if light.has_cone else -2.0
+    # The shader's unit of length is that of the scaled matrix.
+    attenuation = np.array(light.attenuation) * np.abs(matrix).max() ** np.arange(3.0)
+    exponent = light.exponent if light.has_cone else 0.0
+    return Lamp((x, y, z), (r, g, b), _triple(place), edge, exponent, _triple(attenuation))
+
+
+def _triple(numbers: NDArray[np.float64]) -> Triple:
+    x, y, z = numbers.tolist()
+    return x, y, z
 
 
 def _rows(matrix: NDArray[np.float64]) -> tuple[Triple, ...]:

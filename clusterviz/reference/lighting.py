@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import nearest_voxel, trilinear_cell
-from clusterviz.scene.values import Light, Volume
+from clusterviz.scene.light import Light
+from clusterviz.scene.values import Volume
 
 
 def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
@@ -41,13 +42,22 @@ def nearest_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
     return _differences(voxels, nearest_voxel(voxels, point))
 
 
-def lit(colour: Floats, gradient: Floats, ray: Floats, volume: Volume, lights: Sequence[Light], grid: Grid) -> Floats:
+def lit(
+    colour: Floats,
+    gradient: Floats,
+    point: Floats,
+    ray: Floats,
+    volume: Volume,
+    lights: Sequence[Light],
+    grid: Grid,
+) -> Floats:
     """Straight colours under the scene's lights, cut at 1.
 
     Parameters
     ----------
     colour : float64 (n, 3)
     gradient : float64 (n, 3), per voxel along (x, y, z)
+    point : float64 (n, 3), (x, y, z) in samples
     ray : float64 (n, 3), the ray's direction in index space
     volume : its material
     lights : of the scene; none is a headlight
@@ -64,13 +74,30 @@ def lit(colour: Floats, gradient: Floats, ray: Floats, volume: Volume, lights: S
         toward_light = toward_eye
         if light.position is not None and light.type == "scene":
             toward_light = np.broadcast_to(_unit(np.subtract(light.position, light.focal_point)[None]), normal.shape)
-        strength = np.array(light.color) * light.intensity
+        strength = np.full(normal.shape, light.intensity) * light.color
+        if light.position is not None and light.positional:
+            way = light.position - (point @ world_from_index.T + grid.origin)
+            toward_light = _unit(way)
+            strength = strength * _arriving(light, way)[:, None]
         facing = (normal * toward_light).sum(axis=1, keepdims=True)
         mirror = 2 * facing * normal - toward_light
         highlight = np.maximum((mirror * toward_eye).sum(axis=1, keepdims=True), 0) ** volume.specular_power
         found = found + volume.diffuse * np.abs(facing) * strength * colour
         found = found + volume.specular * np.where(facing != 0, highlight, 0) * strength
     return np.minimum(found, 1)
+
+
+def _arriving(light: Light, way: Floats) -> Floats:
+    """What share of a positional light arrives over the way (n, 3) to it."""
+    distance = np.linalg.norm(way, axis=1)
+    constant, linear, square = light.attenuation
+    share = 1 / (constant + linear * distance + square * distance**2)
+    if light.has_cone and light.position is not None:
+        along = _unit(way) @ _unit(np.subtract(light.position, light.focal_point)[None])[0]
+        inside = along >= np.cos(np.radians(light.cone_angle))
+        share = share * np.where(inside, np.maximum(along, 0) ** light.exponent, 0)
+    found: Floats = share
+    return found
 
 
 def _differences(voxels: NDArray[Any], at: NDArray[np.int64]) -> Floats:

@@ -62,7 +62,7 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
         alpha = -np.expm1(-depth)
         if volume.shade and gradient is not None:
             straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-            colour = lit(straight, gradient, direction, volume, scene.lights, grid) * alpha[:, None]
+            colour = lit(straight, gradient, slab.point, direction, volume, scene.lights, grid) * alpha[:, None]
         rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
         rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
         transmittance[slab.rays] *= np.exp(-depth)

@@ -41,10 +41,10 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
     def gradients(point: Floats) -> Floats | None:
         return GRADIENTS[volume.interpolation](voxels, point) if needs_gradient(volume) else None
 
-    def lit_up(colour: Floats, gradient: Floats | None, pixels: NDArray[np.int64]) -> Floats:
+    def lit_up(colour: Floats, gradient: Floats | None, point: Floats, pixels: NDArray[np.int64]) -> Floats:
         if gradient is None or not volume.shade:
             return colour
-        return lit(colour, gradient, rays.direction[pixels], volume, scene.lights, grid)
+        return lit(colour, gradient, point, rays.direction[pixels], volume, scene.lights, grid)
 
     for slab in slabs(rays, voxels.shape, length, lambda: rgba[:, 3] < 1):
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
@@ -55,7 +55,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
         gradient = gradients(slab.point)
         glow, extinction = optics(volume, classify, middle, gradient, grid)
-        glow, extinction = lit_up(glow, gradient, slab.rays), np.where(known, extinction, 0)
+        glow, extinction = lit_up(glow, gradient, slab.point, slab.rays), np.where(known, extinction, 0)
         begin = slab.begin.copy()
         for ordered, rises in ((wanted, True), (wanted[::-1], False)):
             for value, opacity in ordered:
@@ -70,7 +70,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
                 absorb(slab.rays[here], -np.expm1(-extinction[here] * gap), glow[here])
                 begin[here] = np.where(there, found, begin[here])
                 point = some.start + begin[here][:, None] * some.direction
-                colour = lit_up(classify.colour(np.full(len(here), value)), gradients(point), slab.rays[here])
+                colour = lit_up(classify.colour(np.full(len(here), value)), gradients(point), point, slab.rays[here])
                 absorb(slab.rays[here], np.where(there & kept(point, scene.clip, grid), opacity, 0), colour)
         absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow)
     return rgba

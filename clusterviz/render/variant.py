@@ -49,6 +49,7 @@ class Variant:
     surfaces : isosurfaces that it shows
     preintegrated : slabs are classified between their ends, not at their midpoints
     fading : pieces of a function of the gradient's magnitude by which extinction is multiplied; 0: there is none
+    near : some lights have a place
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     """
 
@@ -64,6 +65,7 @@ class Variant:
     preintegrated: bool = False
     fading: int = 0
     table: Table = ""
+    near: bool = False
 
     @property
     def source(self) -> ShaderSource:
@@ -93,6 +95,7 @@ class Variant:
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
+            "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
         return assemble("raycast.glsl", slots)
 
@@ -149,6 +152,7 @@ class Variant:
             lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
             lines.append(f"const int LIGHTS = {self.lights};")
+            lines.append(f"const int LIGHT_ROWS = {5 if self.near else 2}; // of the block for each")
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"
@@ -181,4 +185,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.march.preintegrated,
         grading.fading if grading else 0,
         grading.table_holds if grading else "",
+        bool(plan.look.shading and plan.look.shading.has_places),
     )

@@ -116,14 +116,24 @@ def check_grading(blending: str, fades: bool, has_table: bool, has_opacity: bool
         raise UnusableError("opacity is in transfer_2d already", "one of the two keys", key=other)
 
 
-def check_light(position: Vector | None, focal_point: Vector) -> None:
-    """A light that stays where it is needs a direction."""
+def check_light(kind: str, position: Vector | None, focal_point: Vector, everywhere: bool) -> None:
+    """A light that stays where it is needs a position, and a direction unless it shines everywhere."""
+    if kind == "headlight":
+        return
     if position is None:
         raise UnusableError("missing", "where the light shines from, [x, y, z]", key="position")
-    if position == focal_point:
+    if position == focal_point and not everywhere:
         raise UnusableError(
             "the same as focal_point", "a point other than focal_point", key="position", found=list(position)
         )
+
+
+def check_attenuation(kind: str, positional: bool, attenuation: Vector) -> None:
+    """A headlight is far away, and what divides the light of a positional one is not nothing."""
+    if positional and kind == "headlight":
+        raise UnusableError("a headlight shines from afar", "type: scene, or positional: false", key="positional")
+    if not any(attenuation):
+        raise UnusableError("divides by nothing", "one number above 0", key="attenuation", found=list(attenuation))
 
 
 def check_normal(value: Vector) -> Vector:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.scene.checks import check_camera, check_grading, check_light, check_path, check_surfaces, plain
+from clusterviz.scene.checks import check_camera, check_grading, check_path, check_surfaces, plain
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
@@ -29,6 +29,7 @@ from clusterviz.scene.kinds import (
     Side,
     Vector,
 )
+from clusterviz.scene.light import Light
 from clusterviz.scene.transfer_2d import Transfer2d
 
 
@@ -102,28 +103,6 @@ class Volume(Section):
         check_grading(
             self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
         )
-        return self
-
-
-class Light(Section):
-    """A light far away, as in VTK: it shines from position towards focal_point everywhere alike."""
-
-    type: Literal["headlight", "scene"] = Field(
-        default="scene", description="headlight: shines from the eye; scene: stays where it is."
-    )
-    position: Vector | None = Field(default=None, description="From where a scene light shines, in world units.")
-    focal_point: Vector = Field(default=(0.0, 0.0, 0.0), description="Towards where.")
-    color: Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(plain)] = Field(
-        default=(1.0, 1.0, 1.0), description="[r, g, b] in 0..1."
-    )
-    intensity: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
-        default=1.0, description="Times its colour."
-    )
-
-    @model_validator(mode="after")
-    def _has_direction(self) -> Light:
-        if self.type == "scene":
-            check_light(self.position, self.focal_point)
         return self
 
 

@@ -19,7 +19,7 @@ from clusterviz.render import raycast
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import make_slot
 from clusterviz.render.variant import variant_of
-from clusterviz.scene.values import Light
+from clusterviz.scene.light import Light
 
 SHAPE = (33, 33, 33)
 GRID = Grid(SHAPE)
@@ -36,6 +36,7 @@ LAMP = {"lights": (Light(type="headlight"),)}
 SURFACES = {"blending": "isosurface", "isosurfaces": [50.0, 100.0]}
 IN_VOLUME = {"isosurfaces": [50.0, 100.0]}
 LOCAL = {"blending": "local-maximum", "threshold": 9.0}
+PLACE = {"lights": (Light(position=(1, 2, 3), positional=True),)}
 SHADE = {"shade": True}
 FADED = {"gradient_opacity": [[0.0, 0.0], [9.0, 1.0]]}
 
@@ -66,11 +67,14 @@ CASES = {
     "maximum, not lit": Case({"look": {"blending": "maximum"} | SHADE}, "composite over", "extreme"),
     "average": Case({"look": {"blending": "average"}}, "composite over", "sum"),
     "local maximum": Case({"look": LOCAL}, "composite over", "local_maximum"),
-    "shade": Case({"look": SHADE}, "unlit gradient_none", "gradient lights", buffers=1, side=19),
+    "shade": Case({"look": SHADE}, "unlit gradient_none", "gradient lights lights_far", buffers=1, side=19),
+    "shade, from a place": Case(
+        {"look": SHADE, "parts": PLACE}, "unlit gradient_none", "gradient lights lights_near", buffers=1, side=19
+    ),
     "nearest, shade": Case(
         {"interpolation": "nearest", "look": SHADE},
         "linear_u8 unlit gradient_none",
-        "nearest gradient_differences lights",
+        "nearest gradient_differences lights lights_far",
         buffers=1,
         side=19,
     ),
@@ -78,7 +82,7 @@ CASES = {
     "cubic, shade": Case(
         {"interpolation": "cubic", "look": SHADE},
         "linear_u8 unlit gradient_none",
-        "cubic gradient_cubic lights",
+        "cubic gradient_cubic lights lights_far",
         buffers=1,
         side=19,
     ),
@@ -88,7 +92,7 @@ CASES = {
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces cubic gradient_cubic lights clip",
+        "surfaces cubic gradient_cubic lights lights_far clip",
         buffers=3,
         side=19 + 2,
     ),
@@ -98,7 +102,7 @@ CASES = {
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated", "look": SHADE},
         "composite samples segment unlit gradient_none",
-        "preintegrated gradient lights",
+        "preintegrated gradient lights lights_far",
         buffers=2,
         side=19 + 2,
     ),
@@ -107,7 +111,11 @@ CASES = {
     ),
     "gradient opacity": Case({"look": FADED}, "gradient_none unfaded", "gradient magnitude faded", buffers=1, side=19),
     "gradient opacity, shade": Case(
-        {"look": FADED | SHADE}, "gradient_none unfaded unlit", "gradient magnitude faded lights", buffers=2, side=19
+        {"look": FADED | SHADE},
+        "gradient_none unfaded unlit",
+        "gradient magnitude faded lights lights_far",
+        buffers=2,
+        side=19,
     ),
     "gradient opacity, pre-integrated": Case(
         {"look": FADED, "classification": "pre-integrated"},

@@ -13,7 +13,7 @@ from render.test_raycast import GRIDS
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
-from clusterviz.scene.values import Light
+from clusterviz.scene.light import Light
 
 pytestmark = pytest.mark.gl
 
@@ -51,6 +51,43 @@ def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: st
         dark = render_reference(scene_of(voxels, camera_at(camera, GRID)), GRID, voxels)
         assert np.abs(expected - dark).max() > 0.05, "the light changes nothing"
         assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND, camera
+
+
+def places(grid: Grid) -> tuple[Light, ...]:
+    """A light in the volume, one beside it that fades, a wide cone, a light far away and a headlight."""
+    corners = grid.corners
+    inside, beside = (tuple((corners[0] * (1 - s) + corners[7] * s).tolist()) for s in (0.6, -0.3))
+    unit = min(grid.spacing)
+    return (
+        Light(position=inside, positional=True, cone_angle=90, color=(1, 0.5, 0.2)),
+        Light(position=beside, positional=True, cone_angle=90, attenuation=(0.5, 0.02 / unit, 1e-3 / unit**2)),
+        Light(position=beside, focal_point=inside, positional=True, cone_angle=89, exponent=3.0, color=(0, 0.6, 1)),
+        Light(position=(-1e9, 2e9, -3e8), intensity=0.2),
+        Light(type="headlight", color=(0.1, 0.3, 0.2)),
+    )
+
+
+@pytest.mark.parametrize("name", ["turned-and-anisotropic", "nanometres", "gigametres", "far-from-the-origin"])
+def test_lights_shine_from_their_places(context: moderngl.Context, name: str) -> None:
+    voxels, grid = smooth(dtype=np.uint8), GRIDS[name]
+    look = {"isosurfaces": (120.0,)} if name == "nanometres" else {}
+    scene = lit_scene(voxels, "outside", grid, places(grid), unit=8 * min(grid.spacing), look=look)
+    expected = render_reference(scene, grid, voxels)
+    far = tuple(light.model_copy(update={"positional": False}) for light in places(grid))
+    assert np.abs(expected - render_reference(scene.model_copy(update={"lights": far}), grid, voxels)).max() > 0.05
+    assert np.abs(picture(context, scene, voxels, grid, brick=7) - expected).max() <= BOUND
+
+
+def test_a_cone_ends_at_its_edge(context: moderngl.Context) -> None:
+    voxels = smooth(dtype=np.uint8)
+    lamp = Light(position=(-20, 11, 9), focal_point=(12, 11, 9), positional=True, cone_angle=12.0)
+    scene = lit_scene(voxels, "parallel", lights=(lamp,), size=(48, 40), classification="pre-integrated")
+    found, expected = picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)
+    # To float32, samples on the edge itself fall on either side.
+    assert np.count_nonzero(np.abs(found - expected).max(axis=2) > BOUND) <= 4
+    dark = lit_scene(voxels, "parallel", lights=(Light(intensity=0, position=(1, 0, 0)),), size=(48, 40))
+    unlit_share = np.mean(np.abs(found - picture(context, dark, voxels)).max(axis=2) < 0.02)
+    assert 0.1 < unlit_share < 0.9
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0, 200.0])

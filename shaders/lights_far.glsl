@@ -1,0 +1,5 @@
+// Lights that are far away, or at the eye.
+vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength) {
+    vec4 direction = lighting[row];
+    return direction.w != 0.0 ? toward_eye : direction.xyz;
+}
