@@ -8,45 +8,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.partition.owners import Owners
 
-Deal = Callable[[int], Owners]
-"""A distribution of the same bricks among a number of ranks."""
+Shares = Callable[[int], NDArray[np.int64]]
+"""Bytes of bricks that each of a number of ranks would hold, int64 (ranks,)."""
 
 
-def check_memory(deal: Deal, ranks: int, brick_bytes: NDArray[np.int64], limit_bytes: int) -> None:
+def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], limit_bytes: int | None) -> None:
     """Refuse a limit below the largest share.
 
     Parameters
     ----------
-    deal : the distribution
+    shares : of the distribution
     ranks : how many there are
     brick_bytes : int64 (bz, by, bx), 0 for bricks that are not held
-    limit_bytes : of bricks a rank
+    limit_bytes : of bricks a rank; None: any
 
     Raises
     ------
     InputError
         It names the largest share, and a number of ranks that would do, if any does.
     """
-    most = largest_share(deal(ranks), brick_bytes)
+    if limit_bytes is None:
+        return
+    most = int(shares(ranks).max())
     if most <= limit_bytes:
         return
     if int(brick_bytes.max()) > limit_bytes:
         remedy = f"smaller bricks: one takes {int(brick_bytes.max())} bytes, which no number of ranks changes"
-    elif enough := fitting_ranks(deal, ranks, brick_bytes, limit_bytes):
+    elif enough := fitting_ranks(shares, ranks, brick_bytes, limit_bytes):
         remedy = f"{enough} ranks, or {most} bytes a rank"
     else:
         remedy = f"{most} bytes a rank"
     raise InputError(
         f"the largest share of {ranks} {'rank' if ranks == 1 else 'ranks'} takes {most} bytes",
-        where="memory limit",
+        where="cluster.memory_limit",
         found=f"{limit_bytes} bytes a rank",
         allowed=remedy,
     )
 
 
-def fitting_ranks(deal: Deal, above: int, brick_bytes: NDArray[np.int64], limit_bytes: int) -> int | None:
+def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], limit_bytes: int) -> int | None:
     """A number of ranks above one that fails, with which every share fits; None where none was found.
 
     Doubled until it fits, then halved down: the answer was tried. Shares need not fall with every single rank more, so
@@ -54,19 +55,14 @@ def fitting_ranks(deal: Deal, above: int, brick_bytes: NDArray[np.int64], limit_
     """
     bricks = int(np.count_nonzero(brick_bytes))
     fails, fits = above, max(above + 1, -(-int(brick_bytes.sum()) // max(1, limit_bytes)))
-    while largest_share(deal(fits), brick_bytes) > limit_bytes:
+    while int(shares(fits).max()) > limit_bytes:
         if fits >= bricks:
             return None
         fails, fits = fits, min(2 * fits, bricks)
     while fits - fails > 1:
         middle = (fails + fits) // 2
-        if largest_share(deal(middle), brick_bytes) > limit_bytes:
+        if int(shares(middle).max()) > limit_bytes:
             fails = middle
         else:
             fits = middle
     return fits
-
-
-def largest_share(owners: Owners, brick_bytes: NDArray[np.int64]) -> int:
-    """The bytes of the rank that holds most."""
-    return int(owners.loads(brick_bytes.astype(np.float64)).max())

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.balance.rebalance import Move
 from clusterviz.errors import InputError
-from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import Index
 
 Stage = Literal["planned", "sent", "held"]
@@ -72,9 +72,7 @@ class Migration:
     @property
     def pinned_bytes(self) -> NDArray[np.int64]:
         """What each rank draws and awaits, int64 (ranks,)."""
-        drawn = self.owners.owner != NOBODY
-        held = np.zeros(self.owners.ranks, np.int64)
-        np.add.at(held, self.owners.owner[drawn], self.brick_bytes[drawn])
+        held = self.owners.sums(self.brick_bytes)
         for flight in self.flights:
             held[flight.target] += self.brick_bytes[flight.brick]
         return held

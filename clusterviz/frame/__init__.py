@@ -20,10 +20,9 @@ from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.data.source import Source
-from clusterviz.frame.coherent import Coherent
+from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
-from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import load_bricks, open_volume
 from clusterviz.frame.run import STEPS, Options, Rendered, Run
@@ -64,7 +63,7 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> tuple[Share
     share, bricks : what this rank draws, and of what
     """
     opened = open_volume(run, scene, source)
-    share = deal(run, opened, scene, Coherent(run.channel.size))
+    share = deal(run, opened, scene, choose_distribution(scene.cluster, run.channel.size))
     return share, load_bricks(run, opened, share.holds) if opened else {}
 
 
@@ -89,12 +88,12 @@ class FrameLoop:
         run = self._run = Run(channel, options or Options())
         self._several = several
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
-        self._distribution: Distribution = Coherent(channel.size)
         self._share: Share | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volume(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
+                self._distribution = choose_distribution(self.scene.cluster, channel.size)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from clusterviz.balance import check_memory
 from clusterviz.data.source import Index
-from clusterviz.partition import BspTree, Piece, bricks_of, build_tree, leaf_pieces
+from clusterviz.partition import BspTree, Piece, bricks_of, build_tree, leaf_pieces, owners_of
 from clusterviz.partition.bsp import Costs
-from clusterviz.plan.plan import Plan
+from clusterviz.plan.plan import Plan, shows_more
+from clusterviz.render.storage import brick_bytes
 from clusterviz.report.statistics import RankFrame
 
 
@@ -19,24 +19,34 @@ class Coherent:
     Parameters
     ----------
     ranks : how many there are
+    limit_bytes : of bricks that a rank may hold; None: any
     """
 
-    def __init__(self, ranks: int) -> None:
-        self._ranks = ranks
+    def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
+        self._ranks, self._limit_bytes = ranks, limit_bytes
         self._tree: BspTree | None = None
-        self._dealt: Costs = np.zeros((1, 1, 1))
+        self._dealt: Costs | None = None
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece a leaf that shows something."""
-        if self._tree is None or np.any((plan.cost > 0) & (self._dealt == 0)):
-            self._tree, self._dealt = build_tree(plan.cost, self._ranks), plan.cost
-        view = plan.view
-        eye = None if view.parallel else view.eye
-        return leaf_pieces(self._tree, plan.cost, eye, view.forward, plan.layout.brick)
+        """A piece a leaf that shows something.
+
+        Raises
+        ------
+        InputError
+            A share does not fit into the memory of a rank.
+        """
+        if self._tree is None or shows_more(plan, self._dealt):
+            cost, sizes = plan.cost, brick_bytes(plan)
+            if self._limit_bytes is not None:
+                check_memory(
+                    lambda n: owners_of(build_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes
+                )
+            self._tree, self._dealt = build_tree(cost, self._ranks), cost
+        return leaf_pieces(self._tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """The bricks of its leaf that could be seen when the tree was built."""
-        if self._tree is None:
+        if self._tree is None or self._dealt is None:
             return frozenset()
         return frozenset((z, y, x) for z, y, x in bricks_of(self._tree, rank, self._dealt).tolist())
 

@@ -26,7 +26,7 @@ from clusterviz.partition.groups import Group, order_of, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.order import front_to_back
 from clusterviz.partition.owners import NOBODY, Owners, owners_of
-from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces
+from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces, owner_pieces
 from clusterviz.partition.replicate import Replicas, replicate, responsible
 from clusterviz.partition.search import busiest, move_planes, search_tree
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
@@ -54,6 +54,7 @@ __all__ = [
     "leaf_pieces",
     "move_planes",
     "order_of",
+    "owner_pieces",
     "owners_of",
     "refined_edges",
     "replicate",

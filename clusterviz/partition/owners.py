@@ -47,6 +47,13 @@ class Owners:
         drawn = self.owner != NOBODY
         return np.asarray(np.bincount(self.owner[drawn], cost[drawn], minlength=self.ranks), np.float64)
 
+    def sums(self, amount: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Each rank's sum of a whole number per brick, such as its bytes; int64 (ranks,)."""
+        found = np.zeros(self.ranks, np.int64)
+        drawn = self.owner != NOBODY
+        np.add.at(found, self.owner[drawn], amount[drawn])
+        return found
+
     def imbalance(self, cost: NDArray[np.float64]) -> float:
         """Largest over mean load; 1 where nothing costs anything."""
         loads = self.loads(cost)

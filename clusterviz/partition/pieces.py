@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from clusterviz.image.region import Rect
 from clusterviz.partition.bsp import Costs, trim
-from clusterviz.partition.groups import Group
+from clusterviz.partition.groups import Group, visible_groups
 from clusterviz.partition.order import Vector, front_to_back
+from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BrickBox, BspTree
 
 
@@ -56,6 +57,13 @@ def leaf_pieces(
     order = front_to_back(tree, eye_index, direction_index, brick_cells)
     boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]
     return tuple(Piece(rank, box) for rank, box in boxes if box.bricks)
+
+
+def owner_pieces(
+    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int
+) -> tuple[Piece, ...]:
+    """The pieces of any assignment, from front to back; parameters as of `visible_groups`."""
+    return group_pieces(visible_groups(owners, eye_index, direction_index, brick_cells))
 
 
 def group_pieces(groups: Sequence[Group]) -> tuple[Piece, ...]:

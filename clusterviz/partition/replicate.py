@@ -33,6 +33,13 @@ class Replicas:
         held: NDArray[np.bool_] = np.any(self.holders == rank, axis=1)[owners_of(self.home).owner]
         return held
 
+    def sums(self, amount: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Each rank's sum over the bricks that it holds, int64 (ranks,)."""
+        leaves = np.array([amount[leaf.box.slices].sum() for leaf in self.home.leaves], np.int64)
+        found = np.zeros(self.home.ranks, np.int64)
+        np.add.at(found, self.holders, leaves[:, None])
+        return found
+
 
 def replicate(home: BspTree, copies: int) -> Replicas:
     """The static replicated distribution: leaf r's bricks on the ranks r, r + 1, … r + copies − 1, round the ring.

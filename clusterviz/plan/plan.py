@@ -139,6 +139,11 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     )
 
 
+def shows_more(plan: Plan, dealt: NDArray[np.float64] | None) -> bool:
+    """Whether a plan shows a brick that was hidden (of cost 0, or None: all were) when bricks were dealt."""
+    return dealt is None or bool(np.any((plan.cost > 0) & (dealt == 0)))
+
+
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a hidden brick."""
     sides = [

@@ -40,6 +40,11 @@ class View:
     pixel: float
     parallel: bool
 
+    @property
+    def eye_point(self) -> Vector | None:
+        """Where all rays begin; None in parallel projection."""
+        return None if self.parallel else self.eye
+
     def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
         """The pixels whose rays may meet the box of cells [begin, end], (x, y, z); at most a pixel too many a side.
 

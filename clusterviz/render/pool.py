@@ -97,7 +97,7 @@ class BrickPool:
         owner = np.full(box.shape_zyx, NOBODY, np.int32)
         owner[tuple((bricks - box.begin_zyx).T)] = [where[z, y, x] for z, y, x in bricks.tolist()]
         x, y, z = (float(e - b * plan.layout.brick) for e, b in zip(plan.view.eye, box.begin_zyx[::-1], strict=True))
-        eye = None if plan.view.parallel else (x, y, z)
+        eye = plan.view.eye_point and (x, y, z)
         for group in visible_groups(Owners(len(self._residences), owner), eye, plan.view.forward, plan.layout.brick):
             yield self._residences[group.rank], group.bricks + box.begin_zyx
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.plan.encoding import Encoding, VoxelKind
-from clusterviz.plan.plan import March
+from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
 GROUP = 8  # cells along the side of a group, as in march.glsl
@@ -107,6 +107,11 @@ class Slot:
         # Words that begin at every third byte overlap by one voxel.
         words = np.ndarray((z, y, self.row_words), "<u4", stored, 0, (y * row, row, 3))
         return np.ascontiguousarray(words)
+
+
+def brick_bytes(plan: Plan) -> NDArray[np.int64]:
+    """GPU memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
+    return np.where(plan.cost > 0, make_slot(plan.layout, plan.encoding, plan.march).bytes, 0).astype(np.int64)
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:

@@ -205,7 +205,17 @@ class Cluster(Section):
     transport: Literal["auto", "messages", "shared", "hierarchical"] = Field(
         default="auto", description="How pixels travel: messages, memory shared by a node's ranks, or both."
     )
-    distribution: Literal["auto"] = Field(default="auto", description="How bricks are dealt to ranks.")
+    distribution: Literal["auto", "coherent", "interleaved", "replicated"] = Field(
+        default="auto",
+        description="How bricks are dealt to ranks: coherent (a box a rank), interleaved (blocks in turn), replicated "
+        "(each on several ranks; who draws it follows the cost); auto: coherent.",
+    )
+    copies: Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)] = Field(
+        default=2, description="Ranks that hold each brick, where the distribution is replicated; at most all."
+    )
+    memory_limit: Annotated[int, Field(strict=True, ge=1), BeforeValidator(plain)] | None = Field(
+        default=None, description="Bytes of bricks that a rank may hold for drawing; default: any."
+    )
     brick: Annotated[int, Field(strict=True, ge=2, le=1024), BeforeValidator(plain)] = Field(
         default=64, description="Voxels along the side of a brick."
     )
@@ -230,5 +240,5 @@ PLANNED: dict[str, tuple[object, ...]] = {
     "pixel": ("uint8", "float16", "rgba8"),
     "mode": ("sort-first", "hybrid"),
     "codec": ("rle", "active-pixel"),
-    "distribution": ("static", "dynamic"),
+    "distribution": ("dynamic",),
 }

@@ -168,6 +168,9 @@ def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
     plan = share.plan
     if plan is None:
         raise SceneError("nothing to measure", where="volumes", allowed="a scene with a volume")
+    if len(set(share.order)) < len(share.order):
+        found = share.scene.cluster.distribution
+        raise SceneError("gives a rank several images", where="cluster.distribution", found=found, allowed="coherent")
     held = RankFrame({}, bricks=len(bricks), voxels=sum(voxels.size for voxels in bricks.values()))
     with run.together("context", "context"):
         place = run.channel.place()

@@ -1,0 +1,63 @@
+"""The static interleaved distribution: blocks of bricks dealt round robin, so that a dear region is dear for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clusterviz.balance import check_memory
+from clusterviz.data.source import Index
+from clusterviz.partition import Owners, Piece, interleave, owner_pieces
+from clusterviz.partition.bsp import Costs
+from clusterviz.plan.plan import Plan, shows_more
+from clusterviz.render.storage import brick_bytes
+from clusterviz.report.statistics import RankFrame
+
+BLOCKS_A_RANK = 8  # at least: few leave ranks uneven, many make many images
+
+
+class Interleaved:
+    """Blocks stay where they are until a plan shows a brick that nobody holds.
+
+    Parameters
+    ----------
+    ranks : how many there are
+    limit_bytes : of bricks that a rank may hold; None: any
+    """
+
+    def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
+        self._ranks, self._limit_bytes = ranks, limit_bytes
+        self._owners: Owners | None = None
+        self._dealt: Costs | None = None
+
+    def deal(self, plan: Plan) -> tuple[Piece, ...]:
+        """A piece for each group of blocks that can be drawn whole.
+
+        Raises
+        ------
+        InputError
+            A share does not fit into the memory of a rank.
+        """
+        if self._owners is None or shows_more(plan, self._dealt):
+            cost, sizes = plan.cost, brick_bytes(plan)
+            check_memory(lambda n: _dealt(cost, n).sums(sizes), self._ranks, sizes, self._limit_bytes)
+            self._owners, self._dealt = _dealt(cost, self._ranks), cost
+        return owner_pieces(self._owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """The bricks of its blocks that could be seen when they were dealt."""
+        if self._owners is None:
+            return frozenset()
+        return frozenset((z, y, x) for z, y, x in self._owners.bricks(rank).tolist())
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """Nothing: what is static does not follow the cost."""
+
+
+def _dealt(cost: Costs, ranks: int) -> Owners:
+    """The largest blocks of which every rank has enough."""
+    block, drawn = 1, np.argwhere(cost > 0)
+    while len(np.unique(drawn // (2 * block), axis=0)) >= BLOCKS_A_RANK * ranks:
+        block *= 2
+    return interleave(cost, ranks, block)

@@ -1,0 +1,54 @@
+"""Distributions in the loop: the same pictures whoever draws what, and memory that does not suffice is named."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from test_frame import check_frames, draw_all, scenes_of
+
+from clusterviz.comm import run_loopback
+from clusterviz.errors import InputError
+from clusterviz.frame import opening, render_frame
+from clusterviz.scene.settings import with_settings
+
+pytestmark = pytest.mark.gl
+
+DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
+    {"distribution": "interleaved"},
+    {"distribution": "replicated"},
+    {"distribution": "replicated", "copies": 3},
+)
+
+
+@pytest.mark.parametrize("keys", DISTRIBUTIONS, ids=str)
+def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
+    """Cameras jump, and transfer functions show nothing, little and all."""
+    scenes = [with_settings(scene, keys | {"brick": 4}) for scene in scenes_of({})]
+    frames = run_loopback(5, lambda channel: draw_all(scenes, channel))[0]
+    check_frames(frames, scenes)
+
+
+@pytest.mark.parametrize("distribution", ["coherent", "interleaved", "replicated"])
+def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
+    distribution: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = with_settings(
+        scenes_of({})[0], {"brick": 4, "opacity": 0.5, "distribution": distribution, "memory_limit": 9000}
+    )
+    monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
+    loaded: list[int] = []
+    monkeypatch.setattr("clusterviz.frame.drawing.load_bricks", lambda *_: loaded.append(1))
+    with pytest.raises(InputError, match=r"cluster.memory_limit.*found 9000 bytes a rank") as refusal:
+        run_loopback(3, lambda channel: render_frame(scene, channel))
+    assert not loaded
+    named = re.search(r"allowed (\d+) ranks", str(refusal.value))
+    assert named
+    monkeypatch.undo()
+    run_loopback(int(named[1]), lambda channel: render_frame(scene, channel))
+
+
+def test_copies_beyond_the_ranks_are_those_that_there_are() -> None:
+    scene = with_settings(scenes_of({})[0], {"distribution": "replicated", "copies": 9, "brick": 4})
+    check_frames(run_loopback(2, lambda channel: draw_all([scene], channel))[0], [scene])
