@@ -146,6 +146,24 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
     np.testing.assert_array_equal(again.image, plain.image)
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("blending", ["maximum", "average", "local-maximum"])
+def test_projections_are_composited_as_asked_and_give_one_picture(blending: str) -> None:
+    look = {"blending": blending} | ({"threshold": 0.3} if blending == "local-maximum" else {})
+    scene = with_settings(SCENE, look)
+    alone = render_frame(scene, LoopbackChannel()).image
+    assert alone is not None
+    for transport, algorithm in (("messages", "binary-swap"), ("messages", "tree"), ("shared", "auto")):
+        asked = with_settings(scene, {"transport": transport, "compositing": algorithm})
+        made = run_loopback(3, lambda channel: render_frame(asked, channel, options=Options(check=True)))[0]  # noqa: B023
+        assert made.image is not None
+        assert np.abs(made.image - alone).max() <= (1e-5 if blending == "average" else 1e-6)
+        told = [(rank.compositing["transport"], rank.compositing["algorithm"]) for rank in made.statistics.per_rank]
+        assert told == [(transport, "direct-send" if algorithm == "auto" else algorithm)] * 3
+        sent = sum(rank.messages_sent for rank in made.statistics.per_rank)
+        assert (sent > 0) == (transport == "messages")
+
+
 CAMERAS = ((60.0, 10.0, 5.0), (-40.0, 30.0, 9.0), (7.0, 7.0, -50.0), (8.0, 7.0, 6.0))
 HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
 LOOKS = ({}, {"blending": "maximum"}, {"shade": True}, {"interpolation": "cubic", "filter": "exact"})

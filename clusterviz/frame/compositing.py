@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from time import perf_counter
-from typing import cast
+from typing import Any
+
+from numpy.typing import NDArray
 
 from clusterviz.composite import Compositor, collect, compile_kernels, composite
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.run import Image, Run
-from clusterviz.frame.share import Share, in_order
+from clusterviz.frame.share import Share
 from clusterviz.image.compare import compare
+from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage
-from clusterviz.render.projection import project
+from clusterviz.render.projection import finish_projection
 from clusterviz.report.statistics import RankFrame
 from clusterviz.report.trace import composition_spans
 
@@ -37,15 +40,12 @@ class Compositing:
         self, share: Share, partials: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
         """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
-        if share.plan is not None and share.plan.look.operator != "over":
-            return self._projected(share, partials), counts
         run = self._run
         compositor = self._compositor = self._compositor or self._open(share)
         with run.together("composite"):
             began = perf_counter()
             composed, counters = compositor.composite(partials, share.order)
-            # The picture may lie in memory that the next frame changes, or that goes with the compositor.
-            image = cast("Image | None", composed if composed is None else composed.copy())
+            image = self._finished(share, composed)
             compositing = {**asdict(counters), "seconds": counters.seconds}
             run.clock.note(*composition_spans(began, perf_counter(), compositing))
             if not self._several:
@@ -74,24 +74,30 @@ class Compositing:
             # One frame is over before it is learnt which codec pays.
             codec = "raw" if cluster.codec == "auto" and not self._several else cluster.codec
             algorithm, transport = cluster.compositing, cluster.transport
-            return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport)
+            operator = _operator(share)
+            return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport, operator=operator)
 
-    def _projected(self, share: Share, partials: Sequence[PartialImage]) -> Image | None:
-        """Projections are not composited: their parts are merged on rank 0, one after the other."""
-        with self._run.together("composite", "collect"):
-            every = self._run.channel.gather(partials)
-            if every is None or share.plan is None:
-                return None
-            return project(share.plan, in_order(every, share.order))
+    def _finished(self, share: Share, composed: NDArray[Any] | None) -> Image | None:
+        """The picture of merged pixels, in memory of its own: the compositor's changes with the next frame."""
+        if composed is None or share.plan is None:
+            return None if composed is None else composed.copy()
+        with self._run.clock.stage("finish", "project"):
+            finished = finish_projection(share.plan, composed)
+        return composed.copy() if finished is composed else finished
 
     def _check(self, share: Share, partials: Sequence[PartialImage], image: Image | None) -> None:
         """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
         with self._run.together("check", "check"):
-            piece, _ = composite(partials, share.order, self._run.channel, "serial", "raw")
-            plain = collect(piece, share.scene.image.size, self._run.channel)
+            channel = self._run.channel
+            piece, _ = composite(partials, share.order, channel, "serial", "raw", _operator(share))
+            plain = self._finished(share, collect(piece, share.scene.image.size, channel))
         with self._run.alone("check", "check"):
             if image is not None and plain is not None:
                 difference = compare(image, plain, CHECK_TOLERANCE)
                 if difference.count:
                     name = share.scene.cluster.compositing
                     raise ClustervizError(f"{name} and serial compositing disagree: {difference}")
+
+
+def _operator(share: Share) -> Operator:
+    return share.plan.look.operator if share.plan else "over"

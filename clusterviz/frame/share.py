@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary
-from clusterviz.image.partial import PartialImage
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.scene.complete import VolumeFacts
@@ -72,9 +70,3 @@ class Share:
     def pieces_of(self, rank: int) -> list[Piece]:
         """What one rank draws, front to back."""
         return [piece for piece in self.pieces if piece.rank == rank]
-
-
-def in_order(images: Sequence[Sequence[PartialImage]], order: Sequence[int]) -> list[PartialImage]:
-    """All images from front to back: each entry of the order is the next image of its rank."""
-    following = [iter(of_rank) for of_rank in images]
-    return [next(following[rank]) for rank in order]

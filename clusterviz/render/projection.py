@@ -1,22 +1,14 @@
-"""The last step of pictures that are not composited: from merged scalars or sums to colours."""
+"""The last step of projections: from merged scalars or sums to colours."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.image.merge import EXISTS, merge_partials
-from clusterviz.image.partial import PartialImage
+from clusterviz.image.merge import EXISTS
 from clusterviz.plan.plan import Plan
 
 Pixels = NDArray[np.float32]
-
-
-def project(plan: Plan, parts: Sequence[PartialImage]) -> Pixels:
-    """The finished picture of parts, the first in front: float32 (h, w, 4), premultiplied."""
-    return finish_projection(plan, merge_partials(parts, plan.view.size, plan.look.operator))
 
 
 def finish_projection(plan: Plan, merged: Pixels) -> Pixels:

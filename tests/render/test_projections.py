@@ -1,4 +1,4 @@
-"""Blendings that are not composited, against the witness, and merged from parts that were drawn apart."""
+"""Projections, against the witness, and merged from parts that were drawn apart."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import pytest
 from render.scenes import SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
+from clusterviz.image.merge import merge_partials
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import render_reference
-from clusterviz.render.projection import finish_projection, project
+from clusterviz.render.projection import finish_projection
 from clusterviz.scene.values import Scene
 
 pytestmark = pytest.mark.gl
@@ -35,7 +36,8 @@ def projected(context: moderngl.Context, scene: Scene, prepared: Prepared, parts
     eye = None if plan.view.parallel else plan.view.eye
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
     drawn = [draw(context, prepared, tree.leaves[rank].trimmed) for rank in order if tree.leaves[rank].cost > 0]
-    return project(plan, [part.partial for part in drawn]), sum(part.samples for part in drawn)
+    merged = merge_partials([part.partial for part in drawn], plan.view.size, plan.look.operator)
+    return finish_projection(plan, merged), sum(part.samples for part in drawn)
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])

@@ -21,12 +21,12 @@ from clusterviz.comm.place import granted_cores
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.frame.share import Share, in_order
+from clusterviz.frame.share import Share
 from clusterviz.gl.context import open_context
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.plan.plan import Plan
-from clusterviz.render.projection import project
+from clusterviz.render.projection import finish_projection
 from clusterviz.render.raycast import Raycaster
 from clusterviz.report.statistics import STAGES, Clock, RankFrame, peak_memory_bytes
 from clusterviz.scene.values import Scene
@@ -63,7 +63,7 @@ class Measured:
     seats : where the ranks sat
     order : the ranks from front to back
     rects : what each rank's image covers: (x_begin, y_begin, x_end, y_end), empty where nothing was drawn
-    algorithm : of the counted frame, "" where the picture is not composited
+    algorithm : of the counted frame
     counted : of that frame, by rank, then round: messages and pixels sent
     size, step : width and height of the picture, and the step in voxels that was drawn with
     bytes_per_pixel : of partial images
@@ -190,13 +190,14 @@ def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
     with run.together("kernels", "kernels"):
         compile_kernels(run.channel)
         cluster = share.scene.cluster
-        compositor = _compositor(run.channel, share.scene, cluster.codec, cluster.transport)
+        compositor = _compositor(run.channel, share.scene, plan, cluster.codec, cluster.transport)
     return Work(run.channel, share, plan, held, caster, compositor), seat
 
 
-def _compositor(channel: Channel, scene: Scene, codec: str, transport: str) -> Compositor:
-    algorithm = scene.cluster.compositing
-    return Compositor(channel, scene.image.size, algorithm=algorithm, codec=codec, transport=transport)
+def _compositor(channel: Channel, scene: Scene, plan: Plan, codec: str, transport: str) -> Compositor:
+    algorithm, operator = scene.cluster.compositing, plan.look.operator
+    size = scene.image.size
+    return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport, operator=operator)
 
 
 def _frame(work: Work) -> tuple[RankFrame, list[PartialImage], Image | None]:
@@ -208,15 +209,10 @@ def _frame(work: Work) -> tuple[RankFrame, list[PartialImage], Image | None]:
     with agree(channel, 0, "render"):
         partials, counts = _draw(work, clock)
     with abort_on_failure(channel, 0, "composite"):
-        if work.plan.look.operator == "over":
-            composed, counters = work.compositor.composite(partials, work.share.order)
-            picture = cast("Image | None", composed)
-            counts = _with_counters(counts, clock, counters)
-        else:
-            with clock.stage("collect"):
-                # As `frame` does it: the parts of a picture that is not composited are merged on rank 0.
-                parts = channel.gather(partials)
-                picture = None if parts is None else project(work.plan, in_order(parts, work.share.order))
+        composed, counters = work.compositor.composite(partials, work.share.order)
+        counts = _with_counters(counts, clock, counters)
+        with clock.stage("finish"):
+            picture = None if composed is None else finish_projection(work.plan, cast(Image, composed))
     clock.add("total", perf_counter() - started)
     clock.add("cpu", process_time() - cpu)
     # The picture may lie in memory that the next frame changes.
@@ -254,10 +250,8 @@ def _with_counters(counts: RankFrame, clock: Clock, counters: CompositeCounters)
 
 def _count(work: Work, partials: list[PartialImage]) -> tuple[str, list[tuple[int, int]]]:
     """The algorithm by messages, and what this rank sends in each round of it."""
-    if work.plan.look.operator != "over":
-        return "", []
     with abort_on_failure(work.channel, 0, "count"):
-        compositor = _compositor(work.channel, work.share.scene, "raw", "messages")
+        compositor = _compositor(work.channel, work.share.scene, work.plan, "raw", "messages")
         _, counters = compositor.composite(partials, work.share.order)
         compositor.close()
     return counters.algorithm, [(stage.messages_sent, stage.pixels_sent) for stage in counters.stages]
