@@ -27,6 +27,11 @@ void cut(inout Ray ray, bool whole_slabs) {
             if (end < whole && is_kept(at, by, end)) ++end;
             else if (end > 0 && !is_kept(at, by, end - 1)) --end;
         } else if (at < 0.0LF) end = 0;
+        if (JITTERED && whole > 0) { // nor is the first one's
+            bool first_kept = dot(plane.xyz, ray.entered) + plane.w >= 0.0LF;
+            if (by > 0.0LF && begin == 1 && first_kept) begin = 0;
+            if (by < 0.0LF && end == 1 && !first_kept) end = 0;
+        }
         if (end == whole && dot(plane.xyz, ray.last) + plane.w >= 0.0LF) end = ray.slabs;
         ray.begin = max(ray.begin, begin);
         ray.end = min(ray.end, end);

@@ -67,7 +67,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
 int run_iterations; // of loops, that a run has counted
 
 // The look's: what a run of whole slabs inside a brick comes to, as if nothing were in front; the same for the last slab, which the exit
-// may have cut to a share; how a run is added behind what the ray has gathered; and whether nothing behind can matter.
+// may have cut to a share, and for a first one that the entry has cut; how a run is added behind what the ray has gathered; and whether nothing behind can matter.
 vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs);
 vec4 last_of(Ray ray, Place place, vec3 slab, float share);
 void add_run(inout Sum sum, vec4 run);
@@ -78,6 +78,14 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     Sum sum = Sum(before, vec4(0.0));
     vec3 slab = vec3(ray.slab);
     int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
+    if (JITTERED && k == 0 && last > 0) {
+        Place place = place_of(ray, 0, slab);
+        if (place.brick >= 0) {
+            add_run(sum, last_of(ray, place, slab, ray.first_share));
+            ++samples;
+        }
+        k = 1;
+    }
     while (k < last && iterations < ITERATIONS) {
         Place place;
         for (;;) {

@@ -4,10 +4,12 @@ struct Ray {
     dvec3 first;      // midpoint of slab 0
     dvec3 slab;       // from one midpoint to the next
     dvec3 last;       // midpoint of the last slab, which the exit may have cut short
+    dvec3 entered;    // midpoint of slab 0 where the entry has cut it short (jitter.glsl)
     int slabs;        // 0 where the ray misses the volume
     int begin, end;   // of these, what is not cut away
     dvec2 kept;       // between which of them, midpoints at whole numbers, the ray itself is not cut away
     float last_share; // length of the last slab over that of a full one, in (0, 1]
+    float first_share; // the same of slab 0, where the entry cuts it
 };
 
 // Where a line is between two planes, for one axis: (entry, exit). A line within the planes' slab and parallel to it is always between.
@@ -32,24 +34,28 @@ Ray ray_through(ivec2 pixel) {
     double entry = max(max(x.x, y.x), max(z.x, 0.0LF));
     double leave = min(min(x.y, y.y), z.y);
 
-    double step_world = frame.extent.w;
+    double step_world = frame.extent.w, shift = shift_of(pixel);
     double length_in_slabs = (leave - entry) / step_world;
     Ray ray;
-    ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs)) : 0;
+    ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs + shift)) : 0;
     ray.begin = 0;
     ray.end = ray.slabs;
     ray.kept = dvec2(-1e300LF, 1e300LF);
-    double last_share = length_in_slabs - double(ray.slabs - 1);
+    double begin_of_last = ray.slabs > 1 ? double(ray.slabs - 1) - shift : 0.0LF;
+    double last_share = length_in_slabs - begin_of_last;
     ray.last_share = float(last_share);
+    ray.first_share = float(1.0LF - shift);
     ray.slab = direction * step_world;
-    ray.first = origin + direction * (entry + 0.5LF * step_world);
-    ray.last = origin + direction * (entry + (double(ray.slabs - 1) + 0.5LF * last_share) * step_world);
+    ray.first = origin + direction * (entry + (0.5LF - shift) * step_world);
+    ray.last = origin + direction * (entry + (begin_of_last + 0.5LF * last_share) * step_world);
+    ray.entered = origin + direction * (entry + 0.5LF * (1.0LF - shift) * step_world);
     return ray;
 }
 
 // The midpoint of slab k: the one expression by which every box decides what it owns.
 dvec3 midpoint(Ray ray, int k) {
-    return k == ray.slabs - 1 ? ray.last : fma(dvec3(k), ray.slab, ray.first);
+    if (k == ray.slabs - 1) return ray.last;
+    return JITTERED && k == 0 ? ray.entered : fma(dvec3(k), ray.slab, ray.first);
 }
 
 // The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.

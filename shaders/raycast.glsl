@@ -14,6 +14,7 @@ vec2 scalar = frame.scalar.xy;
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
 
+#include <SHIFT>
 #include "ray.glsl"
 #include <CLIP>
 #include "opacity.glsl"

@@ -131,6 +131,11 @@ def is_preintegrated(volume: Volume, classification: Classification) -> bool:
     return classification == "pre-integrated" and volume.blending == "composite"
 
 
+def is_jittered(volume: Volume, jitter: bool) -> bool:
+    """Whether each pixel has a lattice of slabs of its own; surfaces are found, not sampled, and need none."""
+    return jitter and not has_surfaces(volume)
+
+
 def reach_of(volume: Volume, classification: Classification = "post") -> int:
     """Cells beyond its own in which a brick of the volume samples the field: where slabs end, if that is asked."""
     return int(has_surfaces(volume) or is_preintegrated(volume, classification))

@@ -18,6 +18,7 @@ from clusterviz.plan.grading import make_grading
 from clusterviz.plan.look import (
     Look,
     is_graded,
+    is_jittered,
     is_lit,
     is_preintegrated,
     make_look,
@@ -50,6 +51,7 @@ class March:
     reach : cells beyond its own in which a brick samples the field
     spread : samples beyond a cell's corners on which what is shown of it depends
     preintegrated : slabs are classified between their ends, not at their midpoints
+    jittered : every pixel has a lattice of slabs of its own
     """
 
     step_world: float
@@ -59,6 +61,7 @@ class March:
     reach: int
     spread: int
     preintegrated: bool = False
+    jittered: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             reach_of(volume, classification),
             spread_of(volume, classification),
             preintegrated,
+            is_jittered(volume, scene.quality.jitter),
         ),
         look,
         planes,

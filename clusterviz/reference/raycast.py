@@ -23,7 +23,7 @@ from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
-from clusterviz.reference.rays import Floats, Rays, camera_rays, to_index_space
+from clusterviz.reference.rays import Floats, Rays, camera_rays, pixel_shifts, to_index_space
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
 from clusterviz.scene.complete import transfer_function
@@ -37,11 +37,11 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     """Ray cast the scene's volume.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
-    box [first sample, last sample]. Its scalar is interpolated at its midpoint and then classified; a slab of length d
-    adds T · c · (1 − e^{−κd}) and multiplies the transmittance T by e^{−κd}; other blendings are said in
-    `projections.py` and `surfaces.py`. Next to NaN and infinite voxels (in the
-    cells that they touch; for `nearest`, where they are the nearest) the volume is transparent, and where a midpoint is
-    clipped.
+    box [first sample, last sample]; jittered, t0 lies a share of h in front of the box, and the first slab is cut as
+    well. Its scalar is interpolated at its midpoint and then classified; a slab of length d adds T · c · (1 − e^{−κd})
+    and multiplies the transmittance T by e^{−κd}; other blendings are said in `projections.py` and `surfaces.py`. Next
+    to NaN and infinite voxels (in the cells that they touch; for `nearest`, where they are the nearest) the volume is
+    transparent, and where a midpoint is clipped.
 
     Parameters
     ----------
@@ -72,11 +72,14 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     if scene.volumes and min(grid.shape_zyx) > 1:
         voxels = np.ascontiguousarray(voxels)
         rays = to_index_space(camera_rays(scene.camera, (width, height)), grid)
+        shifts = pixel_shifts((width, height))
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
             part = slice(begin, begin + RAYS_AT_ONCE)
-            some = Rays(rays.start[part], rays.direction[part])
             volume = scene.volumes[0]
-            if volume.blending in ("composite", "isosurface") and volume.isosurfaces:
+            has_surfaces = volume.blending in ("composite", "isosurface") and bool(volume.isosurfaces)
+            jittered = scene.quality.jitter and not has_surfaces
+            some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
+            if has_surfaces:
                 rgba[part] = march_surfaces(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
             elif _is_preintegrated(scene):
                 rgba[part] = march_preintegrated(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)

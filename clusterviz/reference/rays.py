@@ -23,10 +23,12 @@ class Rays:
     ----------
     start : float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
     direction : float64 (n, 3); of unit length in the world
+    shift : float64 (n,) or one for all: by what share of a slab the first one begins before the volume; it is cut
     """
 
     start: Floats
     direction: Floats
+    shift: Floats | float = 0.0
 
 
 def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
@@ -55,6 +57,25 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     direction = forward + offset * math.tan(math.radians(camera.view_angle) / 2)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return Rays(np.broadcast_to(eye, offset.shape), direction)
+
+
+def pixel_shifts(size: tuple[int, int]) -> Floats:
+    """The shift of every pixel where slabs are jittered, in pixel order: a hash of its column and row in [0, 1).
+
+    References
+    ----------
+    C. Wellons: Prospecting for hash functions, 2018 (lowbias32).
+    """
+
+    def hashed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        x = (x ^ (x >> np.uint32(16))) * np.uint32(0x7FEB352D)
+        x = (x ^ (x >> np.uint32(15))) * np.uint32(0x846CA68B)
+        return x ^ (x >> np.uint32(16))
+
+    width, height = size
+    column, row = np.arange(width, dtype=np.uint32), np.arange(height, dtype=np.uint32)
+    shift: Floats = (hashed(hashed(column)[None, :] + row[:, None]) >> np.uint32(8)) / 2.0**24
+    return shift.reshape(-1)
 
 
 def to_index_space(rays: Rays, grid: Grid) -> Rays:

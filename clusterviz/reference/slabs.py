@@ -41,12 +41,13 @@ def slabs(
     goes_on : asked before each slab; the rays that still want one, bool (n,) or one for all
     """
     entry, leave = inside(rays, np.array(shape_zyx[::-1], np.float64) - 1)
+    first = entry - rays.shift * length
     alive, k = np.flatnonzero(leave > entry), 0
     while alive.size:
-        begin = entry[alive] + k * length
-        end = np.minimum(entry[alive] + (k + 1) * length, leave[alive])
+        begin = np.maximum(first[alive] + k * length, entry[alive])
+        end = np.minimum(first[alive] + (k + 1) * length, leave[alive])
         point = rays.start[alive] + (begin + (end - begin) / 2)[:, None] * rays.direction[alive]
         yield Slab(alive, begin, end, point)
         k += 1
         wanted = np.ones(len(entry), bool) & goes_on()
-        alive = alive[(entry[alive] + k * length < leave[alive]) & wanted[alive]]
+        alive = alive[(first[alive] + k * length < leave[alive]) & wanted[alive]]

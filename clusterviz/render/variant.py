@@ -50,6 +50,7 @@ class Variant:
     preintegrated : slabs are classified between their ends, not at their midpoints
     fading : pieces of a function of the gradient's magnitude by which extinction is multiplied; 0: there is none
     near : some lights have a place
+    jittered : every pixel has a lattice of slabs of its own
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     """
 
@@ -66,6 +67,7 @@ class Variant:
     fading: int = 0
     table: Table = ""
     near: bool = False
+    jittered: bool = False
 
     @property
     def source(self) -> ShaderSource:
@@ -91,6 +93,7 @@ class Variant:
             "SAMPLE": sample,
             "BEHIND": behind,
             "GRADIENT": self._gradient,
+            "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
             "CLIP": "clip.glsl" if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
@@ -186,4 +189,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         grading.fading if grading else 0,
         grading.table_holds if grading else "",
         bool(plan.look.shading and plan.look.shading.has_places),
+        plan.march.jittered,
     )

@@ -160,6 +160,11 @@ class Quality(Section):
         description="Where the transfer function is applied: to the sample in a slab's middle (post), or all the way "
         "between the samples at its ends (pre-integrated).",
     )
+    jitter: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+        default=False,
+        description="Begin each pixel's slabs up to one slab before its ray enters the volume, by a hash of the pixel: "
+        "noise in place of rings where steps are long; not with isosurfaces.",
+    )
     filter: Literal["exact", "hardware"] = Field(
         default="exact", description="exact: float32 weights; hardware: the texture unit's, about 8 bits."
     )

@@ -29,7 +29,7 @@ BRICK = 16
 # groups, the frame.
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
-PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded voxel_u8"
+PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered voxel_u8"
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
@@ -124,6 +124,8 @@ CASES = {
         buffers=2,
         side=19 + 2,
     ),
+    "jitter": Case({"jitter": True}, "unjittered", "jitter"),
+    "jitter, but surfaces": Case({"jitter": True, "look": SURFACES}, "samples", "surfaces", buffers=1, side=19),
     "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
 }
 

@@ -166,11 +166,11 @@ def test_field_in_a_brick_is_that_of_its_samples(context: moderngl.Context, dtyp
     assert np.abs(found - expected).max() <= 1e-6
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_first_slab_of_a_box_is_found_from_every_camera(context: moderngl.Context, camera: str) -> None:
+@pytest.mark.parametrize(("camera", "jitter"), [*((camera, False) for camera in CAMERAS), ("outside", True)])
+def test_first_slab_of_a_box_is_found_from_every_camera(context: moderngl.Context, camera: str, jitter: bool) -> None:
     """The estimate against a search through all slabs of the ray, for each brick as a box."""
     voxels = noise()
-    plan = prepare(scene_of(voxels, camera_at(camera, GRID), step=0.7), voxels, brick=11).plan
+    plan = prepare(scene_of(voxels, camera_at(camera, GRID), step=0.7, jitter=jitter), voxels, brick=11).plan
     slot = make_slot(plan.layout, plan.encoding, plan.march)
     width, height = plan.view.size
     pixels = np.indices((height, width)).reshape(2, -1).T[:, ::-1]

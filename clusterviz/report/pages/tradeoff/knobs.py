@@ -48,6 +48,7 @@ class Knob:
 KNOBS = (
     Knob("step", "distance between samples along a ray, in voxels", (4.0, 2.0, 1.0, 0.5, 0.25)),
     Knob("classification", "where the transfer function is applied", exact="post"),
+    Knob("jitter", "whether each pixel's slabs begin elsewhere", (False, True), (False,), False),
     Knob("filter", "who interpolates the voxels", exact="exact"),
     Knob(
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0

@@ -1,0 +1,14 @@
+// Every pixel's lattice of slabs begins a share of a slab before its ray enters the volume, so that errors of sampling are noise and not
+// rings. The share is a hash of the pixel's place in the picture: neither boxes nor ranks nor frames change it. The first slab is cut.
+const bool JITTERED = true;
+
+// An integer hash with little bias (C. Wellons: Prospecting for hash functions, 2018, lowbias32).
+uint hashed(uint x) {
+    x = (x ^ (x >> 16)) * 0x7feb352du;
+    x = (x ^ (x >> 15)) * 0x846ca68bu;
+    return x ^ (x >> 16);
+}
+
+double shift_of(ivec2 pixel) {
+    return double(hashed(hashed(uint(pixel.x)) + uint(pixel.y)) >> 8) / 16777216.0LF;
+}
