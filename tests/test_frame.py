@@ -257,7 +257,7 @@ def test_a_camera_that_sees_nothing_gives_a_blank_frame_and_the_next_is_right() 
     ("change", "said"),
     [
         ({"size": (9, 9)}, "image.size: was [24, 18], is [9, 9]"),
-        ({"step": 0.5}, "quality.step: was 1.0, is 0.5"),
+        ({"brick": 4}, "cluster.brick: was 8, is 4"),
         ({"shade": True}, "volumes[0].shade: was false, is true"),
     ],
 )

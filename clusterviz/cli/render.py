@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -65,6 +66,7 @@ def start() -> tuple[Channel, dict[str, float]]:
     age = _process_age()
     channel = open_channel()
     limit_threads(channel.place())
+    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # a user needs no line of code
     warning = launch_warning(channel.size)
     if warning:
         print(f"\nclusterviz: WARNING: {warning}\n", file=sys.stderr, flush=True)

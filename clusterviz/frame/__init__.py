@@ -9,6 +9,7 @@ Stages are functions from values to values, and only this room calls them:
 - distribution.py  what a distribution is; coherent.py and the others are one each
 - drawing.py       pieces to partial images
 - compositing.py   partial images to the picture
+- calibration.py   small pictures first, where the settings are to hold a bound on the error
 
 What is dear is done once and kept: reading, the summary, programs, the bricks in GPU memory, kernels, the compositor's
 memory. A further frame makes anew only what its scene asks for. How a step that fails ends all ranks, `run.py` says.
@@ -16,20 +17,24 @@ memory. A further frame makes anew only what its scene asks for. How a step that
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.data.source import Source
+from clusterviz.errors import SceneError
+from clusterviz.frame.calibration import calibrate, chosen
 from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import load_bricks, open_volume
-from clusterviz.frame.run import STEPS, Options, Rendered, Run
+from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, Share
+from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.statistics import FrameStatistics, peak_memory_bytes
 from clusterviz.scene.complete import complete_scene
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Camera, Scene
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Rendered", "Run", "prepare", "render_frame"]
 
@@ -61,7 +66,15 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> tuple[Share
     Returns
     -------
     share, bricks : what this rank draws, and of what
+
+    Raises
+    ------
+    SceneError
+        The settings are still to be chosen: frames do that, but nobody who draws by other means.
     """
+    if scene.quality.max_error is not None:
+        bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
+        raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
     opened = open_volume(run, scene, source)
     share = deal(run, opened, scene, choose_distribution(scene.cluster, run.channel.size))
     return share, load_bricks(run, opened, share.holds) if opened else {}
@@ -89,6 +102,7 @@ class FrameLoop:
         self._several = several
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
+        self._calibrated: tuple[Scene, Accuracy] | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volume(run, scene, source)
             with run.alone("plan", "plan"):
@@ -100,14 +114,17 @@ class FrameLoop:
 
         Parameters
         ----------
-        scene : differs from the loop's in nothing but camera and transfer function; the loop's own where None
+        scene : differs from the loop's in nothing but camera, transfer function and quality; the loop's own where None
         number : what failures and statistics call it
         """
         run, run.frame = self._run, number
         with run.clock.stage("total", f"frame {number}"):
-            share = self._share = deal(run, self._opened, scene or self.scene, self._distribution, self._share)
+            scene, accuracy = self._settled(scene or self.scene)
+            share = self._share = deal(run, self._opened, scene, self._distribution, self._share)
             if self._opened:
                 self._drawing.bring(self._opened, share)
+                if accuracy and not run.options.keep_bricks:
+                    self._opened.held.clear()  # was kept for small pictures, whose settings differ
             partials, counts = self._drawing.draw(share)
             if not self._several:
                 self._drawing.release()
@@ -119,7 +136,32 @@ class FrameLoop:
         per_rank = tuple(run.channel.allgather(counts))
         if share.plan is not None:
             self._distribution.learn(share.plan, per_rank)
-        return Rendered(image, share.scene, FrameStatistics(per_rank, number), run.start_frame())
+        return Rendered(image, share.scene, FrameStatistics(per_rank, number, accuracy), run.start_frame())
+
+    def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
+        """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""
+        run, opened = self._run, self._opened
+        if scene.quality.max_error is None or opened is None:
+            return scene, None
+        with run.alone("plan", "plan"):
+            scene = complete_scene(scene, opened.facts)
+        if self._calibrated is None or self._calibrated[0] != scene.model_copy(update={"camera": Camera()}):
+            with run.aside("accuracy"):
+                accuracy = calibrate(scene, run.channel, self._small_picture)
+            if accuracy.warning and run.channel.rank == 0:
+                warnings.warn(accuracy.warning, stacklevel=4)
+            self._calibrated = scene.model_copy(update={"camera": Camera()}), accuracy
+        return chosen(scene, self._calibrated[1]), self._calibrated[1]
+
+    def _small_picture(self, scene: Scene) -> tuple[Image | None, int]:
+        """One of the pictures that a calibration asks for, on rank 0, and the samples that all ranks took."""
+        run = self._run
+        share = deal(run, self._opened, scene, self._distribution)
+        if self._opened:
+            self._drawing.bring(self._opened, share)
+        partials, counts = self._drawing.draw(share)
+        image, counts = Compositing(run, several=False).picture(share, partials, counts)
+        return image, sum(run.channel.allgather(counts.samples))
 
     def __enter__(self) -> FrameLoop:
         return self

@@ -15,6 +15,7 @@ from clusterviz.data.summary import summarise
 from clusterviz.frame.run import Run
 from clusterviz.frame.share import OpenedVolume
 from clusterviz.partition import bricks_of, build_tree
+from clusterviz.plan.accuracy import classification_of
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import brick_cost
 from clusterviz.report.machine import memory
@@ -29,7 +30,7 @@ def open_volume(run: Run, scene: Scene, source: Source | None = None) -> OpenedV
         return None
     with run.alone("open", "load"):
         source = source or open_source(scene.volumes[0].path, scene.volumes[0].array)
-        margin = margin_of(scene.volumes[0], scene.quality.classification)
+        margin = margin_of(scene.volumes[0], classification_of(scene.quality))
         layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
     with run.together("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,18 @@ class Run:
         self.options.progress(step)
         with abort_on_failure(self.channel, self.frame, step, self.options.debug), self._timed(step, stage):
             yield
+
+    @contextmanager
+    def aside(self, stage: str) -> Iterator[None]:
+        """Frames that nobody will see: all that they do counts as one stage, and their bricks are kept for the next."""
+        clock, options = self.clock, self.options
+        self.clock = Clock()
+        self.options = replace(options, check=False, progress=lambda step: None, keep_bricks=True)
+        try:
+            with clock.stage(stage):
+                yield
+        finally:
+            self.clock, self.options = clock, options
 
     def _timed(self, step: str, stage: str) -> AbstractContextManager[None]:
         return self.clock.stage(stage, step) if stage else nullcontext()

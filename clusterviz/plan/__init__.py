@@ -7,6 +7,7 @@
 - clip.py      clipping planes in index space
 - encoding.py  how voxels are stored
 - segments.py  the transfer function as the shader reads it
+- accuracy.py  which settings hold a bound on the error at least cost
 - preintegration.py  the same for slabs that are classified between their ends
 """
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
 
+from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -93,10 +94,12 @@ class FrameStatistics:
     ----------
     per_rank : index = rank
     number : of the frame in its animation
+    accuracy : what was chosen to hold a bound on the error; None where none was asked for
     """
 
     per_rank: tuple[RankFrame, ...]
     number: int = 0
+    accuracy: Accuracy | None = None
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -121,6 +124,7 @@ class FrameStatistics:
             "number": self.number,
             "seconds": self.seconds,
             "imbalance": self.imbalance,
+            "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.complaints import shown
-from clusterviz.scene.values import Camera, Scene
+from clusterviz.scene.values import Camera, Quality, Scene
 
 CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
-"""Keys of a volume that may differ from frame to frame; so may the camera."""
+"""Keys of a volume that may differ from frame to frame; so may the camera, and quality."""
 
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
@@ -30,7 +30,7 @@ def differences(before: Any, after: Any, key: str = "") -> list[str]:
 
 
 def check_same_volume(first: Scene, scene: Scene) -> None:
-    """Refuse a frame that differs from the first one in more than camera and transfer function.
+    """Refuse a frame that differs from the first one in more than camera, transfer function and quality.
 
     Raises
     ------
@@ -39,11 +39,13 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     """
     found = differences(_fixed(first), _fixed(scene)) if scene != first else []
     if found:
-        allowed = f"another camera, or {', '.join(CHANGING)} of a volume"
+        allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
 def _fixed(scene: Scene) -> dict[str, Any]:
     """What all frames have in common."""
     volumes = tuple(volume.model_copy(update=dict.fromkeys(CHANGING)) for volume in scene.volumes)
-    return scene.model_copy(update={"camera": Camera(), "volumes": volumes}).model_dump(mode="json")
+    return scene.model_copy(update={"camera": Camera(), "volumes": volumes, "quality": Quality()}).model_dump(
+        mode="json"
+    )

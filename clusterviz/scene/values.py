@@ -171,6 +171,11 @@ class Quality(Section):
     early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
         default=0.0, description="A ray ends when what lies behind could add at most this share; 0: never."
     )
+    max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(plain)] | None = Field(
+        default=None,
+        description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
+        "classification, filter and early_termination, whatever they are here, are then chosen to hold it cheaply.",
+    )
     pixel: Literal["float32"] = Field(default="float32", description="The format in which partial images are blended.")
 
 

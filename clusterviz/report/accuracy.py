@@ -1,0 +1,48 @@
+"""What `quality.max_error` came to: the settings that were chosen for a frame, and the error that they should have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """A choice, and what it took to make.
+
+    Attributes
+    ----------
+    max_error : that was asked for
+    error : the largest that is to be expected, estimated
+    reached : whether that is within the bound
+    step : in voxels
+    classification, early_termination : as in the scene
+    pilot_pixels : of each of the small pictures that were drawn to find out
+    pilot_samples, pilot_seconds : of all of them together, on all ranks
+    """
+
+    max_error: float
+    error: float
+    reached: bool
+    step: float
+    classification: str
+    early_termination: float
+    pilot_pixels: int
+    pilot_samples: int
+    pilot_seconds: float
+
+    def __str__(self) -> str:
+        """What was chosen and what that should come to, in a line."""
+        text = f"error about {self.error:.2g} at most (asked for {self.max_error:.3g}): step {self.step:.3g}"
+        return (
+            f"{text}, {self.classification}; {self.pilot_samples:,} samples in {self.pilot_seconds:.2f} s to find out"
+        )
+
+    @property
+    def warning(self) -> str:
+        """What a user must know of a bound that cannot be held; "" where it can."""
+        if self.reached:
+            return ""
+        return (
+            f"quality.max_error {self.max_error:.3g} is out of reach: the error may be about {self.error:.2g} at the "
+            f"settings that come nearest, step {self.step:.3g} and {self.classification} classification"
+        )

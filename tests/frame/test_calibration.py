@@ -1,0 +1,108 @@
+"""Bounds on the error: held against the float64 reference, chosen alike whatever draws, found out once."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz import frame
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data import open_source
+from clusterviz.errors import SceneError
+from clusterviz.frame import FrameLoop, Options, Run, render_frame
+from clusterviz.image import compare
+from clusterviz.reference import render_reference
+from clusterviz.report.accuracy import Accuracy
+from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.settings import with_settings
+
+RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"
+PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
+JUMP = "[[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [1.0, 0.5]]"
+
+
+def scene_of(field: str, opacity: str, bound: float, *more: str) -> Scene:
+    keys = ["image.size=[28,20]", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
+    return scene_of_data(f"field:{field}:16", [*keys, f"quality.max_error={bound}", *more])
+
+
+def accuracy_of(rendered: Any) -> Accuracy:
+    assert rendered.statistics.accuracy is not None
+    return rendered.statistics.accuracy  # type: ignore[no-any-return]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("field", "opacity", "bound"),
+    [("gaussian", RAMP, 1e-3), ("marschner-lobb", PEAK, 2 / 255), ("hydrogen", JUMP, 1 / 255)],
+)
+def test_the_bound_is_held(field: str, opacity: str, bound: float) -> None:
+    rendered = render_frame(scene_of(field, opacity, bound), LoopbackChannel())
+    accuracy = accuracy_of(rendered)
+    source = open_source(f"field:{field}:16", None)
+    truth = render_reference(rendered.scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx), 1 / 100)
+    difference = compare(rendered.image.astype(np.float64), truth)  # type: ignore[union-attr]
+    assert accuracy.reached
+    assert difference.max <= accuracy.error <= bound
+    assert rendered.scene.quality.step == accuracy.step
+    assert rendered.scene.quality.max_error is None
+
+
+@pytest.mark.gl
+def test_what_is_chosen_depends_neither_on_ranks_nor_on_bricks() -> None:
+    chosen = []
+    for ranks, brick in ((1, 8), (3, 5)):
+        scene = scene_of("marschner-lobb", PEAK, 2 / 255, f"cluster.brick={brick}")
+        every = run_loopback(ranks, lambda channel, scene=scene: accuracy_of(render_frame(scene, channel)))
+        assert {(a.step, a.classification) for a in every} == {(every[0].step, every[0].classification)}
+        chosen.append(every[0])
+    for other in chosen[1:]:
+        assert (other.step, other.classification) == (chosen[0].step, chosen[0].classification)
+        assert other.error == pytest.approx(chosen[0].error, rel=1e-3)
+
+
+@pytest.mark.gl
+def test_a_bound_out_of_reach_is_drawn_as_well_as_can_be_and_told_once() -> None:
+    scene = scene_of("hydrogen", JUMP, 1e-7)
+    with FrameLoop(scene, LoopbackChannel()) as loop:
+        with pytest.warns(UserWarning, match=r"max_error 1e-07 is out of reach: the error may be about"):
+            first = loop.frame()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            loop.frame(number=1)
+    assert not accuracy_of(first).reached
+    assert accuracy_of(first).error < 0.1
+
+
+def test_what_draws_without_frames_refuses_to_choose() -> None:
+    with pytest.raises(SceneError, match=r"quality.max_error: no settings are chosen here; found 0.001"):
+        frame.prepare(Run(LoopbackChannel(), Options()), scene_of("gaussian", RAMP, 1e-3))
+
+
+@pytest.mark.gl
+def test_another_camera_keeps_the_choice_and_another_transfer_function_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[Scene] = []
+    calibrate = frame.calibrate
+
+    def counting(scene: Scene, *others: Any) -> Accuracy:
+        found.append(scene)
+        return calibrate(scene, *others)
+
+    monkeypatch.setattr(frame, "calibrate", counting)
+
+    def draw(channel: Channel) -> list[float]:
+        with FrameLoop(scene_of("gaussian", RAMP, 2 / 255), channel) as loop:
+            loop.frame()
+            turned = loop.scene.camera.model_copy(update={"position": (5.0, -4.0, 3.0)})
+            loop.frame(loop.scene.model_copy(update={"camera": turned}), 1)
+            assert len(found) == 1
+            other = with_settings(loop.scene, {"opacity": [[0.0, 0.0], [0.5, 0.0], [0.52, 0.9], [0.6, 0.0]]})
+            return [accuracy_of(loop.frame(each, 2)).step for each in (loop.scene, other)]
+
+    steps = draw(LoopbackChannel())
+    assert steps[1] < steps[0]
