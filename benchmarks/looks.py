@@ -42,6 +42,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
     "shade, light in a place": {"volume": {"shade": True}, "scene": {"lights": ({**LIGHT, "positional": True},)}},
+    "shade, smooth gradient": {"volume": {"shade": True, "gradient": "smooth"}},
     "gradient opacity": {"volume": {"gradient_opacity": FADING}},
     "gradient opacity, shade": {"volume": {"gradient_opacity": FADING, "shade": True}},
     "nearest": {"volume": {"interpolation": "nearest"}},

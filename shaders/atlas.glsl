@@ -7,3 +7,17 @@ vec3 slot_origin(int slot) {
     ivec3 place = ivec3(slot % slots.x, (slot / slots.x) % slots.y, slot / (slots.x * slots.y));
     return vec3(place * side + MARGIN);
 }
+
+// Texels as they are, for kernels.
+float voxel_at(int slot, ivec3 place) {
+    return fma(texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r, scalar.x, scalar.y);
+}
+
+vec4 row_at(int slot, ivec3 place) {
+    return vec4(voxel_at(slot, place), voxel_at(slot, place + ivec3(1, 0, 0)), voxel_at(slot, place + ivec3(2, 0, 0)),
+                voxel_at(slot, place + ivec3(3, 0, 0)));
+}
+
+vec2 pair_at(int slot, ivec3 place) {
+    return vec2(voxel_at(slot, place), voxel_at(slot, place + ivec3(1, 0, 0)));
+}

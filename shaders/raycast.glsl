@@ -22,6 +22,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <RECORDS>
 #include <SEGMENT>
 #include <VOXEL>
+#include <SPLINE>
 #include <SCALAR>
 #include "march.glsl"
 #include <GRADIENT>

@@ -62,6 +62,7 @@ class Look:
     shading : how the volume is lit; None where it is not
     surfaces : those that are not wholly transparent, by ascending value
     grading : how opacity depends on the gradient's magnitude; None where it does not
+    smooth : gradients are those of cubic B-splines, whatever the field is
     """
 
     blending: Blending
@@ -69,6 +70,7 @@ class Look:
     shading: Shading | None = None
     surfaces: tuple[Surface, ...] = ()
     grading: Grading | None = None
+    smooth: bool = False
 
     @property
     def operator(self) -> Operator:
@@ -169,4 +171,5 @@ def make_look(
         units = float(in_units_of_clim(value, *transfer.domain))
         surfaces.append(Surface(value, units, (red, green, blue), opacity))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
-    return Look(volume.blending, threshold, shading, visible, grading)
+    smooth = volume.gradient == "smooth" and bool(shading or grading)
+    return Look(volume.blending, threshold, shading, visible, grading, smooth)

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from numpy.typing import NDArray
+
 from clusterviz.reference.lighting import nearest_gradient, trilinear_gradient
+from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.reference.spline import cubic, cubic_gradient
+from clusterviz.scene.values import Volume
 
 SAMPLERS = {"linear": trilinear, "nearest": nearest, "cubic": cubic}
-GRADIENTS = {"linear": trilinear_gradient, "nearest": nearest_gradient, "cubic": cubic_gradient}
+_GRADIENTS = {"linear": trilinear_gradient, "nearest": nearest_gradient, "cubic": cubic_gradient}
+
+
+def gradient_at(volume: Volume, voxels: NDArray[Any], point: Floats) -> Floats:
+    """The gradient that a volume is lit by, float64 (n, 3), per voxel along (x, y, z)."""
+    kernel = cubic_gradient if volume.gradient == "smooth" else _GRADIENTS[volume.interpolation]
+    return kernel(voxels, point)

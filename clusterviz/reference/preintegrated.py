@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
@@ -55,7 +55,9 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
         front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
         seen = (known | (ends[0][1] & ends[1][1])) & kept(slab.point, scene.clip, grid)
         way = np.where(seen, slab.end - slab.begin, 0)
-        gradient = GRADIENTS[volume.interpolation](voxels, slab.point) if needs_gradient(volume) else None
+        gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
+        if gradient is not None:
+            gradient = np.where(known[:, None], gradient, 0)
         if gradient is not None and volume.gradient_opacity:
             way = way * fading(volume, magnitude_of(gradient, grid))
         colour, depth = integrate(classify, front, back, way)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import march_preintegrated
@@ -99,7 +99,7 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > DARK):
         scalar, valid = sample(voxels, *slab.point.T)
         valid &= kept(slab.point, scene.clip, grid)
-        gradient = GRADIENTS[volume.interpolation](voxels, slab.point) if needs_gradient(volume) else None
+        gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
         colour, extinction = optics(volume, classify, scalar, gradient, grid)
         depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.

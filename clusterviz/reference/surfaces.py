@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.fields import GRADIENTS, SAMPLERS
+from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
@@ -39,7 +39,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         rgba[pixels] += share * np.append(colour, np.ones((len(pixels), 1)), axis=1)
 
     def gradients(point: Floats) -> Floats | None:
-        return GRADIENTS[volume.interpolation](voxels, point) if needs_gradient(volume) else None
+        return gradient_at(volume, voxels, point) if needs_gradient(volume) else None
 
     def lit_up(colour: Floats, gradient: Floats | None, point: Floats, pixels: NDArray[np.int64]) -> Floats:
         if gradient is None or not volume.shade:

@@ -50,6 +50,7 @@ class Variant:
     preintegrated : slabs are classified between their ends, not at their midpoints
     fading : pieces of a function of the gradient's magnitude by which extinction is multiplied; 0: there is none
     near : some lights have a place
+    smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     """
@@ -67,6 +68,7 @@ class Variant:
     fading: int = 0
     table: Table = ""
     near: bool = False
+    smooth: bool = False
     jittered: bool = False
 
     @property
@@ -88,6 +90,7 @@ class Variant:
             "RECORDS": records,
             "SEGMENT": NOTHING if self.preintegrated else "segment.glsl",
             "VOXEL": voxel,
+            "SPLINE": "spline.glsl" if "cubic" in self.filter + self._gradient else NOTHING,
             "SCALAR": scalar,
             "RUN": run,
             "SAMPLE": sample,
@@ -107,6 +110,8 @@ class Variant:
         """The file of the gradient."""
         if not (self.lights or self.fading or self.table):
             return "gradient_none.glsl"
+        if self.smooth:
+            return "gradient_cubic.glsl"
         files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl"}
         return files.get(self.filter, "gradient_differences.glsl")
 
@@ -189,5 +194,6 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         grading.fading if grading else 0,
         grading.table_holds if grading else "",
         bool(plan.look.shading and plan.look.shading.has_places),
+        plan.look.smooth,
         plan.march.jittered,
     )

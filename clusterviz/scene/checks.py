@@ -106,6 +106,12 @@ def check_surfaces(isosurfaces: tuple[object, ...] | None) -> None:
         raise UnusableError("missing", "one data value or more, for blending: isosurface", key="isosurfaces")
 
 
+def check_gradient(kernel: str, interpolation: str) -> None:
+    """Nearest voxels are no field that a spline could follow."""
+    if kernel == "smooth" and interpolation == "nearest":
+        raise UnusableError("not for interpolation: nearest", "central", key="gradient", found=kernel)
+
+
 def check_grading(blending: str, fades: bool, has_table: bool, has_opacity: bool) -> None:
     """What depends on the gradient belongs to composited volumes, and says opacity only once."""
     for key, found in (("gradient_opacity", fades), ("transfer_2d", has_table)):

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.scene.checks import check_camera, check_grading, check_path, check_surfaces, plain
+from clusterviz.scene.checks import check_camera, check_gradient, check_grading, check_path, check_surfaces, plain
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
@@ -90,6 +90,11 @@ class Volume(Section):
     shade: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
         default=False, description="Light a composited volume by its gradient."
     )
+    gradient: Literal["central", "smooth"] = Field(
+        default="central",
+        description="The gradient for light and opacity: central differences of voxels, or smooth, the derivative of "
+        "cubic B-splines; with interpolation: cubic it is always that.",
+    )
     ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
     diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
     specular: Fraction = Field(default=0.2, description="Specular share of the light; used where shade is true.")
@@ -99,6 +104,7 @@ class Volume(Section):
 
     @model_validator(mode="after")
     def _has_surfaces(self) -> Volume:
+        check_gradient(self.gradient, self.interpolation)
         check_surfaces(self.isosurfaces if self.blending == "isosurface" else None)
         check_grading(
             self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None

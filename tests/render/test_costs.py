@@ -38,6 +38,7 @@ IN_VOLUME = {"isosurfaces": [50.0, 100.0]}
 LOCAL = {"blending": "local-maximum", "threshold": 9.0}
 PLACE = {"lights": (Light(position=(1, 2, 3), positional=True),)}
 SHADE = {"shade": True}
+SMOOTH = {"gradient": "smooth"}
 FADED = {"gradient_opacity": [[0.0, 0.0], [9.0, 1.0]]}
 
 
@@ -78,11 +79,15 @@ CASES = {
         buffers=1,
         side=19,
     ),
-    "cubic": Case({"interpolation": "cubic"}, "linear_u8", "cubic", side=19),
+    "shade, smooth": Case(
+        {"look": SHADE | SMOOTH}, "unlit gradient_none", "spline gradient_cubic lights lights_far", buffers=1, side=19
+    ),
+    "smooth, but not lit": Case({"look": SMOOTH}),
+    "cubic": Case({"interpolation": "cubic"}, "linear_u8", "spline cubic", side=19),
     "cubic, shade": Case(
         {"interpolation": "cubic", "look": SHADE},
         "linear_u8 unlit gradient_none",
-        "cubic gradient_cubic lights lights_far",
+        "spline cubic gradient_cubic lights lights_far",
         buffers=1,
         side=19,
     ),
@@ -92,7 +97,7 @@ CASES = {
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces cubic gradient_cubic lights lights_far clip",
+        "surfaces spline cubic gradient_cubic lights lights_far clip",
         buffers=3,
         side=19 + 2,
     ),

@@ -53,6 +53,26 @@ def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: st
         assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND, camera
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_smooth_gradients_are_those_of_the_witness(context: moderngl.Context, dtype: str) -> None:
+    voxels = smooth(dtype=dtype)
+    keys: dict[str, Any] = {"look": {"gradient": "smooth"}}
+    if dtype == "float32":
+        voxels[np.random.default_rng(1).random(SHAPE) < 0.02] = np.nan
+        keys |= {"clim": (0.1, 0.9), "classification": "pre-integrated"}
+    scene = lit_scene(voxels, "outside", **keys)
+    expected = render_reference(scene, GRID, voxels)
+    central = lit_scene(voxels, "outside", **keys | {"look": {}})
+    assert np.abs(expected - render_reference(central, GRID, voxels)).max() > 0.01
+    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+    if dtype == "float32":
+        found = picture(context, central, voxels, brick=7)
+        assert np.abs(found - render_reference(central, GRID, voxels)).max() <= BOUND
+    else:
+        texture = lit_scene(voxels, "outside", filter="hardware", **keys)
+        assert np.abs(picture(context, texture, voxels, brick=7) - expected).max() <= 0.05
+
+
 def places(grid: Grid) -> tuple[Light, ...]:
     """A light in the volume, one beside it that fades, a wide cone, a light far away and a headlight."""
     corners = grid.corners

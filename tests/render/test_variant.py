@@ -54,7 +54,21 @@ def test_every_preintegrated_variant_compiles(context: moderngl.Context, filter:
 @pytest.mark.parametrize("filter", ["linear", "nearest", "cubic", "hardware"])
 def test_every_grading_compiles(context: moderngl.Context, filter: str, surfaces: int, fading: int, table: str) -> None:
     slot = Slot((15, 16, 33), "u8", filter == "hardware", 2, surfaces, 2)
-    variant = Variant(filter, slot, 33, 0, 16384, "composite", 1, 0, surfaces, fading=fading, table=table, near=True)
+    variant = Variant(
+        filter,
+        slot,
+        33,
+        0,
+        16384,
+        "composite",
+        1,
+        0,
+        surfaces,
+        fading=fading,
+        table=table,
+        near=True,
+        smooth=filter != "nearest",
+    )
     compile_compute(context, variant.source).release()
     if fading and filter != "nearest" and not surfaces:
         variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)

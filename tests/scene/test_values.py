@@ -75,6 +75,7 @@ BAD = [
     (volume(opacity=[[0, 0, 0]]), "volumes[0].opacity[0]", "[0, 0, 0]", "2 values"),
     (volume(opacity={"a": 1}), "volumes[0].opacity", '{"a": 1}', "a number"),
     (volume(cmap=[[0, 0, 0, 1.5]]), "volumes[0].cmap[0][3]", "1.5", "at most 1"),
+    (volume(gradient="smooth", interpolation="nearest"), "volumes[0].gradient: not for", '"smooth"', "central"),
     (volume(gradient_opacity=[[-1, 0]]), "volumes[0].gradient_opacity[0][0]", "-1", "at least 0"),
     (volume(gradient_opacity=[[1, 2]]), "volumes[0].gradient_opacity[0][1]", "2", "at most 1"),
     (volume(gradient_opacity=[[1, 0], [0, 1]]), "out of order: 0.0 after 1.0", "[[1, 0], [0, 1]]", "sorted"),
