@@ -67,7 +67,7 @@ def lit(
     B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975.
     """
     world_from_index = grid.world_from_index[:3, :3]
-    normal = _unit(gradient @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
+    normal = _unit(_unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
     toward_eye = -_unit(ray @ world_from_index.T)
     found = volume.ambient * colour
     for light in lights or (Light(type="headlight"),):
@@ -111,8 +111,15 @@ def _differences(voxels: NDArray[Any], at: NDArray[np.int64]) -> Floats:
             beside[:, axis] = np.clip(at[:, axis] + sign, 0, last[axis])
             value = voxels[tuple(beside[:, ::-1].T)].astype(np.float64)
             sides.append(np.where(np.isfinite(value), value, voxels[tuple(at[:, ::-1].T)]))
-        found[:, axis] = np.where(np.isfinite(sides).all(axis=0), (sides[1] - sides[0]) / 2, 0)
+        found[:, axis] = np.where(np.isfinite(sides).all(axis=0), _half(sides[0], sides[1]), 0)
     return found
+
+
+def _half(low: Floats, high: Floats) -> Floats:
+    """(high − low) / 2; the other form where the difference overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        half: Floats = (high - low) / 2
+    return np.where(np.isfinite(half), half, high / 2 - low / 2)
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -83,10 +83,12 @@ def integrate(classify: TransferFunction, front: Floats, back: Floats, length: F
     colour : float64 (n, 3), premultiplied
     depth : float64 (n,)
     """
-    knots = _knots(classify)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        met = np.clip((knots - front[:, None]) / (back - front)[:, None], 0, 1)
-    met = np.where((front == back)[:, None], 0, met)
+    # Less than they are where a difference of two scalars overflows.
+    small = 1.0 if np.abs([front, back]).max(initial=0.0) < 4e307 else 0.25
+    knots, front, span = small * _knots(classify), small * front, small * back - small * front
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        met = np.clip((knots - front[:, None]) / span[:, None], 0, 1)
+    met = np.where((span == 0)[:, None], 0, met)
     most = length.max(initial=0.0) * classify.extinction(classify.opacity_values).max()
     more = np.broadcast_to(FINE if most > 1 else ENDS, (len(front), len(FINE if most > 1 else ENDS)))
     cuts = np.sort(np.concatenate([met, more], axis=1), axis=1)
@@ -94,7 +96,7 @@ def integrate(classify: TransferFunction, front: Floats, back: Floats, length: F
     for begin, end in zip(cuts.T[:-1], cuts.T[1:], strict=True):
         some = np.flatnonzero((end > begin) & (length > 0))
         share = begin[some, None] + (end - begin)[some, None] * NODES
-        scalar = front[some, None] + share * (back - front)[some, None]
+        scalar = (front[some, None] + share * span[some, None]) / small
         kappa = classify.extinction(scalar) * ((end - begin) * length)[some, None]
         light = kappa * np.exp(-depth[some, None] - kappa @ TO_NODES.T) * WEIGHTS
         colour[some] += np.einsum("nk,nkc->nc", light, classify.colour(scalar))

@@ -72,8 +72,7 @@ class Sum:
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, length: Floats) -> None:
         """The next samples of some rays."""
-        low, high = self.classify.domain
-        share = np.clip(scalar / (high - low) - low / (high - low), 0, 1)
+        share = np.clip(_share(scalar, *self.classify.domain), 0, 1)
         self.total[rays] += np.where(valid, self.classify.opacity(scalar) * share * length, 0)
         self.way[rays] += np.where(valid, length, 0)
 
@@ -96,6 +95,15 @@ def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Proj
     if volume.blending in ("maximum", "minimum"):
         return Extreme(rays, 1 if volume.blending == "maximum" else -1)
     return Sum(rays, classify, None if volume.blending == "average" else classify.unit_distance)
+
+
+def _share(scalar: Floats, low: float, high: float) -> Floats:
+    """Scalars in units of a range; all by a power of two, so that neither the range nor its inverse overflows."""
+    exponent = -int(np.frexp([low, high])[1].max())
+    with np.errstate(over="ignore"):  # of scalars far beyond the range
+        scaled, begin, end = (np.ldexp(value, exponent) for value in (scalar, low, high))
+    share: Floats = (scaled - begin) / (end - begin)
+    return share
 
 
 def _classified(scalar: Floats, known: Flags, classify: TransferFunction) -> Floats:

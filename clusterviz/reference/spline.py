@@ -24,21 +24,20 @@ def cubic(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats
     """
     taps, fraction, valid = _taps(voxels, np.stack([x, y, z], axis=1))
     along = [_weights(t) for t in fraction.T]
-    # Less a corner, so that a constant field stays constant.
-    base = taps[:, 1, 1, 1]
-    sums = np.einsum("nzyx,nx,ny,nz->n", taps - base[:, None, None, None], *along)
-    return np.where(valid, base + sums, 0), valid
+    apart, base, factor = _apart(taps)
+    sums = np.einsum("nzyx,nx,ny,nz->n", apart, *along)
+    return np.where(valid, factor * (base + sums), 0), valid
 
 
 def cubic_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
     """The derivative of the field, float64 (n, 3), per voxel along (x, y, z); anything where there is no scalar."""
     taps, fraction, _ = _taps(voxels, point)
-    taps = taps - taps[:, 1, 1, 1][:, None, None, None]
+    apart, _, factor = _apart(taps)
     along, slopes = [_weights(t) for t in fraction.T], [_slopes(t) for t in fraction.T]
     gradient = np.zeros(point.shape)
     for axis in range(3):
         weights = [slopes[a] if a == axis else along[a] for a in range(3)]
-        gradient[:, axis] = np.einsum("nzyx,nx,ny,nz->n", taps, *weights)
+        gradient[:, axis] = factor * np.einsum("nzyx,nx,ny,nz->n", apart, *weights)
     return gradient
 
 
@@ -56,6 +55,20 @@ def _taps(voxels: NDArray[Any], point: Floats) -> tuple[Floats, Floats, Flags]:
         corners = taps[:, corner[:, None, None], corner[:, None], corner]
         taps = np.where(np.isfinite(taps), taps, np.where(np.isfinite(corners), corners, 0))
     return taps, fraction, valid
+
+
+def _apart(taps: Floats) -> tuple[Floats, Floats, float]:
+    """Taps less a corner, so that a constant field stays constant; the corner; and by what both are too small.
+
+    That is 1, and more where differences overflow.
+    """
+    for factor in (1.0, 4.0):
+        base = taps[:, 1, 1, 1] / factor
+        with np.errstate(over="ignore", invalid="ignore"):
+            apart = taps / factor - base[:, None, None, None]
+        if np.isfinite(apart).all():
+            break
+    return apart, base, factor
 
 
 def _weights(t: Floats) -> Floats:
