@@ -47,6 +47,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "gradient opacity, shade": {"volume": {"gradient_opacity": FADING, "shade": True}},
     "nearest": {"volume": {"interpolation": "nearest"}},
     "cubic": {"volume": {"interpolation": "cubic"}},
+    "cubic, texture unit": {"volume": {"interpolation": "cubic"}, "scene": {"quality": {"filter": "hardware"}}},
+    "texture unit": {"scene": {"quality": {"filter": "hardware"}}},
     "cubic, shade": {"volume": {"interpolation": "cubic", "shade": True}},
     "isosurface": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1]}},
     "isosurface, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1], "shade": True}},

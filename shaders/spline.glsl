@@ -18,3 +18,16 @@ vec4 spline_row(int brick, ivec3 at, int y, int z, float base) {
     }
     return row - base;
 }
+
+float spline_layer(int brick, ivec3 at, int z, vec4 along_x, vec4 along_y, float base) {
+    return dot(along_y, vec4(dot(along_x, spline_row(brick, at, -1, z, base)), dot(along_x, spline_row(brick, at, 0, z, base)),
+                             dot(along_x, spline_row(brick, at, 1, z, base)), dot(along_x, spline_row(brick, at, 2, z, base))));
+}
+
+// The field `t` beyond the voxel `at`, from all 64 voxels.
+float spline_of_voxels(int brick, ivec3 at, vec3 t) {
+    vec4 x = spline(t.x), y = spline(t.y);
+    float base = voxel_at(brick, at);
+    return base + dot(spline(t.z), vec4(spline_layer(brick, at, -1, x, y, base), spline_layer(brick, at, 0, x, y, base),
+                                        spline_layer(brick, at, 1, x, y, base), spline_layer(brick, at, 2, x, y, base)));
+}

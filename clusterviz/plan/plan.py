@@ -35,7 +35,7 @@ from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
-Filter = Literal["linear", "nearest", "cubic", "hardware"]
+Filter = Literal["linear", "nearest", "cubic", "hardware", "cubic-hardware"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class March:
     ----------
     step_world : length of a slab in world units
     slab_units : the same in opacity unit distances
-    filter : "linear", "nearest", "cubic" (with float32 weights) or "hardware" (the texture unit's linear filter)
+    filter : "linear", "nearest", "cubic" (with float32 weights) or the texture unit's
+        "hardware" (linear) and "cubic-hardware"
     residual : a ray ends when what lies behind it can add at most this share
     reach : cells beyond its own in which a brick samples the field
     spread : samples beyond a cell's corners on which what is shown of it depends
@@ -159,7 +160,7 @@ def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def _filter(interpolation: Literal["linear", "nearest", "cubic"], quality: str) -> Filter:
-    """The texture unit is for linear weights: nearest voxels need none, and splines would lose by its 8 bits."""
-    if interpolation != "linear":
+    """The texture unit is for weights: nearest voxels need none."""
+    if quality != "hardware" or interpolation == "nearest":
         return interpolation
-    return "hardware" if quality == "hardware" else "linear"
+    return "cubic-hardware" if interpolation == "cubic" else "hardware"

@@ -117,4 +117,4 @@ def brick_bytes(plan: Plan) -> NDArray[np.int64]:
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
     z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
-    return Slot((z, y, x), encoding.kind, march.filter == "hardware", layout.margin, march.reach, march.spread)
+    return Slot((z, y, x), encoding.kind, "hardware" in march.filter, layout.margin, march.reach, march.spread)

@@ -74,8 +74,8 @@ class Variant:
     @property
     def source(self) -> ShaderSource:
         """The assembled shader."""
-        voxel, scalar = f"voxel_{self.slot.kind}.glsl", f"{self.filter}.glsl"
-        if self.filter == "hardware":
+        voxel, scalar = f"voxel_{self.slot.kind}.glsl", f"{self.filter.replace('-', '_')}.glsl"
+        if self.slot.textured:
             voxel = "atlas.glsl"
         elif self.filter == "linear" and self.slot.kind == "u8":
             scalar = "linear_u8.glsl"
@@ -112,7 +112,7 @@ class Variant:
             return "gradient_none.glsl"
         if self.smooth:
             return "gradient_cubic.glsl"
-        files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl"}
+        files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl", "cubic-hardware": "gradient_cubic.glsl"}
         return files.get(self.filter, "gradient_differences.glsl")
 
     @property

@@ -172,7 +172,8 @@ class Quality(Section):
         "noise in place of rings where steps are long; not with isosurfaces.",
     )
     filter: Literal["exact", "hardware"] = Field(
-        default="exact", description="exact: float32 weights; hardware: the texture unit's, about 8 bits."
+        default="exact",
+        description="exact: float32 weights; hardware: the texture unit's, about 8 bits, for linear and cubic.",
     )
     early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
         default=0.0, description="A ray ends when what lies behind could add at most this share; 0: never."

@@ -131,6 +131,13 @@ CASES = {
     ),
     "jitter": Case({"jitter": True}, "unjittered", "jitter"),
     "jitter, but surfaces": Case({"jitter": True, "look": SURFACES}, "samples", "surfaces", buffers=1, side=19),
+    "cubic, hardware": Case(
+        {"filter": "hardware", "interpolation": "cubic"},
+        "linear_u8 voxel_u8",
+        "spline cubic_hardware atlas",
+        textures=1,
+        side=19,
+    ),
     "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
 }
 

@@ -113,3 +113,25 @@ def test_projections_of_splines(context: moderngl.Context) -> None:
         scene = cubic_scene(voxels, look=look_of(blending, voxels))
         found, _ = projected(context, scene, prepare(scene, voxels, brick=7))
         assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_eight_fetches_weigh_what_64_voxels_do(context: moderngl.Context, dtype: str) -> None:
+    """As far as the texture unit's weights go; its results for 8-bit voxels may have 8 bits."""
+    voxels = smooth(dtype=dtype)
+    if dtype == "float32":
+        voxels[np.random.default_rng(1).random(SHAPE) < 0.02] = np.nan
+    clim = (0.1, 0.9) if dtype == "float32" else (25.0, 230.0)
+    exact, texture = (
+        cubic_scene(voxels, look=LIT | {"shade": False}, clim=clim, filter=name) for name in ("exact", "hardware")
+    )
+    plain = picture(context, exact, voxels, brick=7)
+    assert plain[..., 3].max() > 0.3
+    for brick in (7, 64):
+        assert np.abs(picture(context, texture, voxels, brick=brick) - plain).max() <= 0.02, brick
+
+
+def test_the_texture_unit_is_lit_by_exact_gradients(context: moderngl.Context) -> None:
+    voxels = smooth()
+    scene = cubic_scene(voxels, look=LIT, filter="hardware")
+    assert np.abs(picture(context, scene, voxels, brick=7) - render_reference(scene, GRID, voxels)).max() <= 0.02
