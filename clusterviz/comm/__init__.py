@@ -5,6 +5,7 @@ mpi.py       over MPI; the only module that imports mpi4py
 loopback.py  all ranks in one process, and the single rank without MPI
 window.py    the contract of memory that the ranks of a node share; mpi_window.py, loopback_window.py: the two kinds
 counters.py  the contract of numbers that all ranks raise; mpi_counters.py, loopback_counters.py: the two kinds
+work_queue.py   numbered work that ranks or groups of ranks take from, by these counters
 nodes.py     which ranks share a node, or pretend to
 patience.py  waiting without taking the cores of others away
 throttled.py a slow link where there is none
@@ -25,6 +26,7 @@ from clusterviz.comm.open import as_channel, open_channel
 from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.comm.window import SharedWindow, WindowError
+from clusterviz.comm.work_queue import WorkQueue
 
 __all__ = [
     "Channel",
@@ -35,6 +37,7 @@ __all__ = [
     "SharedWindow",
     "ThrottledChannel",
     "WindowError",
+    "WorkQueue",
     "abort_on_failure",
     "agree",
     "as_channel",

@@ -33,7 +33,7 @@ class MpiCounters:
 
     def __init__(self, mpi: Any, comm: Any, count: int, barrier: Callable[[], None]) -> None:
         self._count, self._barrier, self._first = count, barrier, comm.rank == 0
-        self._sum, self._replace = mpi.SUM, mpi.REPLACE
+        self._sum = mpi.SUM
         self._window = mpi.Win.Allocate(8 * count if self._first else 0, 8, comm=comm)
         self._window.Lock_all()
         self.reset()
@@ -41,23 +41,20 @@ class MpiCounters:
     def add(self, index: int, amount: int) -> int:
         """One fetch-and-op, done when this returns."""
         check_index(index, self._count)
-        return self._update(index, amount, self._sum)
+        given, before = np.array([amount], np.int64), np.zeros(1, np.int64)
+        self._window.Fetch_and_op(given, before, 0, index, self._sum)
+        self._window.Flush(0)
+        return int(before[0])
 
     def reset(self) -> None:
-        """Rank 0 replaces its numbers between two barriers."""
+        """Rank 0 overwrites its numbers between two barriers."""
         self._barrier()
         if self._first:
-            for index in range(self._count):
-                self._update(index, 0, self._replace)
+            self._window.Put(np.zeros(self._count, np.int64), 0)
+            self._window.Flush(0)
         self._barrier()
 
     def free(self) -> None:
         """Give the window back."""
         self._window.Unlock_all()
         self._window.Free()
-
-    def _update(self, index: int, value: int, operation: Any) -> int:
-        given, before = np.array([value], np.int64), np.zeros(1, np.int64)
-        self._window.Fetch_and_op(given, before, 0, index, operation)
-        self._window.Flush(0)
-        return int(before[0])

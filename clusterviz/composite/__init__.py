@@ -23,6 +23,7 @@ from clusterviz.composite.over.blend import compile_kernels
 from clusterviz.composite.piece import Piece
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, check_algorithm
 from clusterviz.composite.schedules.schedule import Schedule
+from clusterviz.composite.tiles import TileCollector
 
 __all__ = [
     "ALGORITHMS",
@@ -32,6 +33,7 @@ __all__ = [
     "Piece",
     "Schedule",
     "StageCounters",
+    "TileCollector",
     "check_algorithm",
     "collect",
     "compile_kernels",

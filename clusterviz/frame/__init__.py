@@ -31,6 +31,8 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import load_bricks, open_volume
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, Share
+from clusterviz.frame.shared_screen import SharedScreen
+from clusterviz.frame.turns import Turns
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.statistics import FrameStatistics, peak_memory_bytes
 from clusterviz.scene.complete import complete_scene
@@ -76,7 +78,7 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> tuple[Share
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
     opened = open_volume(run, scene, source)
-    share = deal(run, opened, scene, choose_distribution(scene.cluster, run.channel.size))
+    share = deal(run, opened, scene, choose_distribution(run, opened, scene, several=False))
     return share, load_bricks(run, opened, share.holds) if opened else {}
 
 
@@ -107,7 +109,8 @@ class FrameLoop:
             self._opened = open_volume(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
-                self._distribution = choose_distribution(self.scene.cluster, channel.size)
+            chosen = self._distribution = choose_distribution(run, self._opened, self.scene, several)
+        self._turns = Turns(run, self._drawing, chosen) if isinstance(chosen, SharedScreen) else None
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
@@ -125,7 +128,9 @@ class FrameLoop:
                 self._drawing.bring(self._opened, share)
                 if accuracy and not run.options.keep_bricks:
                     self._opened.held.clear()  # was kept for small pictures, whose settings differ
+                share = self._turns.before(self._opened, share) if self._turns else share
             partials, counts = self._drawing.draw(share)
+            counts = self._turns.counted(counts) if self._turns else counts
             if not self._several:
                 self._drawing.release()
             image, counts = self._compositing.picture(share, partials, counts)
@@ -136,6 +141,8 @@ class FrameLoop:
         per_rank = tuple(run.channel.allgather(counts))
         if share.plan is not None:
             self._distribution.learn(share.plan, per_rank)
+            if self._turns:
+                self._turns.after(share)
         return Rendered(image, share.scene, FrameStatistics(per_rank, number, accuracy), run.start_frame())
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
@@ -171,3 +178,5 @@ class FrameLoop:
         # After a failure the others may not come to a collective call.
         if kind is None:
             self._compositing.close()
+            if self._turns:
+                self._turns.close()

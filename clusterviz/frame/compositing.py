@@ -9,13 +9,20 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from clusterviz.composite import Compositor, collect, compile_kernels, composite
+from clusterviz.composite import (
+    CompositeCounters,
+    Compositor,
+    TileCollector,
+    collect,
+    compile_kernels,
+    composite,
+)
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.run import Image, Run
 from clusterviz.frame.share import Share
 from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
-from clusterviz.image.partial import PartialImage
+from clusterviz.image.partial import PartialImage, joined
 from clusterviz.render.projection import finish_projection
 from clusterviz.report.statistics import RankFrame
 from clusterviz.report.trace import composition_spans
@@ -35,30 +42,60 @@ class Compositing:
     def __init__(self, run: Run, several: bool) -> None:
         self._run, self._several = run, several
         self._compositor: Compositor | None = None
+        self._tiles: TileCollector | None = None
 
     def picture(
         self, share: Share, partials: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
         """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
         run = self._run
+        if share.mode == "sort-first":
+            return self._collected(share, partials, counts)
+        if share.mode == "hybrid":
+            # The windows of a rank do not overlap, and no rank of its group lies in front in one and behind in another.
+            partials = [joined(partials)] if run.channel.rank in share.order else []
         compositor = self._compositor = self._compositor or self._open(share)
         with run.together("composite"):
             began = perf_counter()
             composed, counters = compositor.composite(partials, share.order)
             image = self._finished(share, composed)
-            compositing = {**asdict(counters), "seconds": counters.seconds}
-            run.clock.note(*composition_spans(began, perf_counter(), compositing))
+            counts = self._counted(began, counters, counts)
             if not self._several:
                 self.close()
-        total = counters.total
-        run.clock.add("encode", total.seconds_encode)
-        run.clock.add("exchange", total.seconds_wait + counters.seconds_agree)
-        run.clock.add("blend", total.seconds_blend)
-        run.clock.add("collect", counters.seconds_collect)
         if run.options.check:
-            self._check(share, partials, image)
+            self._check(share, partials, share.order, image)
+        return image, counts
+
+    def _collected(
+        self, share: Share, tiles: Sequence[PartialImage], counts: RankFrame
+    ) -> tuple[Image | None, RankFrame]:
+        """Tiles that do not overlap need no blending, whatever the look."""
+        run, channel, codec = self._run, self._run.channel, share.scene.cluster.codec
+        with run.together("composite"):
+            # One frame is over before it is learnt which codec pays.
+            codec = "raw" if codec == "auto" and not self._several else codec
+            self._tiles = self._tiles or TileCollector(channel, share.scene.image.size, codec=codec)
+            began = perf_counter()
+            collected, counters = self._tiles.collect(tiles)
+            image = self._finished(share, collected)
+            counts = self._counted(began, counters, counts)
+        if run.options.check:
+            with run.together("check", "check"):
+                each = channel.allgather(len(tiles))
+            self._check(share, tiles, [rank for rank, count in enumerate(each) for _ in range(count)], image)
+        return image, counts
+
+    def _counted(self, began: float, counters: CompositeCounters, counts: RankFrame) -> RankFrame:
+        """What compositing cost, in the clock, in the trace and in this rank's counts."""
+        clock, total = self._run.clock, counters.total
+        compositing = {**asdict(counters), "seconds": counters.seconds}
+        clock.note(*composition_spans(began, perf_counter(), compositing))
+        clock.add("encode", total.seconds_encode)
+        clock.add("exchange", total.seconds_wait + counters.seconds_agree)
+        clock.add("blend", total.seconds_blend)
+        clock.add("collect", counters.seconds_collect)
         sent = {name: getattr(total, name) for name in ("bytes_raw", "bytes_sent", "messages_sent")}
-        return image, replace(counts, **sent, compositing=compositing)
+        return replace(counts, **sent, compositing=compositing)
 
     def close(self) -> None:
         """Give shared memory back; collective."""
@@ -85,11 +122,11 @@ class Compositing:
             finished = finish_projection(share.plan, composed)
         return composed.copy() if finished is composed else finished
 
-    def _check(self, share: Share, partials: Sequence[PartialImage], image: Image | None) -> None:
+    def _check(self, share: Share, partials: Sequence[PartialImage], order: Sequence[int], image: Image | None) -> None:
         """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
         with self._run.together("check", "check"):
             channel = self._run.channel
-            piece, _ = composite(partials, share.order, channel, "serial", "raw", _operator(share))
+            piece, _ = composite(partials, order, channel, "serial", "raw", _operator(share))
             plain = self._finished(share, collect(piece, share.scene.image.size, channel))
         with self._run.alone("check", "check"):
             if image is not None and plain is not None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.run import Run
 from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.view import make_view
 from clusterviz.scene.complete import complete_scene
@@ -31,7 +32,8 @@ def deal(
             return Share(completed, None, (), frozenset())
         plan = _plan(opened, completed, last)
         pieces = distribution.deal(plan)
-        return Share(completed, plan, pieces, distribution.holds(run.channel.rank))
+        mode = distribution.mode if isinstance(distribution, SharedScreen) else "sort-last"
+        return Share(completed, plan, pieces, distribution.holds(run.channel.rank), mode)
 
 
 def _plan(opened: OpenedVolume, scene: Scene, last: Share | None) -> Plan:

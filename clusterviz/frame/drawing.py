@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from time import perf_counter
+from dataclasses import replace
+from time import perf_counter, process_time
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.frame.opening import load_bricks
 from clusterviz.frame.run import Run
 from clusterviz.frame.share import OpenedVolume, Share
 from clusterviz.image.partial import PartialImage
+from clusterviz.image.region import Rect
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
@@ -23,11 +28,16 @@ class Drawing:
     Parameters
     ----------
     run : of the loop
+
+    Attributes
+    ----------
+    work : where this rank took how many samples when it drew last: rectangles, and counts as `Drawn.work`
     """
 
     def __init__(self, run: Run) -> None:
         self._run = run
         self._caster: LastingCaster | None = None
+        self.work: list[tuple[Rect, NDArray[np.uint32]]] = []
 
     def bring(self, opened: OpenedVolume, share: Share) -> None:
         """Compile, read and upload what is not there; collective."""
@@ -59,14 +69,17 @@ class Drawing:
         run = self._run
         with run.alone("render"):
             pieces = share.pieces_of(run.channel.rank)
+            self.work = []
             if self._caster is None or share.plan is None:
                 return [], RankFrame({})
-            began = perf_counter()
+            began, processor = perf_counter(), process_time()
             drawn = self._caster.draw(share.plan, pieces)
+            counts = replace(self._counted(drawn), cpu_seconds=process_time() - processor)
+            self.work = [(each.partial.rect, each.work) for each in drawn if each.samples]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)
                 began = run.clock.add_span("readback", began, each.seconds_readback)
-            return [each.partial for each in drawn], self._counted(drawn)
+            return [each.partial for each in drawn], counts
 
     def release(self) -> None:
         """Give everything back to the driver."""

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.scene.complete import VolumeFacts
 from clusterviz.scene.values import Scene
 
+Mode = Literal["sort-last", "sort-first", "hybrid"]
 Bricks = dict[Index, NDArray[Any]]
 """Samples (z, y, x) by index."""
 
@@ -55,18 +58,27 @@ class Share:
     plan : None where there is no volume
     pieces : the frame's partial images of all ranks, from front to back
     holds : the bricks that this rank needs before it can draw
+    mode : sort-last, or how the screen is shared: then windows of different groups do not overlap
+    windows : where nobody knows before who draws what: the windows that this rank takes while it draws, each for all of
+        its pieces
     """
 
     scene: Scene
     plan: Plan | None
     pieces: tuple[Piece, ...]
     holds: frozenset[Index]
+    mode: Mode = "sort-last"
+    windows: Callable[[], Iterator[Rect]] | None = None
 
     @property
     def order(self) -> list[int]:
-        """The ranks of the partial images, from front to back."""
-        return [piece.rank for piece in self.pieces]
+        """The ranks of the partial images, from front to back; where the screen is shared, one image a rank."""
+        ranks = [piece.rank for piece in self.pieces]
+        return ranks if self.mode == "sort-last" else list(dict.fromkeys(ranks))
 
-    def pieces_of(self, rank: int) -> list[Piece]:
+    def pieces_of(self, rank: int) -> Iterable[Piece]:
         """What one rank draws, front to back."""
-        return [piece for piece in self.pieces if piece.rank == rank]
+        mine = [piece for piece in self.pieces if piece.rank == rank]
+        if self.windows is None:
+            return mine
+        return (replace(piece, window=window) for window in self.windows() for piece in mine)

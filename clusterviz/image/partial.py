@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,3 +29,17 @@ class PartialImage:
 def blank() -> PartialImage:
     """The partial image of a rank that saw nothing: an empty rectangle."""
     return PartialImage(EMPTY, np.zeros((0, 0, 4), np.float32))
+
+
+def joined(parts: Sequence[PartialImage]) -> PartialImage:
+    """Partial images of which no two overlap as one, transparent between them; of the first one's type."""
+    rect = EMPTY
+    for part in parts:
+        rect = rect.unite(part.rect)
+    if len(parts) == 1 or rect.pixels == 0:
+        return parts[0] if parts else blank()
+    rgba = np.zeros((rect.height, rect.width, 4), parts[0].rgba.dtype)
+    for part in parts:
+        y, x = part.rect.y_begin - rect.y_begin, part.rect.x_begin - rect.x_begin
+        rgba[y : y + part.rect.height, x : x + part.rect.width] = part.rgba
+    return PartialImage(rect, rgba)

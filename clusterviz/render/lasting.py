@@ -6,7 +6,7 @@ function may need another program, or bricks that nobody could see before.
 
 from __future__ import annotations
 
-from collections.abc import Collection, MutableMapping, Sequence
+from collections.abc import Collection, Iterable, MutableMapping
 from typing import Any
 
 import moderngl
@@ -67,7 +67,7 @@ class LastingCaster:
         self._caster.load(plan, bricks)
         self._encoding = _encoding_of(plan)
 
-    def draw(self, plan: Plan, pieces: Sequence[Piece]) -> list[Drawn]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
         """Draw a frame's pieces of this rank; blank ones where it never had a brick."""
         return [Drawn(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces)
 

@@ -8,8 +8,9 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, MutableMapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
@@ -21,7 +22,7 @@ from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
-from clusterviz.partition import Piece, bounding_box
+from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.pool import BrickPool
@@ -43,6 +44,7 @@ class Drawn:
     samples : field samples taken
     bricks : bricks drawn
     seconds_render, seconds_readback : until the GPU was done, and until the pixels were here
+    work : uint32 (rows, columns), the samples of each square of `TILE` pixels of the partial image, from its corner
     """
 
     partial: PartialImage
@@ -50,6 +52,7 @@ class Drawn:
     bricks: int = 0
     seconds_render: float = 0.0
     seconds_readback: float = 0.0
+    work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
 
 
 class Raycaster:
@@ -106,8 +109,12 @@ class Raycaster:
         """Give up bricks that are there."""
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Sequence[Piece]) -> list[Drawn]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
         """Draw one frame's pieces: the bricks that they show are there.
+
+        Parameters
+        ----------
+        pieces : the next is asked for when the one before is drawn
 
         Returns
         -------
@@ -130,33 +137,39 @@ class Raycaster:
                 buffers.make(plan.look.grading.block()).bind_to_uniform_block(5)
                 if plan.look.grading.table is not None:
                     buffers.table(plan.look.grading.table).use(1)
-            return [self._draw_piece(plan, piece) for piece in pieces]
+            return self._draw_pieces(plan, pieces)
 
-    def _draw_piece(self, plan: Plan, piece: Piece) -> Drawn:
-        started = perf_counter()
-        bricks = piece.members(plan.cost > 0)
-        rect = footprint(plan, piece)
-        if len(bricks) == 0 or rect.pixels == 0:
-            return Drawn(blank())
+    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
+        """Windows of the same bricks share their tables."""
+        drawn: list[Drawn] = []
+        with ExitStack() as last:
+            tables: _Tables | None = None
+            for piece in pieces:
+                started = perf_counter()
+                rect = footprint(plan, piece)
+                if tables is None or not tables.are_for(piece):
+                    last.close()
+                    tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
+                blank_piece = tables.bricks == 0 or rect.pixels == 0
+                drawn.append(Drawn(blank()) if blank_piece else self._draw_piece(plan, rect, tables, started))
+        return drawn
+
+    def _draw_piece(self, plan: Plan, rect: Rect, tables: _Tables, started: float) -> Drawn:
         groups = (-(-rect.width // TILE), -(-rect.height // TILE))
         with _Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 16 * rect.pixels)
             progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
             # Front to back: each part adds behind what the pixels hold.
-            for number, (residence, part) in enumerate(self.pool.parts(plan, bricks)):
-                box = bounding_box(part)
-                offsets, visible = residence.tables(plan, box, part)
-                buffers.bind(3, offsets)
-                buffers.bind(6, visible)
-                residence.bind()
+            for number, box in enumerate(tables.bind_each()):
                 block = frame_block(plan, box, rect, self.slot)
                 block["first_box"] = number == 0
                 self._march(buffers, block, progress, groups)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
-            samples = progress.read(offset=4 + 4 * rect.pixels)
-            taken = int(np.frombuffer(samples, np.uint32).sum(dtype=np.int64))
-        return Drawn(PartialImage(rect, rgba), taken, len(bricks), rendered - started, perf_counter() - rendered)
+            work = np.frombuffer(progress.read(offset=4 + 4 * rect.pixels), np.uint32).reshape(groups[::-1])
+            taken = int(work.sum(dtype=np.int64))
+        seconds = rendered - started, perf_counter() - rendered
+        return Drawn(PartialImage(rect, rgba), taken, tables.bricks, *seconds, work)
 
     def release(self) -> None:
         """Give everything back to the driver."""
@@ -177,6 +190,38 @@ class Raycaster:
             self._context.memory_barrier()
             unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
             block["first_dispatch"] = 0
+
+
+class _Tables:
+    """Where the bricks of a piece are, and what they may show, in GPU buffers."""
+
+    def __init__(self, context: moderngl.Context, pool: BrickPool, plan: Plan, piece: Piece) -> None:
+        self._piece, self._buffers = piece, _Buffers(context)
+        members = piece.members(plan.cost > 0)
+        self.bricks = len(members)
+        self._parts = []
+        for residence, part in pool.parts(plan, members) if self.bricks else ():
+            box = bounding_box(part)
+            offsets, visible = map(self._buffers.make, residence.tables(plan, box, part))
+            self._parts.append((residence, box, offsets, visible))
+
+    def are_for(self, piece: Piece) -> bool:
+        """Whether another piece shows the same bricks, in whatever window."""
+        return piece.box == self._piece.box and piece.bricks is self._piece.bricks
+
+    def bind_each(self) -> Iterator[BrickBox]:
+        """The boxes of bricks from front to back, each bound for drawing as it comes."""
+        for residence, box, offsets, visible in self._parts:
+            offsets.bind_to_storage_buffer(3)
+            visible.bind_to_storage_buffer(6)
+            residence.bind()
+            yield box
+
+    def __enter__(self) -> _Tables:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._buffers.__exit__(*error)
 
 
 class _Buffers:

@@ -66,6 +66,8 @@ class RankFrame:
     voxels : samples held in memory, overlap included
     voxel_bytes : GPU memory that they take
     samples : field samples that rays took
+    samples_estimate : of these, in a pre-pass that is not shown
+    cpu_seconds : processor time of drawing, of all threads of the process
     bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
     peak_memory_bytes : the largest resident size of the process so far
     renderer : OpenGL's name of what drew
@@ -78,6 +80,8 @@ class RankFrame:
     voxels: int = 0
     voxel_bytes: int = 0
     samples: int = 0
+    samples_estimate: int = 0
+    cpu_seconds: float = 0.0
     bytes_raw: int = 0
     bytes_sent: int = 0
     messages_sent: int = 0

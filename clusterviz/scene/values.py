@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clusterviz.scene.checks import check_camera, check_gradient, check_grading, check_path, check_surfaces, plain
+from clusterviz.scene.cluster_checks import check_groups, check_sharing
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
@@ -189,7 +190,26 @@ class Quality(Section):
 class Cluster(Section):
     """How the ranks share the work; no setting here changes the picture."""
 
-    mode: Literal["auto", "sort-last"] = Field(default="auto", description="What is divided: data (sort-last).")
+    mode: Literal["auto", "sort-last", "sort-first", "hybrid"] = Field(
+        default="auto",
+        description="What is divided: the data (sort-last), the screen (sort-first), or the screen among groups of "
+        "ranks and the data inside each (hybrid).",
+    )
+    groups: Annotated[int, Field(strict=True, ge=1), BeforeValidator(plain)] | None = Field(
+        default=None, description="How many groups of ranks share the screen: 1 is sort-last, one a rank sort-first."
+    )
+    tiling: Literal["auto", "interleaved", "pattern", "scheduled", "temporal", "estimated"] = Field(
+        default="auto",
+        description="How the screen is shared, where it is: tiles in turn (interleaved), a pattern on the volume's "
+        "front faces (pattern), tiles from a queue (scheduled), cuts by the last frame's cost (temporal), or by a "
+        "coarse pre-pass (estimated).",
+    )
+    tile: Annotated[int, Field(strict=True, ge=8, le=65536), BeforeValidator(plain)] = Field(
+        default=32, description="Pixels along the side of a tile: interleaved, pattern, scheduled."
+    )
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=1024), BeforeValidator(plain)] = Field(
+        default=3, description="Of the pattern along each side of a front face."
+    )
     compositing: Literal[
         "auto",
         "serial",
@@ -237,6 +257,12 @@ class Cluster(Section):
         default=64, description="Voxels along the side of a brick."
     )
 
+    @model_validator(mode="after")
+    def _groups_fit(self) -> Cluster:
+        check_groups(self.mode, self.groups)
+        check_sharing(self.mode, self.tiling, self.distribution, self.compositing, self.transport)
+        return self
+
 
 class Scene(Section):
     """Everything a picture is made of."""
@@ -255,7 +281,6 @@ class Scene(Section):
 PLANNED: dict[str, tuple[object, ...]] = {
     "classification": ("pre",),
     "pixel": ("uint8", "float16", "rgba8"),
-    "mode": ("sort-first", "hybrid"),
     "codec": ("rle", "active-pixel"),
     "distribution": ("dynamic",),
 }

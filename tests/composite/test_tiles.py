@@ -8,7 +8,6 @@ import pytest
 from clusterviz.codec import CODECS
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.comm.agreed import is_agreed
-from clusterviz.comm.mpi import MpiChannel
 from clusterviz.composite.tiles import TileCollector
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage, blank
@@ -65,13 +64,6 @@ def test_tiles_make_the_picture(ranks: int, side: int) -> None:
 @pytest.mark.parametrize("codec", [*CODECS, "auto"])
 def test_tiles_make_the_picture_whatever_the_codec(codec: str) -> None:
     run_loopback(3, lambda channel: check_tiles(channel, 32, codec))
-
-
-@pytest.mark.mpi(ranks=[5], timeout=60)
-def test_tiles_make_the_picture_over_mpi(mpi_ranks: int) -> None:
-    channel = MpiChannel()
-    check_tiles(channel, 16, "auto")
-    channel.close()
 
 
 def test_a_frame_without_any_tile_is_blank() -> None:

@@ -123,6 +123,21 @@ BAD = [
     ({"quality": 3}, "quality: not a section", "3", "step, classification"),
     ({"cluster": {"brick": 1}}, "cluster.brick", "1", "at least 2"),
     ({"cluster": {"brick": 1025}}, "cluster.brick", "1025", "at most 1024"),
+    ({"cluster": {"groups": 0}}, "cluster.groups", "0", "at least 1"),
+    ({"cluster": {"tile": 7}}, "cluster.tile", "7", "at least 8"),
+    ({"cluster": {"repetitions": 0}}, "cluster.repetitions", "0", "at least 1"),
+    ({"cluster": {"tiling": "tiles"}}, "cluster.tiling", '"tiles"', "interleaved, pattern, scheduled"),
+    ({"cluster": {"mode": "sort-last", "groups": 2}}, "cluster.groups", "2", "mode: hybrid"),
+    ({"cluster": {"mode": "sort-first", "groups": 2}}, "cluster.groups", "2", "mode: hybrid"),
+    ({"cluster": {"mode": "sort-last", "tiling": "pattern"}}, "cluster.tiling", '"pattern"', "mode: sort-first"),
+    ({"cluster": {"mode": "sort-first", "transport": "shared"}}, "cluster.transport", '"shared"', "messages"),
+    (
+        {"cluster": {"mode": "hybrid", "distribution": "interleaved"}},
+        "cluster.distribution",
+        '"interleaved"',
+        "mode: sort-last",
+    ),
+    ({"cluster": {"mode": "sort-first", "compositing": "tree"}}, "cluster.compositing", '"tree"', "mode: sort-last"),
 ]
 
 

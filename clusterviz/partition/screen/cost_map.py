@@ -13,7 +13,9 @@ from clusterviz.image.region import Rect
 from clusterviz.partition.screen.mosaic import Size, tile_counts
 
 CELL = 16  # pixels along the side of a cell
+BLOCK = 8  # pixels along the side of what casters count together
 Costs = NDArray[np.float64]
+Counts = NDArray[np.uint32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +81,16 @@ def spread(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
     return CostMap(size, np.maximum(0.0, corners.cumsum(0).cumsum(1)[:rows, :columns]))
 
 
-def gathered(size: Size, blocks: Iterable[tuple[Rect, NDArray[np.integer]]], side: int, scale: int = 1) -> CostMap:
+def gathered(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale: int = 1, side: int = BLOCK) -> CostMap:
     """Counts of square blocks of pixels, as a caster gives them.
 
     Parameters
     ----------
     size : of the picture
-    blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of blocks of `side` of its
-        pixels from the rectangle's corner on; several may count in one place
+    blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of its blocks from the
+        rectangle's corner on; several may count in one place
     scale : pixels of the picture along the side of a coarse one; both pictures have one centre
+    side : of a block, in pixels of the coarse picture
     """
     cost = np.zeros(tile_counts(size, CELL))
     for rect, counts in blocks:

@@ -171,11 +171,11 @@ def test_spread_costs_keep_their_sum_and_their_place() -> None:
 
 def test_counts_of_blocks_come_to_where_they_were_counted() -> None:
     """Of a coarse picture too, whose edges do not fall on the fine one's."""
-    counts = np.array([[5, 0, 1], [0, 7, 0]])
-    found = gathered((640, 480), [(Rect(100, 200, 124, 216), counts)], 8)
+    counts = np.array([[5, 0, 1], [0, 7, 0]], np.uint32)
+    found = gathered((640, 480), [(Rect(100, 200, 124, 216), counts)])
     assert found.cost.sum() == 13
     assert found.total(Rect(96, 192, 128, 224)) == pytest.approx(13)
-    coarse = gathered((99, 77), [(Rect(0, 0, 25, 20), np.ones((20, 25)))], 1, COARSE)
+    coarse = gathered((99, 77), [(Rect(0, 0, 25, 20), np.ones((20, 25), np.uint32))], COARSE, 1)
     assert coarse.cost.sum() == 20 * 25 * COARSE**2
     inner = coarse.cost[1:-1, 1:-1]
     assert inner.min() == inner.max() == (CELL // COARSE) ** 2 * COARSE**2

@@ -1,0 +1,159 @@
+"""A screen that ranks share: the same picture and the same samples, whoever draws which part of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm.mpi import MpiChannel
+from clusterviz.data.memory import ArraySource
+from clusterviz.errors import InputError
+from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.image import compare
+from clusterviz.scene import Scene, Volume
+from clusterviz.scene.settings import with_settings
+
+pytestmark = pytest.mark.gl
+
+TILINGS = ("interleaved", "pattern", "scheduled", "temporal", "estimated")
+SIZE = (88, 70)
+CAMERAS = ((90.0, 60.0, 50.0), (93.0, 50.0, 56.0), (-70.0, 40.0, -60.0), (20.0, 12.0, 16.0))
+FOCAL = (17.0, 14.0, 12.0)
+SEEN = {"clim": (-1.0, 1.0), "opacity": [[-0.2, 0.0], [0.0, 0.02], [1.0, 0.4]], "opacity_unit_distance": 6.0}
+
+
+def voxels() -> np.ndarray:
+    """Waves, dense at one side and empty at the other, negative in half of all places."""
+    z, y, x = np.mgrid[:25, :30, :36]
+    return (np.sin(x / 3 + y / 5) * np.cos(z / 4) * np.exp(-(((x - 8) / 14) ** 2))).astype(np.float32)
+
+
+def scenes_of(settings: dict[str, Any], frames: int = 4) -> list[Scene]:
+    scene = with_settings(
+        Scene(volumes=(Volume(path="array"),)), {"size": SIZE, "brick": 7, "tile": 16} | SEEN | settings
+    )
+    return [with_settings(scene, {"position": camera, "focal_point": FOCAL}) for camera in CAMERAS[:frames]]
+
+
+def draw_all(scenes: list[Scene], channel: Channel, **options: Any) -> list[Rendered]:
+    with FrameLoop(scenes[0], channel, ArraySource(voxels()), Options(**options)) as loop:
+        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
+
+
+def taken(frame: Rendered) -> int:
+    """Samples that are shown."""
+    return sum(rank.samples - rank.samples_estimate for rank in frame.statistics.per_rank)
+
+
+def check_frames(frames: list[Rendered], plain: list[Rendered], exact: bool) -> None:
+    """The pictures of another way to draw them."""
+    assert len(frames) == len(plain)
+    for one, other in zip(frames, plain, strict=True):
+        assert one.image is not None
+        assert other.image is not None
+        if exact:
+            np.testing.assert_array_equal(one.image, other.image)
+        assert compare(one.image, other.image, 1e-5).count == 0
+        assert taken(one) == taken(other)
+
+
+@pytest.fixture(scope="module")
+def plain() -> list[Rendered]:
+    """By one rank."""
+    frames = draw_all(scenes_of({}), LoopbackChannel())
+    assert all(taken(frame) > 1000 for frame in frames)
+    return frames
+
+
+@pytest.mark.parametrize("tiling", TILINGS)
+@pytest.mark.parametrize(("ranks", "groups"), [(1, None), (3, None), (7, None), (5, 2), (7, 3), (3, 1)])
+def test_pictures_and_samples_do_not_depend_on_who_draws(
+    plain: list[Rendered], tiling: str, ranks: int, groups: int | None
+) -> None:
+    mode = "hybrid" if groups else "sort-first"
+    scenes = scenes_of({"mode": mode, "groups": groups, "tiling": tiling})
+    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel, check=True))[0]
+    check_frames(frames, plain, exact=groups is None)
+    estimates = [rank.samples_estimate for frame in frames for rank in frame.statistics.per_rank]
+    assert (sum(estimates) > 0) == (tiling == "estimated")
+
+
+@pytest.mark.mpi(ranks=[3], timeout=120)
+def test_pictures_do_not_depend_on_who_draws_over_mpi(mpi_ranks: int) -> None:
+    channel = MpiChannel()
+    first = draw_all(scenes_of({}, 2), channel)
+    for settings in (
+        {"mode": "sort-first", "tiling": "scheduled"},
+        {"groups": 2, "tiling": "scheduled"},
+        {"groups": 4},
+    ):
+        frames = draw_all(scenes_of(settings, 2), channel)
+        if channel.rank == 0:
+            check_frames(frames, first, exact=False)
+    channel.close()
+
+
+LOOKS: tuple[dict[str, Any], ...] = (
+    {"blending": "maximum"},
+    {"blending": "minimum", "clim": (-3.0, -0.5)},
+    {"blending": "average"},
+    {"blending": "local-maximum", "threshold": 0.3},
+    {"blending": "isosurface", "isosurfaces": [0.2]},
+    {"shade": True, "classification": "pre-integrated"},
+    {"interpolation": "cubic", "early_termination": 0.05},
+)
+
+
+@pytest.mark.parametrize("look", LOOKS, ids=str)
+def test_every_look_is_the_same_in_every_mode(look: dict[str, Any]) -> None:
+    alone = draw_all(scenes_of(look, 2), LoopbackChannel())
+    for settings in ({"mode": "sort-first", "tiling": "estimated"}, {"mode": "hybrid", "groups": 2}):
+        frames = run_loopback(3, lambda channel, s=settings: draw_all(scenes_of(look | s, 2), channel))[0]
+        if settings["mode"] == "sort-first":
+            check_frames(frames, alone, exact=True)
+        # Rays that end early do so in each part of the volume by itself.
+        tolerance = look.get("early_termination", 1e-5)
+        assert all(compare(a.image, b.image, tolerance).count == 0 for a, b in zip(frames, alone, strict=True))
+
+
+BRICK_BYTES = 8**3 * 4
+
+
+@pytest.mark.parametrize("tiling", ["temporal", "estimated"])
+def test_what_does_not_fit_as_a_whole_is_read_as_the_tiles_move(plain: list[Rendered], tiling: str) -> None:
+    all_bricks = max(rank.bricks for frame in plain for rank in frame.statistics.per_rank)
+    limit = all_bricks * 9 // 10
+    scenes = scenes_of({"mode": "sort-first", "tiling": tiling, "memory_limit": limit * BRICK_BYTES}, 3)
+    frames = run_loopback(2, lambda channel: draw_all(scenes, channel))[0]
+    check_frames(frames, plain[:3], exact=True)
+    held = [rank.bricks for frame in frames for rank in frame.statistics.per_rank]
+    assert max(held) <= limit
+
+
+@pytest.mark.parametrize(
+    ("settings", "bricks", "said"),
+    [
+        ({"mode": "sort-first"}, 5, "cluster.mode: .* in 2 groups of 2 ranks; found .* allowed mode: sort-last"),
+        ({"mode": "sort-first", "tiling": "scheduled"}, 50, "cluster.mode: .* allowed mode: sort-last"),
+        ({"mode": "hybrid", "groups": 3}, 500, "cluster.groups: more groups than ranks; found 3; allowed 1 … 2"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_drawn(settings: dict[str, Any], bricks: int, said: str) -> None:
+    scenes = scenes_of(settings | {"memory_limit": bricks * BRICK_BYTES}, 1)
+    with pytest.raises(InputError, match=said):
+        run_loopback(2, lambda channel: draw_all(scenes, channel))
+
+
+def test_cuts_that_follow_the_cost_leave_the_ranks_more_even() -> None:
+    """Over frames that are alike, and against large tiles that are dealt unseen."""
+
+    def busiest(tiling: str) -> float:
+        scenes = scenes_of({"mode": "sort-first", "tiling": tiling, "size": (320, 240), "tile": 64}, 1) * 3
+        frames = run_loopback(7, lambda channel: draw_all(scenes, channel))[0]
+        samples = [rank.samples for rank in frames[-1].statistics.per_rank]
+        return max(samples) * len(samples) / sum(samples)
+
+    assert busiest("temporal") < 1.2 < busiest("interleaved")
