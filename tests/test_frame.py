@@ -216,13 +216,15 @@ def test_every_frame_of_a_loop_is_what_is_drawn_alone_over_mpi(mpi_ranks: int) -
 
 
 @pytest.mark.gl
-def test_another_camera_reads_compiles_and_uploads_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from clusterviz.render.raycast import Raycaster
-
+@pytest.mark.parametrize("caster", ["raycast:Raycaster", "vectors.caster:VectorCaster"])
+def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, _, kind = caster.partition(":")
+    drawing = getattr(import_module(f"clusterviz.render.{module}"), kind)
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0" if kind == "Raycaster" else "")
     done: list[str] = []
     for name in ("__init__", "load"):
-        right = getattr(Raycaster, name)
-        monkeypatch.setattr(Raycaster, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
+        right = getattr(drawing, name)
+        monkeypatch.setattr(drawing, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
     read = opening.read_bricks
     monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
@@ -233,6 +235,7 @@ def test_another_camera_reads_compiles_and_uploads_nothing(monkeypatch: pytest.M
 @pytest.mark.gl
 def test_chunks_are_ordered_anew_for_every_camera(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bricks that need several buffers: each view has its own order of them."""
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
     scenes = scenes_of({})[: len(CAMERAS)]
     alone = [render_frame(scene, LoopbackChannel()).image for scene in scenes]
     monkeypatch.setattr(import_module("clusterviz.render.raycast"), "capacity", lambda *_: 2)
@@ -272,6 +275,7 @@ def test_a_frame_that_differs_in_more_is_refused(change: dict[str, Any], said: s
 def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     from clusterviz.render.raycast import Raycaster
 
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
     scenes, right = scenes_of({})[:3], Raycaster.draw
     calls: list[int] = []
 

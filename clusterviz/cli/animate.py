@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.frames import FrameFiles
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.render import check_reports, slowest_of, start, write_statistics
@@ -44,12 +44,12 @@ def command(
     resume: Annotated[bool, typer.Option("--resume", help="Render only frames that are not there yet.")] = False,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
-    device: Annotated[int | None, typer.Option(min=0, help="EGL device of every rank; default: in turn.")] = None,
+    device: DeviceOption = None,
 ) -> None:
     """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
     channel, startup = start()
     with agree(channel, 0, "scene"):
-        opened = open_scene(scene, overrides_of(define, size))
+        opened, drawn_on = open_scene(scene, overrides_of(define, size)), parse_device(device)
         keys = load_path(path) if path else None
         count = _frames(orbit, keys, frames, fps)
     with agree(channel, 0, "output"):
@@ -60,7 +60,7 @@ def command(
     tracing = Tracing(channel, trace)
     movie = _Movie(channel, files, tracing, bool(stats))
     changing = keys is not None and bool(keys.transfer)
-    options = Options(device, debug=context.obj["debug"], write=movie.write, trace=bool(trace), keep_bricks=changing)
+    options = Options(drawn_on, debug=context.obj["debug"], write=movie.write, trace=bool(trace), keep_bricks=changing)
     with FrameLoop(opened, channel, options=options) as loop:
         with agree(channel, 0, "path"):
             scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"))

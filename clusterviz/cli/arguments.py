@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from clusterviz.errors import InputError
+from clusterviz.render.choice import Device
 
 SceneArgument = Annotated[
     str,
@@ -20,6 +21,11 @@ Define = Annotated[
     typer.Option("-D", metavar="KEY=VALUE", help="Set any key of the scene: -D quality.step=0.5 (may be repeated)."),
 ]
 Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width and height of the picture in pixels.")]
+
+DeviceOption = Annotated[
+    str | None,
+    typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the processor; default: in turn."),
+]
 
 
 def overrides_of(define: list[str] | None, size: str | None) -> list[str]:
@@ -39,6 +45,21 @@ def parse_size(text: str) -> tuple[int, int]:
     if not found or not all(int(side) for side in found.groups()):
         raise InputError("not a size", where="--size", found=text, allowed="WIDTHxHEIGHT in pixels, as in 800x600")
     return int(found[1]), int(found[2])
+
+
+def parse_device(text: str | None) -> Device:
+    """What `--device` names: an EGL device's index, "cpu", or nothing.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    if text is None or text == "cpu":
+        return text  # type: ignore[return-value]
+    if not text.isdecimal():
+        raise InputError("not a device", where="--device", found=text, allowed="cpu, or the index of an EGL device")
+    return int(text)
 
 
 def parse_names(text: str, known: list[str], where: str) -> list[str]:

@@ -14,6 +14,7 @@ import typer
 from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError
+from clusterviz.render.vectors.width import processor_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def _examine_rank(channel: Channel) -> RankMachine:
         local_rank=place.local_rank,
         local_size=place.local_size,
         cores=place.cores,
+        processor=processor_name(),
         threads=threads,
         egl_devices=labels,
         egl_device=chosen,
@@ -139,6 +141,7 @@ def _facts(report: MachineReport) -> dict[str, list[str]]:
             f"{host}: " + ("; ".join(f"device {index}: {label}" for index, label in enumerate(labels)) or "no device")
             for host, labels in nodes.items()
         ],
+        "processor": list(dict.fromkeys(machine.processor for machine in report.ranks)),
         "OpenGL": [f"{gl.renderer}, {gl.version}, 3-D to {gl.max_3d_texture}" for gl in opengl] or ["none"],
     }
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 import clusterviz
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.costs import print_costs
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.tracing import Tracing
@@ -36,18 +36,18 @@ def command(
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
     check: Annotated[bool, typer.Option("--check", help="Composite a second time, serially, and compare.")] = False,
-    device: Annotated[int | None, typer.Option(min=0, help="EGL device of every rank; default: in turn.")] = None,
+    device: DeviceOption = None,
 ) -> None:
     """Render a scene or a data file into a picture; under mpirun, on all ranks."""
     channel, startup = start()
     with agree(channel, 0, "scene"):
-        opened = open_scene(scene, overrides_of(define, size))
+        opened, drawn_on = open_scene(scene, overrides_of(define, size)), parse_device(device)
     with agree(channel, 0, "output"):
         if channel.rank == 0:
             _check_outputs(output, stats, trace)
     tracing = Tracing(channel, trace)
     with show_progress(STEPS if channel.rank == 0 else ()) as progress:
-        options = Options(device, check, context.obj["debug"], progress, _writer(output), bool(trace))
+        options = Options(drawn_on, check, context.obj["debug"], progress, _writer(output), bool(trace))
         rendered = render_frame(opened, channel, options=options)
     tracing.add(rendered.spans)
     tracing.write()

@@ -115,3 +115,10 @@ def launch_warning(size: int, environment: Mapping[str, str] | None = None) -> s
         "mpi4py belong to different MPI libraries, and every process now does the whole work. Start with the mpirun "
         "of the MPI that `clusterviz doctor` names, or install mpi4py for the site's MPI."
     )
+
+
+def kernel_threads(environment: Mapping[str, str] | None = None) -> int:
+    """How many threads compiled kernels may use: what `limit_threads` or the user has set, else all cores granted."""
+    variables = os.environ if environment is None else environment
+    told = variables.get("NUMBA_NUM_THREADS", "")
+    return int(told) if told.isdecimal() and int(told) > 0 else len(granted_cores())

@@ -18,8 +18,8 @@ from clusterviz.image.region import Rect
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
+    from clusterviz.render.drawn import Drawn
     from clusterviz.render.lasting import LastingCaster
-    from clusterviz.render.raycast import Drawn
 
 
 class Drawing:
@@ -56,7 +56,7 @@ class Drawing:
             place = run.channel.place()
         with run.alone("context", "context"):
             if holds:
-                caster.open(place.local_rank, run.options.device)
+                caster.open(plan, place.local_rank, run.options.device)
         with run.alone("shaders", "shaders"):
             if holds:
                 caster.compile(plan)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
+from clusterviz.render.choice import Device
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene.values import Scene
@@ -51,7 +52,7 @@ class Options:
 
     Attributes
     ----------
-    device : EGL device index, instead of the round robin over the node's GPUs
+    device : EGL device index, instead of the round robin over the node's GPUs; or "cpu", without OpenGL
     check : composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
     progress : called on every rank with the name of each step as it begins
@@ -60,7 +61,7 @@ class Options:
     keep_bricks : in this process's memory too, for frames whose transfer functions differ
     """
 
-    device: int | None = None
+    device: Device = None
     check: bool = False
     debug: bool = False
     progress: Callable[[str], None] = lambda step: None

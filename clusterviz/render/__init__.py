@@ -1,6 +1,9 @@
 """The render room: one rank's partial image, one file a pass.
 
-- raycast.py      volumes by single-pass ray casting
+- choice.py       which ray caster draws
+- raycast.py      volumes by single-pass ray casting, in OpenGL
+- vectors/        the same on the processor
+- drawn.py        what a ray caster gives
 - frame_block.py  the constants of a draw, shared with the shaders
 - variant.py      which shader files and constants a plan needs
 - storage.py      how a brick lies in GPU memory

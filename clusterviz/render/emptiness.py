@@ -38,6 +38,24 @@ def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
     return _reduced(voxels, slot, np.fmin), _reduced(voxels, slot, np.fmax)
 
 
+def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
+    """Where something may be visible.
+
+    Parameters
+    ----------
+    ranges : low and high of n bricks, each (n, gz, gy, gx)
+
+    Returns
+    -------
+    visible : bool (n, gz, gy, gx)
+    """
+    low, high = (values.astype(np.float64) for values in ranges)
+    # Renderers classify in float32: a range is widened by more than its rounding.
+    margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
+    known = ~(np.isnan(low) | np.isnan(high))
+    return np.asarray(known & ~plan.look.hides(plan.transfer, low - margin, high + margin))
+
+
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
     """One bit a group; 1 where something may be visible.
 
@@ -49,11 +67,7 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
     -------
     words : uint32 (n, slot.visibility_words), x fastest, the lowest bit first
     """
-    low, high = (values.astype(np.float64) for values in ranges)
-    # The shader classifies in float32: a range is widened by more than its rounding.
-    margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
-    known = ~(np.isnan(low) | np.isnan(high))
-    visible = known & ~plan.look.hides(plan.transfer, low - margin, high + margin)
+    visible = visible_groups(ranges, plan)
     groups = visible.reshape(len(visible), -1)
     bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
     bits[:, : groups.shape[1]] = groups

@@ -1,7 +1,7 @@
 """One rank's ray caster from frame to frame: compiled, and filled, only when the plan asks for it.
 
-A program is made for a variant; bricks are stored in an encoding. Another camera needs nothing new; another transfer
-function may need another program, or bricks that nobody could see before.
+A program is made for a variant; bricks are stored in an encoding, for OpenGL or for the processor. Another camera needs
+nothing new; another transfer function may need another program, or bricks that nobody could see before.
 """
 
 from __future__ import annotations
@@ -16,45 +16,50 @@ from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.raycast import Drawn, Raycaster
+from clusterviz.render.choice import Device, egl_device, prefers_processor
+from clusterviz.render.drawn import Drawn
+from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import Slot, make_slot
+from clusterviz.render.vectors.caster import VectorCaster
+from clusterviz.render.vectors.kernel import can_draw
 
 Index = tuple[int, int, int]
 
 
 class LastingCaster:
-    """What a rank keeps for drawing: its context, and a ray caster for its last plan."""
+    """What a rank keeps for drawing: its context, where it needs one, and a ray caster for its last plan."""
 
     def __init__(self) -> None:
         self._context: moderngl.Context | None = None
-        self._caster: Raycaster | None = None
+        self._caster: Raycaster | VectorCaster | None = None
+        self._prefers_processor: bool | None = None
         self._encoding: Encoding | None = None
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
         """The bricks that have to be loaded, or loaded again, before the plan can be drawn."""
-        if self._caster is None or self._encoding != _encoding_of(plan) or self._caster.slot != _slot_of(plan):
+        if self._caster is None or self._encoding != _encoding_of(plan) or not self._suits(plan):
             return set(wanted)
         return set(wanted) - self._caster.pool.bricks
 
     def is_compiled(self, plan: Plan) -> bool:
         """Whether there is a program for the plan."""
-        return self._caster is not None and self._caster.slot == _slot_of(plan) and self._caster.can_draw(plan)
+        return self._caster is not None and self._suits(plan) and self._caster.can_draw(plan)
 
-    def open(self, local_rank: int, device: int | None) -> None:
-        """Make the context, unless there is one."""
-        from clusterviz.gl.context import open_context
+    def open(self, plan: Plan, local_rank: int, device: Device) -> None:
+        """Choose what draws, and make its context, unless there is one or none is needed."""
+        if self._prefers_processor is None:
+            self._prefers_processor = prefers_processor(device)
+        if self._context is None and not self._on_processor(plan):
+            from clusterviz.gl.context import open_context
 
-        if self._context is None:
-            self._context = open_context(local_rank, device)
+            self._context = open_context(local_rank, egl_device(device))
 
     def compile(self, plan: Plan) -> None:
         """Make the program, unless the last one will do; bricks stay where they fit the plan's slots."""
-        if self._context is None:
-            raise ValueError("there is no context yet")
-        if self._caster is not None and self._caster.slot != _slot_of(plan):
+        if self._caster is not None and not self._suits(plan):
             self._drop()
         if self._caster is None:
-            self._caster = Raycaster(self._context, plan)
+            self._caster = self._made(plan)
         elif not self._caster.can_draw(plan):
             self._caster.compile(plan)
 
@@ -73,7 +78,7 @@ class LastingCaster:
 
     @property
     def held(self) -> dict[str, Any]:
-        """What there is to draw with: renderer, OpenGL's name of it; bricks, their voxels and bytes of GPU memory."""
+        """What there is to draw with: renderer, its name; bricks, their voxels and bytes of memory."""
         if self._caster is None:
             return {}
         pool = self._caster.pool
@@ -86,6 +91,22 @@ class LastingCaster:
         if self._context is not None:
             self._context.release()
             self._context = None
+
+    def _made(self, plan: Plan) -> Raycaster | VectorCaster:
+        if self._on_processor(plan):
+            return VectorCaster(plan)
+        if self._context is None:
+            raise ValueError("there is no context yet")
+        return Raycaster(self._context, plan)
+
+    def _on_processor(self, plan: Plan) -> bool:
+        return bool(self._prefers_processor) and can_draw(plan)
+
+    def _suits(self, plan: Plan) -> bool:
+        """Whether the caster's bricks are of the plan's kind."""
+        caster = self._caster
+        same_kind = isinstance(caster, VectorCaster) == self._on_processor(plan)
+        return caster is not None and same_kind and caster.slot == _slot_of(plan)
 
     def _drop(self) -> None:
         if self._caster is not None:

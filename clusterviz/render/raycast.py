@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, MutableMapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
@@ -24,35 +23,15 @@ from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
+from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.pool import BrickPool
 from clusterviz.render.residence import capacity, store
 from clusterviz.render.storage import make_slot
 from clusterviz.render.variant import Variant, variant_of
 
-TILE = 8  # pixels along the side of a work group, as in raycast.glsl
+TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 Index = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What drawing one piece gave.
-
-    Attributes
-    ----------
-    partial : float32; `image/merge.py` says what four floats are, by the operator of the plan's look
-    samples : field samples taken
-    bricks : bricks drawn
-    seconds_render, seconds_readback : until the GPU was done, and until the pixels were here
-    work : uint32 (rows, columns), the samples of each square of `TILE` pixels of the partial image, from its corner
-    """
-
-    partial: PartialImage
-    samples: int = 0
-    bricks: int = 0
-    seconds_render: float = 0.0
-    seconds_readback: float = 0.0
-    work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
 
 
 class Raycaster:
@@ -267,12 +246,3 @@ def _padded(records: NDArray[np.void], size: int) -> NDArray[np.uint8]:
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)
     return data
-
-
-def footprint(plan: Plan, piece: Piece) -> Rect:
-    """The pixels of its window that a piece may cover."""
-    brick, cells, box = plan.layout.brick, plan.layout.cells_zyx, piece.box
-    begin = tuple(float(b * brick) for b in box.begin_zyx[::-1])
-    end = tuple(float(min(e * brick, c)) for e, c in zip(box.end_zyx[::-1], cells[::-1], strict=True))
-    rect = plan.view.footprint(begin, end)  # type: ignore[arg-type]
-    return rect if piece.window is None else rect.intersect(piece.window)

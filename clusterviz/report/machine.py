@@ -44,6 +44,7 @@ class RankMachine:
     ----------
     rank, host, local_rank, local_size : where the rank runs
     cores : cores that are its share
+    processor : what draws without OpenGL
     threads : what each thread variable says: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, …
     egl_devices : what EGL lists, in its own order
     egl_device : index of the chosen one, None where none could be chosen
@@ -57,6 +58,7 @@ class RankMachine:
     local_rank: int
     local_size: int
     cores: int
+    processor: str
     threads: Mapping[str, str]
     egl_devices: tuple[str, ...]
     egl_device: int | None

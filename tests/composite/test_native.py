@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from clusterviz.composite.over import native
+from clusterviz.kernels import objects
 
 NAME = ("pair_kernels", "put")
 BLEND = """
@@ -30,12 +31,13 @@ HALVES = """
 import hashlib
 from pathlib import Path
 import numpy as np
-from clusterviz.composite.over import native, vector_code
+from clusterviz.composite.over import vector_code
+from clusterviz.kernels import objects
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.patch import Patch
 from clusterviz.image.region import Rect
 vector_code.HALVES_IN_HARDWARE = eval(hardware)
-native._folder = lambda: Path(folder)
+objects.folder = lambda: Path(folder)
 halves = np.arange(0x7C00, dtype=np.uint16).view(np.float16)
 floats = halves.astype(np.float32)
 floats[:-1] = (floats[:-1] + floats[1:]) / 2
@@ -54,7 +56,7 @@ for source in (halves, np.concatenate(near)):
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty folder for the files; nothing is loaded yet."""
     native.kernel.cache_clear()
-    monkeypatch.setattr(native, "_folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(objects, "folder", lambda: tmp_path / "kept")
     yield tmp_path / "kept"
     native.kernel.cache_clear()
 
@@ -67,7 +69,7 @@ def test_a_second_process_needs_no_numba() -> None:
 def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     native.kernel(*NAME)
     (file,) = folder.iterdir()
-    whole, code, names = file.read_bytes(), native._read(file), []
+    whole, code, names = file.read_bytes(), objects.read_code(file), []
     monkeypatch.setattr(native, "_compile", lambda module, name: (names.append(name), code)[1])
     native.kernel.cache_clear()
     native.kernel(*NAME)
@@ -83,19 +85,19 @@ def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPa
 def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     native.kernel.cache_clear()
-    monkeypatch.setattr(native, "_folder", lambda: tmp_path / "file")
+    monkeypatch.setattr(objects, "folder", lambda: tmp_path / "file")
     assert native.kernel(*NAME) is not None
     native.kernel.cache_clear()
 
 
 def test_other_sources_or_processors_make_other_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    names = {native._fingerprint.__wrapped__()}
+    names = {objects.fingerprint(native.sources())}
     for source in native.SOURCES:
         (tmp_path / f"{source}.py").write_text("changed")
     monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
-    names.add(native._fingerprint.__wrapped__())
+    names.add(objects.fingerprint(native.sources()))
     monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
-    names.add(native._fingerprint.__wrapped__())
+    names.add(objects.fingerprint(native.sources()))
     assert len(names) == 3
 
 

@@ -12,6 +12,13 @@ from failures.jobs import FIELD, SMALL, check_failure, failing, finish
 pytestmark = [pytest.mark.fresh, pytest.mark.gl]
 SECONDS = 10
 
+
+@pytest.fixture(autouse=True)
+def _by_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a GPU the processor would draw, and no rank would have a context or shaders that could fail."""
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
+
+
 STAGES = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("output", 0, "clusterviz.cli.render:check_writable"),

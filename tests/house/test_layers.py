@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 LEVELS = (
     ("errors",),
     ("image",),
-    ("scene", "codec", "report"),
+    ("scene", "codec", "kernels", "report"),
     ("data", "gl", "comm"),
     ("plan",),
     ("partition",),

@@ -18,7 +18,11 @@ from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.raycast import Drawn, Raycaster
+from clusterviz.render.drawn import Drawn
+from clusterviz.render.raycast import Raycaster
+from clusterviz.render.vectors.caster import VectorCaster
+from clusterviz.render.vectors.kernel import can_draw
+from clusterviz.render.vectors.width import Width
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (19, 23, 26)  # (z, y, x): nothing divides anything
@@ -153,6 +157,15 @@ def draw(
     return drawn
 
 
+def draw_on_processor(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> Drawn:
+    """The same without OpenGL; `width` is that of the vectors."""
+    plan = prepared.plan
+    caster = VectorCaster(plan, width)
+    caster.load(plan, shown(prepared))
+    (drawn,) = caster.draw(plan, [Piece(0, box or build_tree(plan.cost, 1).leaves[0].trimmed)])
+    return drawn
+
+
 def shown(prepared: Prepared) -> dict[Index, np.ndarray]:
     """The bricks that a plan shows."""
     return {index: samples for index, samples in prepared.bricks.items() if prepared.plan.cost[index] > 0}
@@ -176,6 +189,17 @@ def picture(
 ) -> np.ndarray:
     """float64 (h, w, 4): the scene, drawn as one box."""
     return whole(draw(context, prepare(scene, voxels, grid, brick), **limits).partial, scene.image.size)
+
+
+def pictures(
+    context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16
+) -> list[np.ndarray]:
+    """The same from every ray caster that can draw it."""
+    prepared = prepare(scene, voxels, grid, brick)
+    found = [draw(context, prepared)]
+    if can_draw(prepared.plan):
+        found.append(draw_on_processor(prepared))
+    return [whole(drawn.partial, scene.image.size) for drawn in found]
 
 
 def rotation(axis: tuple[float, float, float], angle_degrees: float) -> tuple[tuple[float, float, float], ...]:

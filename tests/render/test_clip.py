@@ -7,7 +7,19 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import CAMERAS, SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.scenes import (
+    CAMERAS,
+    SHAPE,
+    camera_at,
+    draw,
+    draw_on_processor,
+    noise,
+    picture,
+    pictures,
+    prepare,
+    scene_of,
+    whole,
+)
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 
@@ -48,7 +60,8 @@ def test_clipped_picture_is_that_of_the_witness(context: moderngl.Context, name:
     for step in (1.03, 0.31, 40.0):
         scene = scene_of(voxels, camera_at(camera, GRID), step=step, parts=parts)
         expected = render_reference(scene, GRID, voxels)
-        assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND, f"step {step}"
+        for found in pictures(context, scene, voxels, brick=7):
+            assert np.abs(found - expected).max() <= BOUND, f"step {step}"
     assert np.abs(expected - render_reference(scene_of(voxels, camera_at(camera, GRID)), GRID, voxels)).max() > 0.05
 
 
@@ -60,16 +73,19 @@ def test_planes_lie_in_the_world(context: moderngl.Context, grid: str) -> None:
     )
     expected = render_reference(scene, GRIDS[grid], voxels)
     assert expected[..., 3].max() > 0.1
-    assert np.abs(picture(context, scene, voxels, GRIDS[grid]) - expected).max() <= BOUND
+    for found in pictures(context, scene, voxels, GRIDS[grid]):
+        assert np.abs(found - expected).max() <= BOUND
 
 
 def test_all_or_nothing_may_be_cut_away(context: moderngl.Context) -> None:
     voxels = noise(dtype="uint8")
     camera = camera_at("outside", GRID)
     nothing = scene_of(voxels, camera, parts={"clip": clip_of(GRID, "nothing-left")})
-    assert not picture(context, nothing, voxels).any()
+    assert not any(found.any() for found in pictures(context, nothing, voxels))
     everything = scene_of(voxels, camera, parts={"clip": clip_of(GRID, "nothing-cut")})
-    assert np.array_equal(picture(context, everything, voxels), picture(context, scene_of(voxels, camera), voxels))
+    uncut = pictures(context, scene_of(voxels, camera), voxels)
+    for found, same in zip(pictures(context, everything, voxels), uncut, strict=True):
+        assert np.array_equal(found, same)
 
 
 @pytest.mark.parametrize("name", CLIPS)
@@ -78,11 +94,11 @@ def test_parts_drawn_apart_keep_the_same_slabs(context: moderngl.Context, name: 
     for camera in ("outside", "inside", "parallel-along-an-axis"):
         scene = scene_of(voxels, camera_at(camera, GRID), opacity=FAINT, step=0.3, parts={"clip": clip_of(GRID, name)})
         prepared = prepare(scene, voxels, brick=7)
-        drawn = draw(context, prepared)
-        for parts in (2, 5):
-            found, samples = in_parts(context, scene, prepared, parts)
-            assert samples == drawn.samples
-            assert np.abs(found - whole(drawn.partial, scene.image.size)).max() <= 1e-6
+        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+            for parts in (2, 5):
+                found, samples = in_parts(where, scene, prepared, parts)
+                assert samples == drawn.samples
+                assert np.abs(found - whole(drawn.partial, scene.image.size)).max() <= 1e-6
 
 
 def test_plane_on_midpoints_keeps_them(context: moderngl.Context) -> None:
@@ -92,7 +108,8 @@ def test_plane_on_midpoints_keeps_them(context: moderngl.Context) -> None:
     for normal, slabs in ((1, 25 - 12), (-1, 13)):
         parts = {"clip": {"planes": [[[12.5, 0, 0], [normal, 0, 0]]]}}
         scene = scene_of(voxels, camera, clim=(6.5, 7.5), opacity=0.3, unit=8.0, parts=parts)
-        assert picture(context, scene, voxels)[10, 12, 3] == pytest.approx(1 - 0.7 ** (slabs / 8), abs=1e-6)
+        for found in pictures(context, scene, voxels):
+            assert found[10, 12, 3] == pytest.approx(1 - 0.7 ** (slabs / 8), abs=1e-6)
 
 
 def test_bricks_that_are_cut_away_are_not_loaded(context: moderngl.Context) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, whole
+from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, draw_on_processor, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.partition import build_tree, front_to_back
@@ -21,13 +21,17 @@ BOUND = 1e-6
 HARDWARE_BOUND = 0.01
 
 
-def in_parts(context: moderngl.Context, scene: Scene, prepared: Prepared, parts: int) -> tuple[np.ndarray, int]:
-    """The boxes of a tree drawn apart and composited in float64, and the samples that they took together."""
+def in_parts(context: moderngl.Context | None, scene: Scene, prepared: Prepared, parts: int) -> tuple[np.ndarray, int]:
+    """The boxes of a tree drawn apart and composited in float64, and the samples that they took together.
+
+    Without a context the processor draws.
+    """
     plan = prepared.plan
     tree = build_tree(plan.cost, parts)
     eye = None if plan.view.parallel else plan.view.eye
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
-    drawn = [draw(context, prepared, tree.leaves[rank].trimmed) for rank in order if tree.leaves[rank].cost > 0]
+    boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
+    drawn = [draw(context, prepared, box) if context else draw_on_processor(prepared, box) for box in boxes]
     layers = [whole(part.partial, scene.image.size) for part in drawn]
     return over(layers), sum(part.samples for part in drawn)
 
@@ -38,13 +42,13 @@ def test_parts_drawn_apart_make_the_whole_and_take_each_sample_once(context: mod
     for step in (1.0, 0.3):
         scene = scene_of(voxels, camera_at(camera, GRID), opacity=FAINT, step=step)
         prepared = prepare(scene, voxels, brick=7)
-        drawn = draw(context, prepared)
-        picture = whole(drawn.partial, scene.image.size)
-        assert picture[..., 3].max() > 0.01
-        for parts in (2, 3, 5):
-            found, samples = in_parts(context, scene, prepared, parts)
-            assert np.abs(found - picture).max() <= BOUND, f"step {step}, {parts} parts"
-            assert samples == drawn.samples, f"step {step}, {parts} parts"
+        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+            picture = whole(drawn.partial, scene.image.size)
+            assert picture[..., 3].max() > 0.01
+            for parts in (2, 3, 5):
+                found, samples = in_parts(where, scene, prepared, parts)
+                assert np.abs(found - picture).max() <= BOUND, f"step {step}, {parts} parts"
+                assert samples == drawn.samples, f"step {step}, {parts} parts"
 
 
 def test_parts_of_an_opaque_volume_make_the_whole(context: moderngl.Context) -> None:
@@ -63,11 +67,11 @@ def test_short_slabs_at_the_faces_of_bricks_are_taken_once(context: moderngl.Con
     grid = Grid(voxels.shape)
     scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT, step=step, size=(5, 4))
     prepared = prepare(scene, voxels, brick=29)
-    drawn = draw(context, prepared)
-    for parts in (2, 3):
-        found, samples = in_parts(context, scene, prepared, parts)
-        assert samples == drawn.samples
-        assert np.abs(found - whole(drawn.partial, scene.image.size)).max() <= BOUND
+    for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+        for parts in (2, 3):
+            found, samples = in_parts(where, scene, prepared, parts)
+            assert samples == drawn.samples
+            assert np.abs(found - whole(drawn.partial, scene.image.size)).max() <= BOUND
 
 
 @pytest.mark.parametrize("brick", [16, 33, 64])
@@ -75,10 +79,11 @@ def test_brick_size_changes_neither_picture_nor_samples(context: moderngl.Contex
     voxels = noise((40, 35, 70), np.uint16)
     grid = Grid(voxels.shape)
     scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT)
-    one = draw(context, prepare(scene, voxels, grid, 70))
-    other = draw(context, prepare(scene, voxels, grid, brick))
-    assert other.samples == one.samples
-    assert np.abs(whole(other.partial, (24, 20)) - whole(one.partial, (24, 20))).max() <= BOUND
+    one, other = (prepare(scene, voxels, grid, side) for side in (70, brick))
+    first = draw(context, one)
+    for drawn in (draw(context, other), draw_on_processor(one), draw_on_processor(other)):
+        assert drawn.samples == first.samples
+        assert np.abs(whole(drawn.partial, (24, 20)) - whole(first.partial, (24, 20))).max() <= BOUND
 
 
 @pytest.mark.parametrize("filter", ["exact", "hardware"])

@@ -9,7 +9,19 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import CAMERAS, SHAPE, camera_at, draw, noise, picture, prepare, rotation, scene_of, whole
+from render.scenes import (
+    CAMERAS,
+    SHAPE,
+    camera_at,
+    draw,
+    draw_on_processor,
+    noise,
+    pictures,
+    prepare,
+    rotation,
+    scene_of,
+    whole,
+)
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
@@ -26,10 +38,10 @@ STEPS = {"linear": (2.0, 1.0, 0.25), "nearest": (2.2, 0.7, 0.26)}
 
 
 def worst(context: moderngl.Context, scene: object, voxels: np.ndarray, grid: Grid = GRID, brick: int = 16) -> float:
-    """Largest difference from the witness, of pictures that show something."""
+    """Largest difference from the witness, of every caster's pictures, which show something."""
     expected = render_reference(scene, grid, voxels)
     assert expected[..., 3].max() > 0.3, "the scene shows nothing that could be wrong"
-    return float(np.abs(picture(context, scene, voxels, grid, brick) - expected).max())
+    return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick))
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
@@ -106,7 +118,9 @@ def test_narrow_range_of_large_values_keeps_its_digits(context: moderngl.Context
 def test_footprint_holds_all_that_is_drawn_and_little_more(context: moderngl.Context) -> None:
     voxels = noise(dtype="uint8")
     scene = scene_of(voxels, camera_at("outside", GRID), size=(64, 48), opacity=0.5)
-    rect = draw(context, prepare(scene, voxels)).partial.rect
+    prepared = prepare(scene, voxels)
+    rect = draw(context, prepared).partial.rect
+    assert draw_on_processor(prepared).partial.rect == rect
     rows, columns = np.nonzero(render_reference(scene, GRID, voxels)[..., 3])
     spare = (columns.min() - rect.x_begin, rows.min() - rect.y_begin)
     spare += (rect.x_end - columns.max() - 1, rect.y_end - rows.max() - 1)
@@ -122,3 +136,4 @@ def test_samples_are_counted_once_each(context: moderngl.Context) -> None:
     rays = np.count_nonzero(whole(drawn.partial, (12, 10))[..., 3])
     assert rays > 0
     assert drawn.samples == rays * 50
+    assert draw_on_processor(prepare(scene, voxels)).samples == rays * 50

@@ -5,19 +5,25 @@ from __future__ import annotations
 from statistics import median
 from typing import Any
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import LoopbackChannel
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.render.choice import Device, make_caster
 from clusterviz.scene import Scene, open_scene
 
 
 def command(
-    scene: SceneArgument, frames: Frames = 10, define: Define = None, size: Size = None, json: JsonOption = None
+    scene: SceneArgument,
+    frames: Frames = 10,
+    define: Define = None,
+    size: Size = None,
+    device: DeviceOption = None,
+    json: JsonOption = None,
 ) -> None:
-    """Measure how long one rank draws, with the bricks in GPU memory already."""
-    report = measure(open_scene(scene, overrides_of(define, size)), frames)
+    """Measure how long one rank draws, with the bricks where they are drawn from already."""
+    report = measure(open_scene(scene, overrides_of(define, size)), frames, parse_device(device))
     if json:
         write_json(json, report)
     width, height = report["size"]
@@ -26,25 +32,23 @@ def command(
     print(f"readback {1e3 * report['readback_median_s']:.2f} ms, {report['samples']:,} samples a frame")
 
 
-def measure(scene: Scene, frames: int) -> dict[str, Any]:
+def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
     """Draw a scene several times.
 
     Parameters
     ----------
     scene : with a volume
     frames : draws that are timed, after one that is not
+    device : what draws
 
     Returns
     -------
-    report : median_s and min_s, until the GPU is done; readback_median_s; samples of one frame; the options
+    report : median_s and min_s, until the pixels are done; readback_median_s; samples of one frame; the options
     """
-    from clusterviz.gl.context import open_context
-    from clusterviz.render.raycast import Raycaster
-
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
     if share.plan is None:
         raise SceneError("nothing to draw", where="volumes", allowed="one volume")
-    caster = Raycaster(open_context(), share.plan)
+    caster = make_caster(share.plan, device)
     caster.load(share.plan, bricks)
     drawn = [drawn for _ in range(frames + 1) for drawn in caster.draw(share.plan, share.pieces)][1:]
     seconds = [frame.seconds_render for frame in drawn]

@@ -22,12 +22,13 @@ from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.frame.share import Share
-from clusterviz.gl.context import open_context
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.plan.plan import Plan
+from clusterviz.render.choice import make_caster, on_processor
 from clusterviz.render.projection import finish_projection
 from clusterviz.render.raycast import Raycaster
+from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.report.statistics import STAGES, Clock, RankFrame, peak_memory_bytes
 from clusterviz.scene.values import Scene
 
@@ -158,7 +159,7 @@ class Work:
     share: Share
     plan: Plan
     held: RankFrame
-    caster: Raycaster | None
+    caster: Raycaster | VectorCaster | None
     compositor: Compositor
 
 
@@ -176,14 +177,13 @@ def _prepare(run: Run, scene: Scene) -> tuple[Work, Seat]:
         place = run.channel.place()
     seat, caster = Seat(place.host, tuple(sorted(granted_cores())), None), None
     with run.alone("context", "context"):
-        if bricks:
+        if bricks and not on_processor(plan):
             devices = egl_devices()
             chosen = choose_device(devices, place.local_rank)
-            context = open_context(place.local_rank, chosen)
             seat = replace(seat, gpu=None if devices[chosen].software else chosen)
     with run.alone("shaders", "shaders"):
         if bricks:
-            caster = Raycaster(context, plan)
+            caster = make_caster(plan, None, place.local_rank)
     with run.alone("upload", "load"):
         if caster:
             caster.load(plan, bricks)

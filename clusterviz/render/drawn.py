@@ -1,0 +1,45 @@
+"""What a ray caster gives, and the pixels that it draws: the same for every one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.partial import PartialImage
+from clusterviz.image.region import Rect
+from clusterviz.partition import Piece
+from clusterviz.plan.plan import Plan
+
+SQUARE = 8  # pixels along the side of what samples are counted by
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What drawing one piece gave.
+
+    Attributes
+    ----------
+    partial : float32; `image/merge.py` says what four floats are, by the operator of the plan's look
+    samples : field samples taken
+    bricks : bricks drawn
+    seconds_render, seconds_readback : until the pixels were done, and until they were here
+    work : uint32 (rows, columns), the samples of each square of `SQUARE` pixels of the partial image, from its corner
+    """
+
+    partial: PartialImage
+    samples: int = 0
+    bricks: int = 0
+    seconds_render: float = 0.0
+    seconds_readback: float = 0.0
+    work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
+
+
+def footprint(plan: Plan, piece: Piece) -> Rect:
+    """The pixels of its window that a piece may cover."""
+    brick, cells, box = plan.layout.brick, plan.layout.cells_zyx, piece.box
+    begin = tuple(float(b * brick) for b in box.begin_zyx[::-1])
+    end = tuple(float(min(e * brick, c)) for e, c in zip(box.end_zyx[::-1], cells[::-1], strict=True))
+    rect = plan.view.footprint(begin, end)  # type: ignore[arg-type]
+    return rect if piece.window is None else rect.intersect(piece.window)

@@ -1,0 +1,147 @@
+"""Ray casting of one rank's bricks on the processor: no OpenGL, and no upload.
+
+Threads take tiles of the picture from a counter. As many are used as the rank has cores.
+
+References
+----------
+I. Wald, P. Slusallek, C. Benthin, M. Wagner: Interactive rendering with coherent ray tracing, Eurographics 2001
+(packets of rays in vector registers).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, MutableMapping
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm.place import kernel_threads
+from clusterviz.image.partial import PartialImage, blank
+from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.plan.plan import Plan
+from clusterviz.render.drawn import SQUARE, Drawn, footprint
+from clusterviz.render.emptiness import visible_groups
+from clusterviz.render.storage import make_slot
+from clusterviz.render.vectors.kernel import Kernel, can_draw, compiled, kernel_of
+from clusterviz.render.vectors.leaps import leaps_of
+from clusterviz.render.vectors.memory import Memory
+from clusterviz.render.vectors.order import job_of, tables_of
+from clusterviz.render.vectors.width import Width, host_width, processor_name
+
+Index = tuple[int, int, int]
+BLOCK = 4  # the output's sides are multiples of it, so that every packet's pixels have a place
+MOST_LEAPS = 64  # tables that are kept
+
+
+class VectorCaster:
+    """One rank's ray caster on the processor: its kernel, its bricks.
+
+    Parameters
+    ----------
+    plan : decides the kernel, and how bricks are kept
+    width : of the vectors; by default the processor's own
+
+    Attributes
+    ----------
+    slot : what a brick takes
+    pool : the bricks that are here
+    """
+
+    def __init__(self, plan: Plan, width: Width | None = None) -> None:
+        self._width, self._threads = width or host_width(), kernel_threads()
+        self.slot = make_slot(plan.layout, plan.encoding, plan.march)
+        self.pool = Memory(self.slot)
+        self._leaps: dict[Any, NDArray[np.int32]] = {}
+        self._shown: tuple[Any, Any] | None = None
+        self.compile(plan)
+
+    @property
+    def renderer(self) -> str:
+        """What draws, in words."""
+        return processor_name(self._width)
+
+    @property
+    def voxel_bytes(self) -> int:
+        """Memory taken by voxels."""
+        return self.pool.bytes
+
+    def can_draw(self, plan: Plan) -> bool:
+        """Whether the kernel is that of a plan."""
+        return can_draw(plan) and self._kernel == kernel_of(plan, self._width.lanes)
+
+    def compile(self, plan: Plan) -> None:
+        """Make the kernel of another plan with the same slots; the bricks stay."""
+        self._kernel: Kernel = kernel_of(plan, self._width.lanes)
+        self._cast = compiled(self._kernel)
+
+    def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
+        """Keep bricks beside those that are there: samples (z, y, x) by index, taken out as they are laid out."""
+        self._leaps = {}
+        self.pool.put(bricks, plan.encoding)
+
+    def drop(self, bricks: Iterable[Index]) -> None:
+        """Give up bricks that are there."""
+        self.pool.drop(bricks)
+
+    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
+        """Draw one frame's pieces: the bricks that they show are there.
+
+        Parameters
+        ----------
+        pieces : the next is asked for when the one before is drawn
+
+        Returns
+        -------
+        drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
+        """
+        return [self._draw_piece(plan, piece) for piece in pieces]
+
+    def release(self) -> None:
+        """Forget the bricks."""
+        self._leaps, self.pool = {}, Memory(self.slot)
+
+    def _draw_piece(self, plan: Plan, piece: Piece) -> Drawn:
+        started, bricks, rect = perf_counter(), piece.members(plan.cost > 0), footprint(plan, piece)
+        if len(bricks) == 0 or rect.pixels == 0:
+            return Drawn(blank())
+        box = bounding_box(bricks)
+        pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
+        work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
+        tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
+        job = job_of(plan, box, rect, self.slot, tables | {"pixels": pixels, "work": work})
+        self._run(job)
+        rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
+        seconds = perf_counter() - started
+        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), len(bricks), seconds, 0.0, work)
+
+    def _run(self, job: NDArray[np.void]) -> None:
+        """Let all threads draw tiles until there are none."""
+        address = job.__array_interface__["data"][0]
+        others = [_pool(os.getpid()).submit(self._cast, address) for _ in range(self._threads - 1)]
+        self._cast(address)
+        wait(others)
+
+    def _leaps_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
+        """They last until the transfer function changes."""
+        shown = (plan.look, plan.transfer)
+        if self._shown is None or any(a is not b for a, b in zip(self._shown, shown, strict=True)):
+            self._leaps, self._shown = {}, shown
+        if (found := self._leaps.get((box, bricks.tobytes()))) is not None:
+            return found
+        if len(self._leaps) >= MOST_LEAPS:
+            self._leaps = {}
+        visible = visible_groups(self.pool.ranges(bricks), plan)
+        found = leaps_of(visible, bricks - box.begin_zyx, box.shape_zyx, plan.layout.brick)
+        self._leaps[box, bricks.tobytes()] = found
+        return found
+
+
+@cache
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Threads that wait for work, made as they are needed; a forked process has none of its parent's."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="cast")

@@ -1,0 +1,60 @@
+"""Which slabs of rays clipping planes keep: those whose midpoint lies on the near side of all; twin of clip.glsl."""
+
+from __future__ import annotations
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F64, I32, I64, Value, Vector
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.rays import Rays
+
+PLANE_BYTES = 32
+
+
+def kept_range(code: Code, job: Job, rays: Rays) -> tuple[Value, Value]:
+    """The slabs [begin, end) that all planes keep, int32: midpoints lie in order along a ray, so they are a range."""
+    begin, end = Variable(code.same(I32, 0)), Variable(rays.slabs)
+    number = Variable(code.number(I64, 0))
+    with code.loop(lambda: number.now < job["planes"].to(I64)):
+        address = job["clip"] + number.now * PLANE_BYTES
+        x, y, z, w = (code.splat(code.load(F64, address + 8 * part)) for part in range(4))
+        first, past = _kept_by(code, rays, (x, y, z), w)
+        begin.set(code.most(begin.now, first))
+        end.set(code.least(end.now, past))
+        number.set(number.now + 1)
+    return begin.now, end.now
+
+
+def _kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Value, Value]:
+    """The same for one plane. The estimates are within one of the truth; the test is exact."""
+
+    def side(place: Vector) -> Value:
+        x, y, z = (by * at for by, at in zip(normal, place, strict=True))
+        return x + y + z
+
+    whole = code.most(rays.slabs - 1, 0)
+    at, by = side(rays.first) + offset, side(rays.slab)
+    rises, falls = by > 0.0, by < 0.0
+    ratio = (0.0 - at) / code.select(rises | falls, by, 1.0)
+    first = code.within(code.call("ceil", ratio), 0.0, whole.to(F64)).to(I32)
+    past = code.within(code.call("floor", ratio) + 1.0, 0.0, whole.to(F64)).to(I32)
+    never = ~rises & ~falls & (at < 0.0)
+    kept_to = code.select(falls, _past_kept(code, at, by, past, whole), code.select(never, 0, whole))
+    # The last slab's midpoint is not on the lattice.
+    kept_to = code.select(kept_to.equals(whole) & (side(rays.last) + offset >= 0.0), rays.slabs, kept_to)
+    return code.select(rises, _first_kept(code, at, by, first, whole), 0), kept_to
+
+
+def _is_kept(code: Code, at: Value, by: Value, slab: Value) -> Value:
+    return code.fma(slab.to(F64), by, at) >= 0.0
+
+
+def _first_kept(code: Code, at: Value, by: Value, begin: Value, whole: Value) -> Value:
+    earlier = (begin > 0) & _is_kept(code, at, by, begin - 1)
+    later = (begin < whole) & ~_is_kept(code, at, by, begin)
+    return code.select(earlier, begin - 1, code.select(later, begin + 1, begin))
+
+
+def _past_kept(code: Code, at: Value, by: Value, end: Value, whole: Value) -> Value:
+    later = (end < whole) & _is_kept(code, at, by, end)
+    earlier = (end > 0) & ~_is_kept(code, at, by, end - 1)
+    return code.select(later, end + 1, code.select(earlier, end - 1, end))

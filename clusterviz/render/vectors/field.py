@@ -1,0 +1,99 @@
+"""The scalar of the field at a place in a brick, trilinear with float32 weights: the twin of linear.glsl.
+
+Fetches are what costs. A load brings 64 bits, two neighbours along x; voxels are laid out so that these hold as many of
+a cell's eight corners as fit: all of them (8-bit voxels, with those of the next row and the next layer beside each),
+four (16-bit, with the next row's), or two (float32, as they are). So a voxel takes four bytes, whatever its type.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
+from clusterviz.plan.encoding import VoxelKind
+from clusterviz.render.vectors.job import Job
+
+LANES_OF_LOAD = 8
+Corners = tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Places of a packet, each relative to the corner of a cell of its brick, so that few digits are lost.
+
+    Attributes
+    ----------
+    voxel : int64, address of the cell's first corner
+    low, high : float32, how far the cell may move along x, y, z before it leaves the brick
+    beyond : float32, from the cell's corner to the place
+    """
+
+    voxel: Value
+    low: Vector
+    high: Vector
+    beyond: Vector
+
+
+class Field:
+    """The voxels of a draw as its kernel reads them.
+
+    Parameters
+    ----------
+    kind : how they are stored
+    nearest : the nearest voxel is taken, nothing is interpolated
+    """
+
+    def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool) -> None:
+        self._code, self._kind, self._nearest = code, kind, nearest
+        self._row_real, self._layer_real = (code.splat(job[name]).to(F32) for name in ("row", "layer"))
+        self._row_bytes, self._layer_bytes = (code.splat((job[name] << 2).to(I64)) for name in ("row", "layer"))
+        self._scale, self._bias = (code.splat(job.part("scalar", k)) for k in range(2))
+        self._base = code.splat(job["base"])
+
+    def at(self, spot: Spot) -> Value:
+        """The scalar, in units of clim; NaN where an invalid voxel takes part."""
+        code = self._code
+        rounded = tuple(at + 0.5 for at in spot.beyond) if self._nearest else spot.beyond
+        cell = [
+            code.most(code.least(code.call("floor", at), high), low)
+            for at, low, high in zip(rounded, spot.low, spot.high, strict=True)
+        ]
+        # Whole numbers below 2^24 (the length of a run sees to that), so that float32 is exact.
+        away = code.fma(cell[2], self._layer_real, code.fma(cell[1], self._row_real, cell[0]))
+        voxel = spot.voxel + (away.to(I32) << 2).to(I64)
+        if self._nearest:
+            return self._scalar(self._corners(voxel)[0])
+        x, y, z = (at - whole for at, whole in zip(spot.beyond, cell, strict=True))
+        c = self._corners(voxel)
+        along = [code.fma(c[k + 1] - c[k], x, c[k]) for k in (0, 2, 4, 6)]
+        near, far = (code.fma(along[k + 1] - along[k], y, along[k]) for k in (0, 2))
+        return self._scalar(code.fma(far - near, z, near))
+
+    def _scalar(self, stored: Value) -> Value:
+        return stored if self._kind == "f32" else self._code.fma(stored, self._scale, self._bias)
+
+    def _corners(self, voxel: Value) -> Corners:
+        """The cell's corners, float32, x fastest, then y."""
+        if self._kind == "u8":
+            words = self._pair(voxel)
+            return tuple(
+                ((words[k & 1] >> 8 * (k >> 1)) & 255 if k < 6 else words[k & 1] >> 24).to(F32) for k in range(8)
+            )
+        layers = (voxel, voxel + self._layer_bytes)
+        if self._kind == "u16":
+            corners: list[Value] = []
+            for layer in layers:
+                words = self._pair(layer)
+                corners += [(words[k & 1] & 65535 if k < 2 else words[k & 1] >> 16) - self._base for k in range(4)]
+            return tuple(corner.to(F32) for corner in corners)
+        rows = [row for layer in layers for row in (layer, layer + self._row_bytes)]
+        return tuple(word.bits(F32) for row in rows for word in self._pair(row))
+
+    def _pair(self, voxel: Value) -> tuple[Value, Value]:
+        """The 32 bits at a voxel and those behind them, along x."""
+        code, every = self._code, 2 * self._code.lanes
+        parts = [voxel] if code.lanes <= LANES_OF_LOAD else code.halves(voxel)
+        words = [code.fetch(I64, part).bits(I32) for part in parts]
+        both = words[0] if len(words) == 1 else code.join(words[0], words[1])
+        return code.shuffle(both, both, range(0, every, 2)), code.shuffle(both, both, range(1, every, 2))

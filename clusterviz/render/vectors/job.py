@@ -1,0 +1,80 @@
+"""What a kernel shall draw, as one record: the constants of a draw, sizes, and where its tables lie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, F64, I32, I64, Value
+from clusterviz.render.frame_block import FRAME
+
+JOB = np.dtype(
+    [
+        ("frame", FRAME),
+        ("whole", "i4"),  # 1: the box holds the whole volume
+        ("row", "i4"),  # voxels in a row of a brick, rows in a layer times that, voxels in a brick
+        ("layer", "i4"),
+        ("longest_run", "i4"),
+        ("brick", "i4"),  # cells along its side
+        ("per_brick", "f8"),  # one over that
+        ("further_starts", "i4"),  # of the plan's segments
+        ("record_floats", "i4"),  # in a row of the records
+        ("planes", "i4"),  # how many clip the volume
+        ("slack", "f4"),  # voxels that float32 may have rounded away
+        ("tiles_across", "i4"),
+        ("tiles", "i4"),
+        ("stride", "i4"),  # pixels in a row of the output
+        ("squares_across", "i4"),
+        ("group_sides", "i4", 4),  # groups in a brick along x, y, z; their product
+        ("last_cell", "i4", 4),  # of a brick in which the field may be sampled, x, y, z
+        ("first_cell", "i4"),
+        ("first_voxel", "i4"),  # that is stored, from the brick's first cell
+        ("counter", "i8"),  # the next tile; threads raise it
+        ("taken", "i8"),  # field samples so far
+        ("pixels", "i8"),  # addresses from here on: float32 (rows, stride, 4)
+        ("work", "i8"),  # uint32, samples of each square of pixels
+        ("some_brick", "i8"),  # the first voxel of one of them
+        ("bricks", "i8"),  # int64, one a brick of the box: the address of its first voxel, or 0
+        ("leaps", "i8"),  # int32, one a group: see leaps.py
+        ("bucket_rows", "i8"),  # float32 (BUCKETS, 4): the next start, the first one, the first segment
+        ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope
+        ("record_rows", "i8"),  # the plan's own
+        ("clip", "i8"),
+    ],
+    align=True,
+)
+_ELEMENTS = {"f4": F32, "f8": F64, "i4": I32, "i8": I64}
+
+
+class Job:
+    """A job as a kernel's code reads it.
+
+    Parameters
+    ----------
+    code : of the kernel, whose argument is the job's address
+    """
+
+    def __init__(self, code: Code) -> None:
+        self._code = code
+
+    def __getitem__(self, name: str) -> Value:
+        """A member that is one number; the first of several."""
+        return self.part(name, 0)
+
+    def address(self, name: str) -> Value:
+        """Where a member lies, for all threads."""
+        return self._code.argument + self._field(name)[1]
+
+    def part(self, name: str, number: int) -> Value:
+        """One of a member's numbers."""
+        kind, offset = self._field(name)
+        element = _ELEMENTS[kind.base.str[1:]]
+        return self._code.load(element, self._code.argument + (offset + number * kind.base.itemsize))
+
+    @staticmethod
+    def _field(name: str) -> tuple[np.dtype[np.generic], int]:
+        fields, frame = JOB.fields, FRAME.fields
+        assert fields is not None
+        assert frame is not None
+        kind, offset = frame[name][:2] if name in frame else fields[name][:2]
+        return kind, offset

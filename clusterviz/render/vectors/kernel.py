@@ -1,0 +1,105 @@
+"""The kernel of a variant: tiles of the picture, packets of pixels, rays, and what the look makes of them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import I32, I64, Value
+from clusterviz.kernels.objects import function_address, machine
+from clusterviz.plan.encoding import VoxelKind
+from clusterviz.plan.plan import Plan
+from clusterviz.render.vectors.classify import Classifier
+from clusterviz.render.vectors.composite import Composite
+from clusterviz.render.vectors.field import Field
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.march import March
+from clusterviz.render.vectors.place import Places
+from clusterviz.render.vectors.tile import Tile
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """What a kernel is made for; its fields are constants of its code.
+
+    Attributes
+    ----------
+    kind : how voxels are stored
+    nearest : the nearest voxel is taken
+    lanes : pixels of a packet
+    """
+
+    kind: VoxelKind
+    nearest: bool
+    lanes: int
+
+    @property
+    def name(self) -> str:
+        """Of the function."""
+        return f"cast_{self.kind}_{'nearest' if self.nearest else 'linear'}_{self.lanes}"
+
+    def write(self) -> str:
+        """The code, as LLVM reads it."""
+        code = Code(self.name, self.lanes)
+        job = Job(code)
+        tile = Variable(code.number(I64, 0))
+        samples = Variable(code.number(I64, 0))
+        field = Field(code, job, self.kind, self.nearest)
+        look = Composite(code, job, field, Classifier(code, job))
+        places = Places(code, job, self.nearest)
+        tiles = Tile(code, job, March(code, job, places, look))
+
+        def next_tile() -> Value:
+            tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
+            return tile.now < job["tiles"].to(I64)
+
+        with code.loop(next_tile):
+            samples.set(samples.now + tiles.draw(tile.now.to(I32)))
+        code.add_atomically(job.address("taken"), samples.now)
+        return code.text()
+
+
+def kernel_of(plan: Plan, lanes: int) -> Kernel:
+    """The kernel that a plan needs."""
+    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", lanes)
+
+
+def can_draw(plan: Plan) -> bool:
+    """Whether there is a kernel for a plan."""
+    look, march = plan.look, plan.march
+    special = look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
+    return look.blending == "composite" and not special and march.filter in ("linear", "nearest")
+
+
+@cache
+def compiled(kernel: Kernel) -> Callable[[int], None]:
+    """A kernel as a function of its job's address; it needs no lock of Python's, so threads run it at once."""
+    sources = [path.read_bytes() for path in _sources()]
+    address = function_address(kernel.name, sources, lambda: _object(kernel))
+    return ctypes.CFUNCTYPE(None, ctypes.c_int64)(address)
+
+
+def _sources() -> list[Path]:
+    here = Path(__file__).parent
+    return [
+        *sorted(here.glob("*.py")),
+        *sorted((here.parent.parent / "kernels").glob("*.py")),
+        here.parent / "frame_block.py",
+    ]
+
+
+def _object(kernel: Kernel) -> bytes:
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+    target = machine()
+    module = llvm.parse_assembly(kernel.write())
+    module.triple, module.data_layout = target.triple, str(target.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    builder = llvm.create_pass_builder(target, options)
+    builder.getModulePassManager().run(module, builder)
+    code: bytes = target.emit_object(module)
+    return code

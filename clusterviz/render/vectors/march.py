@@ -1,0 +1,133 @@
+"""The march of packets of rays from run to run: the twin of march.glsl.
+
+Each ray has its own lattice and its own runs; the rays of a packet take their next runs together. What a run comes to
+is the look's (`Look`).
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, I32, Value, Vector
+from clusterviz.render.vectors.clip import kept_range
+from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.place import Places
+from clusterviz.render.vectors.rays import Rays, cell_of, midpoint, owned, owned_range
+from clusterviz.render.vectors.state import Packet
+
+Four = tuple[Value, Value, Value, Value]
+Variables = list[Variable]
+
+
+class Look(Protocol):
+    """What becomes of the samples of rays.
+
+    What it keeps of a packet are `LOOK_VECTORS` vectors, zeros at first; four of them are the pixels, whose meaning is
+    said in image/merge.py.
+    """
+
+    def run(self, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Four:
+        """What runs of whole slabs come to, as if nothing were in front of them.
+
+        Parameters
+        ----------
+        spot : of the first midpoint
+        slab : from one midpoint to the next
+        slabs : how many, of each ray; none where 0
+        first : whether the run begins with the ray's first slab
+        """
+
+    def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
+        """What shares of slabs come to, where they are drawn; `only`: the ray has no other slab."""
+
+    def add(self, kept: Variables, run: Four) -> None:
+        """Put a run behind what is kept."""
+
+    def is_done(self, kept: Variables) -> Value:
+        """Where nothing behind can matter."""
+
+
+class March:
+    """The march of a kernel."""
+
+    def __init__(self, code: Code, job: Job, places: Places, look: Look) -> None:
+        self._code, self._job, self._places, self._look = code, job, places, look
+
+    def begin(self, packet: Packet, rays: Rays, inside: Value) -> Value:
+        """Write a packet's first state; `inside` says which lanes are pixels. Returns whether there is any slab."""
+        code, job = self._code, self._job
+        end = code.most(rays.slabs - 1, 0)
+        first, behind = Variable(code.same(I32, 0)), Variable(end)
+        with code.when(job["whole"].equals(0)):
+            begin, past = owned_range(code, job, rays, end)
+            first.set(begin)
+            behind.set(past)
+        kept_from, kept_to = kept_range(code, job, rays)
+        first.set(code.most(first.now, kept_from))
+        behind.set(code.least(behind.now, kept_to))
+        hit = inside & (rays.slabs > 0)
+        packet.set("ends", kept_to.equals(rays.slabs).to(I32))
+        packet.keep_rays(rays)
+        packet.set("at", first.now)
+        packet.set("behind", code.select(hit, behind.now, 0))
+        packet.set("done", (~hit).to(I32))
+        packet.set("samples", code.same(I32, 0))
+        return code.any(hit)
+
+    def go_on(self, packet: Packet, kept: Variables, limit: Value) -> Value:
+        """Take a packet's rays up to a slab at least; returns the least slab with which one goes on."""
+        code, look = self._code, self._look
+        rays = packet.rays
+        slab = _float(rays.slab)
+        per_slab = _inverse(code, slab)
+        at, done, samples = (Variable(packet.get(name)) for name in ("at", "done", "samples"))
+        behind = packet.get("behind")
+
+        def active() -> Value:
+            return (at.now < behind) & done.now.equals(0)
+
+        with code.loop(lambda: code.any(active() & (at.now < limit))):
+            here = active()
+            place = self._places.of(midpoint(code, rays, at.now), slab, per_slab)
+            step = code.least(place.slabs, behind - at.now)
+            gap = here & ~place.visible
+            at.set(code.select(gap, at.now + step, at.now))
+            # Rays that have found something wait for those that are still looking.
+            with code.when(~code.any(gap & (at.now < behind))):
+                slabs = code.select(here & place.visible, step, 0)
+                look.add(kept, look.run(place.spot, slab, slabs, at.now.equals(0)))
+                at.set(at.now + slabs)
+                samples.set(samples.now + slabs)
+                done.set(code.select(look.is_done(kept), 1, done.now))
+        for name, variable in (("at", at), ("done", done), ("samples", samples)):
+            packet.set(name, variable.now)
+        return code.smallest(code.select(active(), at.now, NEVER))
+
+    def finish(self, packet: Packet, kept: Variables) -> Value:
+        """Draw the last slabs, where the box owns them and something may be visible; samples taken in all, int32."""
+        code, job = self._code, self._job
+        rays = packet.rays
+        drawn = Variable(code.same(I32, 0))
+        mine = packet.get("done").equals(0) & packet.mask("ends") & owned(job, cell_of(code, job, rays.last))
+        with code.when(code.any(mine)):
+            slab = _float(rays.slab)
+            place = self._places.of(rays.last, slab, _inverse(code, slab))
+            seen = mine & place.visible
+            drawn.set(seen.to(I32))
+            self._look.add(kept, self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1)))
+        return packet.get("samples") + drawn.now
+
+
+NEVER = (1 << 31) - 1
+
+
+def _float(vector: Vector) -> Vector:
+    x, y, z = (by.to(F32) for by in vector)
+    return x, y, z
+
+
+def _inverse(code: Code, slab: Vector) -> Vector:
+    x, y, z = (1.0 / code.most(code.size(by), 1e-30) for by in slab)
+    return x, y, z

@@ -1,0 +1,112 @@
+"""Bricks in memory: voxels laid out so that one load brings many of a cell's corners (`field.py` says which)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.partition import BrickBox
+from clusterviz.plan.encoding import Encoding
+from clusterviz.render.emptiness import Ranges, group_ranges
+from clusterviz.render.storage import Slot
+
+Index = tuple[int, int, int]
+VOXEL_BYTES = 4
+BESIDE = {"u8": ((0, 0), (0, 1), (1, 0), (1, 1)), "u16": ((0, 0), (0, 1)), "f32": ((0, 0),)}
+"""By stored type: the voxels that lie beside each one, (z, y) further on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A brick.
+
+    Attributes
+    ----------
+    words : uint32, one a voxel of the slot, and one behind them that loads may touch
+    low, high : smallest and largest finite sample of its groups of cells
+    voxels : samples that it was made of
+    """
+
+    words: NDArray[np.uint32]
+    low: NDArray[Any]
+    high: NDArray[Any]
+    voxels: int
+
+
+class Memory:
+    """Bricks by index.
+
+    Parameters
+    ----------
+    slot : what a brick takes
+    """
+
+    def __init__(self, slot: Slot) -> None:
+        self._slot = slot
+        self._kept: dict[Index, Kept] = {}
+
+    @property
+    def bricks(self) -> set[Index]:
+        """Those that are here."""
+        return set(self._kept)
+
+    @property
+    def bytes(self) -> int:
+        """Memory taken by voxels."""
+        return sum(kept.words.nbytes for kept in self._kept.values())
+
+    @property
+    def voxels(self) -> int:
+        """Samples of which the bricks were made."""
+        return sum(kept.voxels for kept in self._kept.values())
+
+    def put(self, bricks: MutableMapping[Index, NDArray[Any]], encoding: Encoding) -> None:
+        """Keep bricks, samples (z, y, x), beside those that are here; each is taken out, so that none is held twice."""
+        for index in list(bricks):
+            samples = bricks.pop(index)
+            low, high = group_ranges(samples, self._slot)
+            self._kept[index] = Kept(laid_out(encoding.encode(samples), self._slot), low, high, samples.size)
+
+    def drop(self, bricks: Iterable[Index]) -> None:
+        """Give up bricks."""
+        for index in bricks:
+            self._kept.pop(index, None)
+
+    def addresses(self, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the voxels of bricks begin, int64 of the box's shape; 0 for others.
+
+        Parameters
+        ----------
+        bricks : int64 (m, 3), indices (z, y, x) in the box
+
+        Raises
+        ------
+        KeyError
+            One of them is not here.
+        """
+        found = np.zeros(box.shape_zyx, np.int64)
+        starts = [self._kept[z, y, x].words.__array_interface__["data"][0] for z, y, x in bricks.tolist()]
+        found[tuple((bricks - box.begin_zyx).T)] = starts
+        return found
+
+    def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
+        """Lowest and highest samples of the groups of bricks, (m, *slot.groups_zyx) each."""
+        kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
+        return np.stack([one.low for one in kept]), np.stack([one.high for one in kept])
+
+
+def laid_out(stored: NDArray[Any], slot: Slot) -> NDArray[np.uint32]:
+    """One brick's words; the last samples of a smaller one are repeated."""
+    beside = BESIDE[slot.kind]
+    missing = [(0, n + 1 - have) for n, have in zip(slot.samples_zyx, stored.shape, strict=True)]
+    padded = np.pad(stored, missing, mode="edge")
+    z, y, x = slot.samples_zyx
+    words = np.zeros(z * y * x + 1, np.uint32)
+    parts = words[:-1].view(stored.dtype).reshape(z, y, x, len(beside))
+    for part, (up, down) in enumerate(beside):
+        parts[..., part] = padded[up : up + z, down : down + y, :x]
+    return words

@@ -1,0 +1,76 @@
+"""A draw as a job for the kernel: from a plan and the bricks in memory to numbers and addresses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.region import Rect
+from clusterviz.partition import BrickBox
+from clusterviz.plan.plan import Plan
+from clusterviz.render.frame_block import frame_block
+from clusterviz.render.storage import GROUP, Slot
+from clusterviz.render.vectors.classify import bucket_rows, colour_rows
+from clusterviz.render.vectors.job import JOB
+from clusterviz.render.vectors.leaps import FARTHEST
+from clusterviz.render.vectors.tile import TILE
+
+LONGEST_RUN = 32  # slabs, as in march.glsl
+EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
+ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
+Tables = dict[str, NDArray[Any]]
+
+
+def tables_of(plan: Plan, addresses: NDArray[np.int64], leaps: NDArray[np.int32]) -> Tables:
+    """The arrays that a kernel reads, by the names of the job's addresses; they must outlive the draw."""
+    return {
+        "bricks": addresses,
+        "leaps": leaps,
+        "bucket_rows": bucket_rows(plan.segments),
+        "colour_rows": colour_rows(plan.segments),
+        "record_rows": plan.segments.records,
+        "clip": np.ascontiguousarray(plan.clip),
+    }
+
+
+def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:
+    """The job, `JOB` (1,).
+
+    Parameters
+    ----------
+    tables : those of `tables_of`; `pixels`, float32 (rows, columns, 4), and `work` as in `Drawn`, which it writes
+    """
+    job = np.zeros(1, JOB)
+    job["frame"] = frame_block(plan, box, rect, slot)
+    job["whole"] = box.shape_zyx == plan.layout.counts_zyx
+    _, y, x = slot.samples_zyx
+    job["row"], job["layer"] = x, x * y
+    job["brick"], job["per_brick"] = plan.layout.brick, 1 / plan.layout.brick
+    job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
+    job["record_floats"] = plan.segments.records.itemsize // 4
+    job["longest_run"] = _longest_run(plan, slot)
+    job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
+    across, down = -(-rect.width // TILE), -(-rect.height // TILE)
+    job["tiles_across"], job["tiles"], job["stride"] = across, across * down, tables["pixels"].shape[1]
+    job["squares_across"] = tables["work"].shape[1]
+    sides = slot.groups_zyx[::-1]
+    job["group_sides"] = *sides, np.prod(sides)
+    job["first_cell"], job["first_voxel"] = -slot.reach, -slot.margin
+    job["last_cell"][0, :3] = np.array(slot.cells_zyx[::-1]) - 1 + slot.reach
+    job["some_brick"] = tables["bricks"].max()
+    for name, table in tables.items():
+        job[name] = table.__array_interface__["data"][0]
+    return job
+
+
+def _longest_run(plan: Plan, slot: Slot) -> int:
+    """Slabs whose cells can be told from the first one's by a whole number in float32."""
+    z, y, x = slot.samples_zyx
+    if x * y * z <= EXACT:
+        return LONGEST_RUN
+    axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
+    voxels_a_slab = plan.march.step_world * float(np.sqrt((axes**2).sum()))
+    farthest = EXACT / (x * y + x + 1) - 2
+    return int(np.clip(farthest / voxels_a_slab, 1, LONGEST_RUN))

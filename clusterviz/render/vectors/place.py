@@ -1,0 +1,118 @@
+"""Where the slabs of rays are, and how far their rays may go there: the twin of place_of in march.glsl."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
+from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.rays import cell_of
+
+VOXEL_SHIFT = 2  # a voxel takes four bytes
+GROUP_SHIFT = 3  # groups of 8 cells a side, as in storage.py
+WHOLE_BRICK = -1  # a leap over what is left of the brick
+LONGEST_LEAP = 1 << 20  # slabs
+FARTHEST = 1 << 30
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where slabs are.
+
+    Attributes
+    ----------
+    visible : something may be visible there
+    slabs : how many from here on share this answer
+    spot : of the midpoint
+    """
+
+    visible: Value
+    slabs: Value
+    spot: Spot
+
+
+class Places:
+    """The bricks and groups of cells of a draw as its kernel reads them.
+
+    Parameters
+    ----------
+    nearest : voxels are looked up, not cells
+    """
+
+    def __init__(self, code: Code, job: Job, nearest: bool) -> None:
+        self._code, self._job, self._brick = code, job, job["brick"]
+        self._begin, self._count = ([job.part(name, k) for k in range(3)] for name in ("bricks_begin", "bricks_count"))
+        self._sides = [job.part("group_sides", k) for k in range(4)]
+        self._first = job["first_cell"]
+        self._last = [job.part("last_cell", axis) + int(nearest) for axis in range(3)]
+        # Where groups are of one size, leaps go on into other bricks.
+        self._farthest = code.select((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0), FARTHEST, self._brick)
+        self._slack = code.splat(job["slack"])
+        self._longest = code.splat(job["longest_run"])
+
+    def of(self, position: Vector, slab: Vector, per_slab: Vector) -> Place:
+        """The place of a midpoint that the box owns.
+
+        Parameters
+        ----------
+        slab : float32, from one midpoint to the next
+        per_slab : float32, one over its size
+        """
+        code = self._code
+        cell = cell_of(code, self._job, position)
+        beyond = _each(lambda at, whole: (at - whole.to(F64)).to(F32), position, cell)
+        number = [self._divided(at) for at in cell]
+        local = _each(lambda at, whole: at - whole * self._brick, cell, number)
+        # Rays that have left the box, or never meet it, are told of some brick of it.
+        inside = zip(number, self._begin, self._count, strict=True)
+        x, y, z = (code.within(at - begin, 0, count - 1) for at, begin, count in inside)
+        brick = (z * self._count[1] + y) * self._count[0] + x
+        group = _each(lambda at, _: at >> GROUP_SHIFT, local, local)
+        within = (group[2] * self._sides[1] + group[1]) * self._sides[0] + group[0]
+        leap = code.gather(I32, self._job["leaps"], brick * self._sides[3] + within, 4)
+        start = code.gather(I64, self._job["bricks"], brick, 8)
+        limit = code.select(leap.equals(0), self._longest, LONGEST_LEAP)
+        slabs = self._slabs(_each(lambda at, by: at.to(F32) + by, local, beyond), group, leap, (slab, per_slab), limit)
+        # Rays that lie nowhere read some brick, too.
+        start = code.select(start.equals(0), self._job["some_brick"], start)
+        voxel = start + (self._voxel(local) << VOXEL_SHIFT).to(I64)
+        low = _each(lambda at, _: (self._first - at).to(F32), local, local)
+        high = _each(lambda last, at: (last - at).to(F32), self._last, local)
+        return Place(leap.equals(0), slabs, Spot(voxel, low, high, beyond))
+
+    def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector], limit: Value) -> Value:
+        """How many midpoints from here on lie in the box that shares the answer, for certain: one to `limit`.
+
+        That box is the brick, or the groups that a leap crosses. It is taken to be smaller by more than float32 has
+        rounded away, so that no slab is taken that a neighbour, who decides exactly, takes too.
+        """
+        code, whole, least = self._code, leap <= 0, limit.to(F32)
+        for axis in range(3):
+            low = code.select(whole, 0, (group[axis] - (leap - 1)) << GROUP_SHIFT)
+            high = code.select(whole, self._brick, self._group_end(group[axis] + leap))
+            rises = slab[0][axis] >= 0.0
+            ahead = code.select(rises, high.to(F32) - at[axis], at[axis] - low.to(F32)) - self._slack
+            least = code.least(ahead * slab[1][axis], least)
+        return code.least(code.most((least - 1e-3).to(I32) + 1, 1), limit)
+
+    def _voxel(self, local: Vector) -> Value:
+        """The number of a cell's first corner in its brick."""
+        x, y, z = (at - self._job["first_voxel"] for at in local)
+        return z * self._job["layer"] + y * self._job["row"] + x
+
+    def _divided(self, cell: Value) -> Value:
+        """The number of the brick that holds a cell; exact, as in march.glsl."""
+        return ((cell.to(F64) + 0.5) * self._job["per_brick"]).to(I32)
+
+    def _group_end(self, group: Value) -> Value:
+        """Where a group ends; the last one of a brick may be cut."""
+        return self._code.least(group << GROUP_SHIFT, self._farthest)
+
+
+def _each(function: Callable[[Value, Value], Value], a: Sequence[Value], b: Sequence[Value]) -> Vector:
+    """A function of two vectors' components, one by one."""
+    x, y, z = (function(first, second) for first, second in zip(a, b, strict=True))
+    return x, y, z

@@ -1,0 +1,130 @@
+"""Rays of a packet of pixels and their lattice of slabs: the twin of ray.glsl, in double precision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
+from clusterviz.render.vectors.job import Job
+
+FAR = 1e300
+MOST_SLABS = 2.0**31 - 2
+
+
+@dataclass(frozen=True)
+class Rays:
+    """The rays of a packet, in index space: units are voxels along (x, y, z); parameters are world lengths.
+
+    Attributes
+    ----------
+    first : midpoint of slab 0, float64
+    slab : from one midpoint to the next, float64
+    last : midpoint of the last slab, which the exit may have cut short
+    slabs : how many; 0 where the ray misses the volume
+    last_share : length of the last slab over that of a full one, float32
+    """
+
+    first: Vector
+    slab: Vector
+    last: Vector
+    slabs: Value
+    last_share: Value
+
+
+def packet_rays(code: Code, job: Job, x: Value, y: Value) -> Rays:
+    """The rays through the pixels (x, y) of the picture, int32."""
+    pixel, half_width, half_height = (code.splat(job.part("lens", k)) for k in range(3))
+    across = (x.to(F64) + 0.5 - half_width) * pixel
+    above = (half_height - y.to(F64) - 0.5) * pixel
+    parallel = ~job.part("lens", 3).equals(0.0)
+    scale = code.call("sqrt", 1.0 + across * across + above * above)
+    origin, direction = [], []
+    for axis in range(3):
+        eye, right, up, forward = (code.splat(job.part(name, axis)) for name in ("eye", "right", "up", "forward"))
+        aside = across * right + above * up
+        mask = code.splat(parallel)
+        origin.append(code.select(mask, eye + aside, eye))
+        direction.append(code.select(mask, forward, (forward + aside) / scale))
+    entry, leave = code.same(F64, 0.0), code.same(F64, FAR)
+    for axis in range(3):
+        near, far = _between(code, origin[axis], direction[axis], code.splat(job.part("extent", axis)))
+        entry, leave = code.most(entry, near), code.least(leave, far)
+    step = code.splat(job.part("extent", 3))
+    length = (leave - entry) / step
+    slabs = code.within(code.call("ceil", length), 0.0, MOST_SLABS)
+    share = length - (slabs - 1.0)
+    first = tuple(o + d * (entry + 0.5 * step) for o, d in zip(origin, direction, strict=True))
+    end = entry + (slabs - 1.0 + 0.5 * share) * step
+    last = tuple(o + d * end for o, d in zip(origin, direction, strict=True))
+    slab = tuple(d * step for d in direction)
+    return Rays(first, slab, last, slabs.to(I32), share.to(F32))  # type: ignore[arg-type]
+
+
+def _between(code: Code, origin: Value, direction: Value, high: Value) -> tuple[Value, Value]:
+    """Where rays are between two planes; one that is parallel to them is so always or never."""
+    still = direction.equals(0.0)
+    safe = code.select(still, 1.0, direction)
+    a, b = (0.0 - origin) / safe, (high - origin) / safe
+    inside = (origin >= 0.0) & (origin <= high)
+    always = code.select(inside, code.same(F64, -FAR), code.same(F64, FAR))
+    return code.select(still, always, code.least(a, b)), code.select(still, -always, code.most(a, b))
+
+
+def midpoint(code: Code, rays: Rays, slab: Value) -> Vector:
+    """The midpoint of a slab of each ray, not of the last: the expression by which every box decides what it owns."""
+    number = slab.to(F64)
+    x, y, z = (code.fma(number, by, at) for by, at in zip(rays.slab, rays.first, strict=True))
+    return x, y, z
+
+
+def cell_of(code: Code, job: Job, position: Vector) -> Vector:
+    """The cell that holds a midpoint, int32; rounding may put one on the far faces, which belong to the last cells."""
+    cells = []
+    for axis, at in enumerate(position):
+        last = job.part("cells", axis) - 1
+        cells.append(code.least(code.most(code.within(at, -1.0, 2.0**31 - 1).to(I32), 0), last))
+    x, y, z = cells
+    return x, y, z
+
+
+def owned(job: Job, cell: Vector) -> Value:
+    """Whether the box of the draw holds a cell."""
+    inside = None
+    for axis, at in enumerate(cell):
+        here = (at >= job.part("box_begin", axis)) & (at < job.part("box_end", axis))
+        inside = here if inside is None else inside & here
+    assert inside is not None
+    return inside
+
+
+def owned_range(code: Code, job: Job, rays: Rays, end: Value) -> tuple[Value, Value]:
+    """The slabs [first, behind) below `end` that the box owns: midpoints run one way, so they are a range.
+
+    The estimates are within two of the truth; the test is exact.
+    """
+    enter, leave = code.same(F64, 0.0), end.to(F64)
+    for axis in range(3):
+        by, at = rays.slab[axis], rays.first[axis]
+        low, high = (code.splat(job.part(name, axis).to(F64)) for name in ("box_begin", "box_end"))
+        still = by.equals(0.0)
+        safe = code.select(still, 1.0, by)
+        near, far = ((face - at) / safe for face in (low, high))
+        enter = code.select(still, enter, code.most(enter, code.least(near, far)))
+        leave = code.select(still, leave, code.least(leave, code.most(near, far)))
+    most = end.to(F64)
+    first = code.within(enter, 0.0, most).to(I32) - 1
+    begin, behind = end, end
+    for candidate in range(4, -1, -1):
+        slab = code.most(first + candidate, 0)
+        begin = code.select(_is_owned(code, job, rays, slab, end), slab, begin)
+    past = code.within(leave, 0.0, most).to(I32) + 1
+    behind = begin
+    for candidate in range(4, -1, -1):
+        slab = code.most(past - candidate, 0)
+        behind = code.select(_is_owned(code, job, rays, slab, end), slab + 1, behind)
+    return begin, code.most(begin, behind)
+
+
+def _is_owned(code: Code, job: Job, rays: Rays, slab: Value, end: Value) -> Value:
+    return owned(job, cell_of(code, job, midpoint(code, rays, slab))) & (slab < end)

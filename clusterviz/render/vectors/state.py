@@ -1,0 +1,91 @@
+"""What a thread knows of the packets of its tile between their turns: vectors in memory that fits a core's cache.
+
+All rays of a tile go on together, a few slabs at a time, so that voxels are fetched from far away once for all of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import BYTES, F32, F64, I32, I64, Value, Vector
+from clusterviz.render.vectors.rays import Rays
+
+LOOK_VECTORS = 8
+_LAYOUT: tuple[tuple[str, Any, int], ...] = (
+    ("first", F64, 3),
+    ("slab", F64, 3),
+    ("last", F64, 3),
+    ("slabs", I32, 1),
+    ("last_share", F32, 1),
+    ("at", I32, 1),  # the slab to go on with
+    ("behind", I32, 1),  # that and what follows is not this draw's
+    ("ends", I32, 1),  # 1: the last slab is kept by the clipping planes
+    ("done", I32, 1),  # 1: nothing behind can matter; and outside of the picture
+    ("samples", I32, 1),  # taken so far
+    ("look", F32, LOOK_VECTORS),
+)
+
+
+class State:
+    """The packets of a tile.
+
+    Parameters
+    ----------
+    packets : how many
+    """
+
+    def __init__(self, code: Code, packets: int) -> None:
+        self._code, self._offsets = code, {}
+        offset = 0
+        for name, element, vectors in _LAYOUT:
+            self._offsets[name] = (offset, element)
+            offset += vectors * BYTES[element] * code.lanes
+        self._bytes = offset
+        self._place = code.scratch(packets * offset)
+
+    def packet(self, number: Value) -> Packet:
+        """One packet's."""
+        return Packet(self._code, self._place + number.to(I64) * self._bytes, self._offsets)
+
+
+class Packet:
+    """One packet's vectors."""
+
+    def __init__(self, code: Code, address: Value, offsets: dict[str, tuple[int, Any]]) -> None:
+        self._code, self._address, self._offsets = code, address, offsets
+
+    def get(self, name: str, number: int = 0) -> Value:
+        """A vector; of several, one."""
+        element, address = self._at(name, number)
+        return self._code.load(element, address, self._code.lanes)
+
+    def set(self, name: str, value: Value, number: int = 0) -> None:
+        """Keep a vector."""
+        self._code.store(value, self._at(name, number)[1])
+
+    def mask(self, name: str) -> Value:
+        """A vector of ones and zeros as a mask."""
+        return self.get(name) > 0
+
+    @property
+    def rays(self) -> Rays:
+        """The packet's rays."""
+        first, slab, last = (self._triple(name) for name in ("first", "slab", "last"))
+        return Rays(first, slab, last, self.get("slabs"), self.get("last_share"))
+
+    def keep_rays(self, rays: Rays) -> None:
+        """Write rays."""
+        for name in ("first", "slab", "last"):
+            for axis, value in enumerate(getattr(rays, name)):
+                self.set(name, value, axis)
+        self.set("slabs", rays.slabs)
+        self.set("last_share", rays.last_share)
+
+    def _triple(self, name: str) -> Vector:
+        x, y, z = (self.get(name, axis) for axis in range(3))
+        return x, y, z
+
+    def _at(self, name: str, number: int) -> tuple[Any, Value]:
+        offset, element = self._offsets[name]
+        return element, self._address + (offset + number * BYTES[element] * self._code.lanes)

@@ -1,0 +1,65 @@
+"""What draws: OpenGL on a GPU or where it is asked for, else the processor, as far as it can."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from render.scenes import camera_at, noise, prepare, scene_of
+
+from clusterviz.cli.arguments import parse_device
+from clusterviz.data.grid import Grid
+from clusterviz.errors import DeviceError, InputError
+from clusterviz.plan.plan import Plan
+from clusterviz.render import choice
+from clusterviz.render.choice import on_processor
+
+SHAPE = (5, 6, 7)
+ASKED = {"CLUSTERVIZ_EGL_DEVICE": "0"}
+
+
+def plan_of(**keys: Any) -> Plan:
+    voxels = noise(SHAPE, "uint8")
+    return prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), **keys), voxels).plan
+
+
+@pytest.mark.parametrize(
+    ("gpu", "device", "environment", "processor"),
+    [
+        (False, None, {}, True),
+        (False, None, ASKED, False),
+        (False, 0, {}, False),
+        (False, "cpu", ASKED, True),
+        (True, None, {}, False),
+        (True, "cpu", {}, True),
+    ],
+)
+def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
+    gpu: bool, device: Any, environment: dict[str, str], processor: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(choice, "has_gpu", lambda: gpu)
+    assert on_processor(plan_of(), device, environment) is processor
+
+
+@pytest.mark.parametrize("keys", [{"filter": "hardware"}, {"interpolation": "cubic"}])
+def test_what_the_processor_cannot_draw_is_left_to_opengl(
+    keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(choice, "has_gpu", lambda: False)
+    assert not on_processor(plan_of(**keys), None, {})
+    assert not on_processor(plan_of(**keys), "cpu", {})
+
+
+def test_no_egl_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise DeviceError("there is no EGL library")
+
+    monkeypatch.setattr(choice, "egl_devices", fail)
+    assert not choice.has_gpu()
+
+
+def test_devices_are_named_by_index_or_cpu() -> None:
+    assert [parse_device(text) for text in (None, "cpu", "0", "12")] == [None, "cpu", 0, 12]
+    for wrong in ("gpu", "-1", "", "1.5"):
+        with pytest.raises(InputError, match="not a device"):
+            parse_device(wrong)
