@@ -19,6 +19,7 @@ from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.report.statistics import FrameStatistics
+from clusterviz.report.trace import Span
 from clusterviz.scene import Scene, open_scene
 from clusterviz.scene.path import KeyFrames, load_path, scenes_along
 
@@ -45,9 +46,10 @@ def command(
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
     device: DeviceOption = None,
+    overlap: Annotated[bool, typer.Option(help="Composite each frame while the next one is drawn.")] = True,
 ) -> None:
     """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
-    channel, startup = start()
+    channel, startup = start(several_threads=overlap)
     with agree(channel, 0, "scene"):
         opened, drawn_on = open_scene(scene, overrides_of(define, size)), parse_device(device)
         keys = load_path(path) if path else None
@@ -60,7 +62,8 @@ def command(
     tracing = Tracing(channel, trace)
     movie = _Movie(channel, files, tracing, bool(stats))
     changing = keys is not None and bool(keys.transfer)
-    options = Options(drawn_on, debug=context.obj["debug"], write=movie.write, trace=bool(trace), keep_bricks=changing)
+    debug, traced = bool(context.obj["debug"]), bool(trace)
+    options = Options(drawn_on, debug=debug, write=movie.write, trace=traced, overlap=overlap, keep_bricks=changing)
     with FrameLoop(opened, channel, options=options) as loop:
         with agree(channel, 0, "path"):
             scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"))
@@ -101,7 +104,6 @@ class _Movie:
     def __init__(self, channel: Channel, files: FrameFiles | None, tracing: Tracing, keep: bool) -> None:
         self._channel, self._files, self._tracing, self._keep = channel, files, tracing, keep
         self._thread = WritingThread() if files else None
-        self._number = 0
         self.statistics: list[FrameStatistics] = []
 
     def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
@@ -116,19 +118,26 @@ class _Movie:
         names = [f"frame {number + 1} of {len(scenes)}" for number in missing]
         with show_progress(names if self._channel.rank == 0 else ()) as progress:
             started = time.perf_counter()
-            for done, self._number in enumerate(missing):
-                if self._channel.rank == 0:
-                    _tell(progress, names, done, time.perf_counter() - started)
-                rendered = loop.frame(scenes[self._number], self._number)
+            show = _tell if self._channel.rank == 0 else lambda *_: None
+            show(progress, names, 0, 0.0)
+            frames = loop.frames((number, scenes[number]) for number in missing)
+            for done, rendered in enumerate(frames, 1):
+                show(progress, names, done, time.perf_counter() - started)
                 self._tracing.add(rendered.spans)
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)
 
-    def write(self, image: object, scene: Scene) -> None:
-        """Have the frame that was just drawn written, while the next one is drawn."""
-        files, number = self._files, self._number
+    def write(self, image: object, scene: Scene, number: int) -> None:
+        """Have a frame written, while others are drawn and composited."""
+        files, tracing = self._files, self._tracing
+
+        def job() -> None:
+            began = time.perf_counter()
+            files.write(number, image, scene)  # type: ignore[union-attr, arg-type]
+            tracing.add([Span(f"write frame {number}", "finish", began, time.perf_counter(), row="writing")])
+
         if files and self._thread:
-            self._thread.put(lambda: files.write(number, image, scene))  # type: ignore[arg-type]
+            self._thread.put(job)
 
     def finish(self, frames: int, frames_per_second: float) -> None:
         """Wait until all is written, and make a movie of it, if that is what was asked for."""
@@ -139,6 +148,8 @@ class _Movie:
 
 def _tell(progress: Callable[[str], None], names: list[str], done: int, seconds: float) -> None:
     """Show which frame comes now, and how long the rest will take."""
+    if done == len(names):
+        return
     if done:
         left = round(seconds / done * (len(names) - done))
         names[done] += f", {left // 3600}:{left // 60 % 60:02}:{left % 60:02} left"

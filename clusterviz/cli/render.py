@@ -60,11 +60,11 @@ def command(
         print(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""), flush=True)
 
 
-def start() -> tuple[Channel, dict[str, float]]:
+def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     """The channel, and the seconds from the start of this process until the ranks knew each other."""
     reached, began = clusterviz.REACHED, time.perf_counter()
     age = _process_age()
-    channel = open_channel()
+    channel = open_channel(several_threads=several_threads)
     limit_threads(channel.place())
     warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # a user needs no line of code
     warning = launch_warning(channel.size)
@@ -95,8 +95,8 @@ def check_reports(*reports: Path | None) -> None:
         check_replaceable(report)
 
 
-def _writer(output: Path) -> Callable[[Any, Scene], None]:
-    return lambda image, scene: write_image(output, image, background_rgb(scene.image.background))
+def _writer(output: Path) -> Callable[[Any, Scene, int], None]:
+    return lambda image, scene, number: write_image(output, image, background_rgb(scene.image.background))
 
 
 def slowest_of(startups: list[dict[str, float]]) -> dict[str, float]:

@@ -87,6 +87,7 @@ class MpiChannel:
         # Kept from call to call: a status object costs more than asking.
         self._statuses: list[Any] = []
         self._sends: list[Any] = []
+        self._beside: MpiChannel | None = None
         self._place: NodePlace | None = None
         self._nodes: Nodes | None = None
 
@@ -112,6 +113,8 @@ class MpiChannel:
 
     def close(self) -> None:
         """Free the duplicated communicator (collective)."""
+        if self._beside is not None:
+            self._beside.close()
         self._comm.Free()
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
@@ -256,10 +259,10 @@ class MpiChannel:
         return MpiCounters(self._mpi, self._comm, count, self.barrier)
 
     def for_thread(self) -> MpiChannel | None:
-        """A duplicate of the communicator, whose messages never meet this one's."""
-        if self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
-            return None
-        return MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
+        """A duplicate of the communicator, whose messages never meet this one's; freed with it."""
+        if self._beside is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
+            self._beside = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
+        return self._beside
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

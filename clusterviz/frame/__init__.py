@@ -8,7 +8,8 @@ Stages are functions from values to values, and only this room calls them:
 - dealing.py       a scene to a plan, and the plan to pieces, by a distribution
 - distribution.py  what a distribution is; coherent.py and the others are one each
 - drawing.py       pieces to partial images
-- compositing.py   partial images to the picture
+- compositing.py   partial images to the picture; finishing.py: and the rest of a frame
+- behind.py        compositing while the next frame is drawn
 - calibration.py   small pictures first, where the settings are to hold a bound on the error
 
 What is dear is done once and kept: reading, the summary, programs, the bricks in GPU memory, kernels, the compositor's
@@ -18,23 +19,26 @@ memory. A further frame makes anew only what its scene asks for. How a step that
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.data.source import Source
 from clusterviz.errors import SceneError
+from clusterviz.frame.behind import open_behind
 from clusterviz.frame.calibration import calibrate, chosen
 from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.finishing import DrawnFrame, finish_frame, tell_costs
 from clusterviz.frame.opening import load_bricks, open_volume
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, Share
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.turns import Turns
 from clusterviz.report.accuracy import Accuracy
-from clusterviz.report.statistics import FrameStatistics, peak_memory_bytes
+from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Camera, Scene
 
@@ -122,28 +126,58 @@ class FrameLoop:
         """
         run, run.frame = self._run, number
         with run.clock.stage("total", f"frame {number}"):
-            scene, accuracy = self._settled(scene or self.scene)
-            share = self._share = deal(run, self._opened, scene, self._distribution, self._share)
-            if self._opened:
-                self._drawing.bring(self._opened, share)
-                if accuracy and not run.options.keep_bricks:
-                    self._opened.held.clear()  # was kept for small pictures, whose settings differ
-                share = self._turns.before(self._opened, share) if self._turns else share
-            partials, counts = self._drawing.draw(share)
-            counts = self._turns.counted(counts) if self._turns else counts
-            if not self._several:
-                self._drawing.release()
-            image, counts = self._compositing.picture(share, partials, counts)
-            with run.alone("write", "finish"):
-                if image is not None:
-                    run.options.write(image, share.scene)
-        counts = replace(counts, seconds=run.clock.seconds, peak_memory_bytes=peak_memory_bytes())
-        per_rank = tuple(run.channel.allgather(counts))
+            drawn = self._draw(scene or self.scene, number)
+            image, counts = finish_frame(run, self._compositing, drawn)
+        rendered = tell_costs(run, drawn, image, counts)
+        self._learn(drawn.share, rendered.statistics.per_rank)
+        return rendered
+
+    def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
+        """Draw many frames, given by number and scene; each is composited and written while the next one is drawn.
+
+        What frame n cost to draw is known before frame n + 1 is dealt. In the statistics, `total` is the time from the
+        beginning of a frame to its end; since frames overlap, totals add up to more than passes. Without
+        `Options.overlap`, or where MPI was started for one thread only, they are drawn by `frame`, one after the other.
+        """
+        run, behind = self._run, open_behind(self._run)
+        if behind is None:
+            for number, scene in scenes:
+                yield self.frame(scene, number)
+            return
+        with behind:
+            for number, scene in scenes:
+                run.frame = number
+                with run.clock.stage("total", f"frame {number}"):
+                    drawn = self._draw(scene, number)
+                    self._learn(drawn.share, run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds)))
+                    with run.clock.stage("wait"):
+                        before = behind.take()
+                behind.put(drawn, run.start_frame())
+                if before is not None:
+                    yield before
+            last = behind.take()
+            if last is not None:
+                yield last
+
+    def _draw(self, scene: Scene, number: int) -> DrawnFrame:
+        scene, accuracy = self._settled(scene)
+        share = self._share = deal(self._run, self._opened, scene, self._distribution, self._share)
+        if self._opened:
+            self._drawing.bring(self._opened, share)
+            if accuracy and not self._run.options.keep_bricks:
+                self._opened.held.clear()  # was kept for small pictures, whose settings differ
+            share = self._turns.before(self._opened, share) if self._turns else share
+        partials, counts = self._drawing.draw(share)
+        counts = self._turns.counted(counts) if self._turns else counts
+        if not self._several:
+            self._drawing.release()
+        return DrawnFrame(number, share, partials, counts, accuracy)
+
+    def _learn(self, share: Share, costs: Sequence[RankFrame]) -> None:
         if share.plan is not None:
-            self._distribution.learn(share.plan, per_rank)
+            self._distribution.learn(share.plan, costs)
             if self._turns:
                 self._turns.after(share)
-        return Rendered(image, share.scene, FrameStatistics(per_rank, number, accuracy), run.start_frame())
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
         """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""
@@ -156,7 +190,7 @@ class FrameLoop:
             with run.aside("accuracy"):
                 accuracy = calibrate(scene, run.channel, self._small_picture)
             if accuracy.warning and run.channel.rank == 0:
-                warnings.warn(accuracy.warning, stacklevel=4)
+                warnings.warn(accuracy.warning, stacklevel=5)
             self._calibrated = scene.model_copy(update={"camera": Camera()}), accuracy
         return chosen(scene, self._calibrated[1]), self._calibrated[1]
 

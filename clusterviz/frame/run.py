@@ -56,8 +56,9 @@ class Options:
     check : composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
     progress : called on every rank with the name of each step as it begins
-    write : called on rank 0 with the picture and the completed scene; its time counts as "finish"
+    write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"
     trace : keep spans of what is done
+    overlap : of many frames, composite each while the next one is drawn, where MPI lets two threads talk
     keep_bricks : in this process's memory too, for frames whose transfer functions differ
     """
 
@@ -65,8 +66,9 @@ class Options:
     check: bool = False
     debug: bool = False
     progress: Callable[[str], None] = lambda step: None
-    write: Callable[[Image, Scene], None] = lambda image, scene: None
+    write: Callable[[Image, Scene, int], None] = lambda image, scene, number: None
     trace: bool = False
+    overlap: bool = True
     keep_bricks: bool = False
 
 
@@ -75,13 +77,14 @@ class Run:
 
     def __init__(self, channel: Channel, options: Options) -> None:
         self.channel, self.options, self.frame = channel, options, 0
-        self.clock = Clock(dict.fromkeys(STAGES, 0.0), [] if options.trace else None)
+        self.clock = Clock()
+        self.start_frame()
 
-    def start_frame(self) -> tuple[Span, ...]:
-        """Count from zero again; the spans so far, where they are traced."""
-        spans = self.clock.spans
-        self.clock = Clock(dict.fromkeys(STAGES, 0.0), None if spans is None else [])
-        return tuple(spans or ())
+    def start_frame(self) -> Clock:
+        """Count from zero again; what counted so far."""
+        last = self.clock
+        self.clock = Clock(dict.fromkeys(STAGES, 0.0), [] if self.options.trace else None)
+        return last
 
     @contextmanager
     def alone(self, step: str, stage: str = "") -> Iterator[None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
@@ -23,10 +23,12 @@ class Clock:
     ----------
     seconds : by stage
     spans : when each was, for a trace; None where nobody wants to know
+    row : of the trace, as in `Span`
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
     spans: list[Span] | None = None
+    row: str = ""
 
     @contextmanager
     def stage(self, name: str, shown: str = "") -> Iterator[None]:
@@ -42,7 +44,7 @@ class Clock:
     def note(self, *spans: Span) -> None:
         """Keep spans for the trace, if there will be one."""
         if self.spans is not None:
-            self.spans.extend(spans)
+            self.spans.extend(replace(span, row=self.row) for span in spans)
 
     def add_span(self, name: str, began: float, seconds: float) -> float:
         """Count seconds that were measured elsewhere, from a known time on; when they ended."""

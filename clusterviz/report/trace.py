@@ -1,4 +1,4 @@
-"""Traces: what every rank did and when, as one file that Perfetto and chrome://tracing show, one row a rank.
+"""Traces: what every rank did and when, as one file that Perfetto and chrome://tracing show, one row a rank's thread.
 
 Each rank notes spans by its own clock. Clocks of different nodes differ, so rank 0 asks every rank for its time and
 halves the round trip; the smallest of several round trips bounds the error. This is done before and after the work, and
@@ -38,6 +38,7 @@ class Span:
     name, category : what is shown, and by what it can be filtered
     begin, end : seconds of this rank's `perf_counter`
     args : shown when the span is chosen
+    row : of the rank's thread that did it; "" for the first
     """
 
     name: str
@@ -45,6 +46,7 @@ class Span:
     begin: float
     end: float
     args: Mapping[str, Any] = field(default_factory=dict)
+    row: str = ""
 
 
 @dataclass(frozen=True)
@@ -172,13 +174,16 @@ def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
     starts = [rank.on_clock_of_rank_0(span.begin) for rank in ranks for span in rank.spans]
     origin = min(starts, default=0.0)
     for number, rank in enumerate(ranks):
+        rows = list(dict.fromkeys(["", *(span.row for span in rank.spans)]))
         named = {"pid": number, "tid": 0, "ph": "M"}
         events.append({**named, "name": "process_name", "args": {"name": f"rank {number}"}})
         events.append({**named, "name": "process_sort_index", "args": {"sort_index": number}})
-        events.append({**named, "name": "thread_name", "args": {"name": f"rank {number}"}})
+        for tid, row in enumerate(rows):
+            shown = {"name": f"rank {number} {row}".strip()}
+            events.append({**named, "tid": tid, "name": "thread_name", "args": shown})
         # Where two begin together, the longer one is the outer one.
         spans = sorted(rank.spans, key=lambda span: (span.begin, -span.end))
-        events.extend(_event(number, span, rank, origin) for span in spans)
+        events.extend(_event(number, rows.index(span.row), span, rank, origin) for span in spans)
     offsets = [
         {"rank": number, "seconds": rank.before.seconds, "round_trip": rank.before.round_trip,
          "drift": rank.after.seconds - rank.before.seconds}
@@ -187,14 +192,14 @@ def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
     return {"traceEvents": events, "displayTimeUnit": "ms", "otherData": {"clock_offsets": offsets}}
 
 
-def _event(number: int, span: Span, rank: RankTrace, origin: float) -> dict[str, Any]:
+def _event(number: int, row: int, span: Span, rank: RankTrace, origin: float) -> dict[str, Any]:
     begin, end = (1e6 * (rank.on_clock_of_rank_0(time) - origin) for time in (span.begin, span.end))
     return {
         "name": span.name,
         "cat": span.category,
         "ph": "X",
         "pid": number,
-        "tid": 0,
+        "tid": row,
         "ts": begin,
         "dur": end - begin,
         "args": dict(span.args),
