@@ -35,7 +35,7 @@ KEYS = {
         "failed",
         "left_out",
     ),
-    *("drift", "rounds"),
+    *("drift", "rounds", "judged_by"),
 }
 COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
 

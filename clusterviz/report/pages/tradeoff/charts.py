@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, pareto_front
+from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, by_rms, error_of, pareto_front
 from clusterviz.report.pages.tradeoff.truth import Truth
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKERS = "os^DvpX"  # one more than colours: no two knobs look alike
 SCENE, TOGETHER, FRONT = "#000000", "#999999", "#444444"
 LOWEST = 1e-9
 """Where an error of nothing is drawn."""
@@ -37,16 +38,17 @@ SMALL_CHARTS = ((TOTAL, RMS), (TOTAL, UNLIKE), (RENDER, MAX), (SAMPLES, MAX), (M
 
 
 def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
-    """Largest error against the time of a frame, from the fastest frame to the slowest; SVG text.
+    """The error by which settings are judged against the time of a frame, from the fastest frame on; SVG text.
 
     The points of the front have the numbers that their rows in the table have.
     """
     figure = _figure(9.5, 5.4)
     axes = figure.subplots()
-    _draw(axes, rated, TOTAL, MAX, truth.max)
+    judged = by_rms(truth)
+    _draw(axes, rated, TOTAL, RMS if judged else MAX, truth.rms if judged else truth.max)
     for one in rated:
         spread = [1e3 * one.cost.total_seconds_min, 1e3 * one.cost.total_seconds_max]
-        axes.plot(spread, 2 * [max(truth.max, LOWEST, one.max)], color="#bbbbbb", linewidth=1, zorder=1)
+        axes.plot(spread, 2 * [max(LOWEST, error_of(one, truth))], color="#bbbbbb", linewidth=1, zorder=1)
     for level, name in ((LEVEL, "1 level of 8 bits"), (2 * LEVEL, "2 levels")):
         if not axes.get_ylim()[0] < level < axes.get_ylim()[1]:
             continue
@@ -60,7 +62,8 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
 
 def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
     """The other costs and errors; SVG text. One whose cost is always the same is left out."""
-    pairs = [pair for pair in SMALL_CHARTS if len({pair[0].value(one) for one in rated}) > 1]
+    shown = ((TOTAL, MAX), *SMALL_CHARTS[1:]) if by_rms(truth) else SMALL_CHARTS
+    pairs = [pair for pair in shown if len({pair[0].value(one) for one in rated}) > 1]
     floors = {MAX.label: truth.max, RMS.label: truth.rms}
     if not pairs:
         return ""
@@ -104,7 +107,7 @@ def _groups(rated: Sequence[Rated]) -> list[tuple[str, str, str, list[int]]]:
     groups = [("together", TOGETHER, "o", [i for i, one in enumerate(rated) if one.setting.kind == "together"])]
     for number, knob in enumerate(knobs):
         members = [i for i, one in enumerate(rated) if _alone(one) and knob in one.setting.changes]
-        groups.append((knob, COLOURS[number % len(COLOURS)], "os^Dvp"[number % 6], members))
+        groups.append((knob, COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)], members))
     groups.append(("as the scene is", SCENE, "*", [i for i, one in enumerate(rated) if one.setting.kind == "scene"]))
     return [group for group in groups if group[3]]
 
@@ -116,7 +119,7 @@ def _alone(one: Rated) -> bool:
 def _number_front(axes: Any, rated: Sequence[Rated], truth: Truth) -> None:
     for one in rated:
         if one.front:
-            place = (TOTAL.value(one), max(truth.max, LOWEST, one.max))
+            place = (TOTAL.value(one), max(LOWEST, error_of(one, truth)))
             axes.annotate(
                 str(one.front), place, xytext=(-5, -5), textcoords="offset points", ha="right", va="top", weight="bold"
             )

@@ -28,6 +28,7 @@ class Knob:
     together : the values that are also tried in combinations; empty: all
     exact : the value that adds no error of its own
     control : it must not change the picture; never combined
+    apart : it chooses the others; never combined
     ranks : the least number of ranks at which it does anything
     """
 
@@ -37,6 +38,7 @@ class Knob:
     together: tuple[Any, ...] = ()
     exact: Any = None
     control: bool = False
+    apart: bool = False
     ranks: int = 1
 
     @property
@@ -53,6 +55,7 @@ KNOBS = (
     Knob(
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
     ),
+    Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), apart=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
     Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
     Knob("transport", "how pixels travel", ranks=2, control=True),
@@ -145,7 +148,7 @@ def changed(scene: Scene, setting: Setting) -> Scene:
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
     """All changes of two knobs or more."""
-    turned = [knob for knob in knobs if not knob.control]
+    turned = [knob for knob in knobs if not (knob.control or knob.apart)]
     options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
     for values in product(*options):
         pairs = zip(turned, values, strict=True)
@@ -166,7 +169,9 @@ def _names(name: str) -> tuple[Any, ...]:
 
 
 def _shown(value: Any) -> str:
-    """A small share as it is thought of: 1/255, not 0.003922."""
-    if isinstance(value, float) and 0 < value < 0.1 and round(1 / value) * value == 1 and len(f"{value:g}") > 6:
-        return f"1/{1 / value:.0f}"
+    """A small share as it is thought of: 1/1024 and 4/255, not 0.0009766 and 0.01569."""
+    if isinstance(value, float) and 0 < value < 0.1 and len(f"{value:g}") > 6:
+        for part, whole in ((1, round(1 / value)), (round(255 * value), 255)):
+            if part / whole == value:
+                return f"{part}/{whole}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

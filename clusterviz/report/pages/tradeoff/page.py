@@ -12,7 +12,7 @@ from typing import Any
 from clusterviz.errors import ClustervizError
 from clusterviz.report.pages.tradeoff.knobs import KNOBS
 from clusterviz.report.pages.tradeoff.pictures import error_picture, shown
-from clusterviz.report.pages.tradeoff.rating import Failed, Rated, verdict
+from clusterviz.report.pages.tradeoff.rating import Failed, Rated, by_rms, verdict
 from clusterviz.report.pages.tradeoff.truth import Truth
 from clusterviz.scene import Scene, background_rgb, dump_scene
 from clusterviz.scene.background import RGB
@@ -96,6 +96,7 @@ def numbers(report: Report) -> dict[str, Any]:
         "rounds": report.rounds,
         "renderer": report.renderer,
         "verdict": report.verdict,
+        "judged_by": "rms" if by_rms(report.truth) else "max",
         "truth": truth,
         "settings": [_as_json(one) for one in report.rated],
         "failed": [
@@ -135,6 +136,7 @@ def html(report: Report) -> str:
         rows=[_row(one, report.truth, background) for one in report.rated],
         controls=", ".join(f"{knob.name} ({knob.about})" for knob in KNOBS if knob.name in used),
         small=' class="small"' if report.scene.image.size[0] < PIXELATED else "",
+        rms=by_rms(report.truth),
         json_name=NUMBERS,
         scene=dump_scene(report.scene),
     )

@@ -76,22 +76,34 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
     ]  # fmt: skip
 
 
-def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
-    """The same, with those numbered that lie on the front of time and largest error.
+def by_rms(truth: Truth) -> bool:
+    """Whether settings are judged by their rms errors, because single pixels of the truth are not known well enough.
 
-    Errors below the truth's own count as that: to be nearer to it than it is to the real picture is no merit. Nor is a
-    third digit.
+    So it is where a pixel may fall on either side of the edge of a surface, whatever the step.
     """
-    errors = [float(f"{max(one.max, truth.max):.1e}") for one in rated]
+    return truth.max > INVISIBLE
+
+
+def error_of(one: Rated, truth: Truth) -> float:
+    """What a setting is judged by: its largest error, or rms.
+
+    One below the truth's own counts as that: to be nearer to it than it is to the real picture is no merit.
+    """
+    return max(one.rms, truth.rms) if by_rms(truth) else max(one.max, truth.max)
+
+
+def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
+    """The same, with those numbered that lie on the front of time and error; a third digit of an error counts not."""
+    errors = [float(f"{error_of(one, truth):.1e}") for one in rated]
     on_it = pareto_front([(one.cost.total_seconds, error) for one, error in zip(rated, errors, strict=True)])
     by_time = sorted((i for i, on in enumerate(on_it) if on), key=lambda i: rated[i].cost.total_seconds)
     numbers = {i: number for number, i in enumerate(by_time, 1)}
     return [replace(one, front=numbers.get(i, 0)) for i, one in enumerate(rated)]
 
 
-def fastest_within(rated: Sequence[Rated], largest: float) -> Rated | None:
-    """The fastest whose largest error is no more than that."""
-    fits = [one for one in rated if one.max <= largest]
+def fastest_within(rated: Sequence[Rated], largest: float, truth: Truth) -> Rated | None:
+    """The fastest whose error is no more than that."""
+    fits = [one for one in rated if error_of(one, truth) <= largest]
     return min(fits, key=lambda one: one.cost.total_seconds, default=None)
 
 
@@ -105,17 +117,18 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
     drift : by which factor two measurements of the same differ; gains below it are not told
     """
     scene = rated[0]
-    sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene.max, truth)}."]
-    # Errors below the truth's own are no reason to prefer one setting to another.
-    same = fastest_within(rated, max(scene.max, truth.max))
+    sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene, truth)}."]
+    if by_rms(truth):
+        sentences.append("Single pixels of the picture without error are not known well enough to judge by.")
+    same = fastest_within(rated, error_of(scene, truth), truth)
     if same and faster(same, scene, drift):
         sentences.append(f"With {same.setting} it is {ratio(scene, same)} faster at no larger error.")
     else:
         sentences.append("No setting that was tried is faster at no larger error.")
-    hidden = fastest_within(rated, INVISIBLE)
+    hidden = fastest_within(rated, INVISIBLE, truth)
     if hidden is None:
-        exact = min(rated, key=lambda one: one.max)
-        closest = f"; {exact.setting} comes closest, with {levels(exact.max, truth)}, and takes {milliseconds(exact)}"
+        exact = min(rated, key=lambda one: error_of(one, truth))
+        closest = f"; {exact.setting} comes closest, with {levels(exact, truth)}, and takes {milliseconds(exact)}"
         sentences.append(f"None comes within 2 levels of 8 bits{'' if exact is scene else closest}.")
     elif hidden not in (scene, same):
         sentences.append(f"The fastest within 2 levels of 8 bits is {hidden.setting}: {milliseconds(hidden)}.")
@@ -123,7 +136,7 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
     if quickest not in (scene, same, hidden) and faster(quickest, scene, drift):
         sentences.append(
             f"The fastest of all, {quickest.setting}, is {ratio(scene, quickest)} faster than the scene as it is "
-            f"and errs by {levels(quickest.max, truth)}."
+            f"and errs by {levels(quickest, truth)}."
         )
     if drift > BUSY:
         sentences.append(
@@ -133,11 +146,14 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
     return sentences
 
 
-def levels(error: float, truth: Truth) -> str:
+def levels(one: Rated, truth: Truth) -> str:
     """An error in levels of 8 bits; one below what the truth can tell is said to be that."""
-    known = max(error, truth.max)
-    text = f"{known / LEVEL:.2g} levels of 255" if known >= LEVEL / 20 else f"{known:.1e} of full scale"
-    return f"less than {text}" if error < truth.max else f"up to {text}"
+    rms, known = by_rms(truth), error_of(one, truth)
+    in_levels = f"{known / LEVEL:.2g}" if known < 10 * LEVEL else f"{known / LEVEL:.0f}"
+    text = f"{in_levels} levels of 255" if known >= LEVEL / 20 else f"{known:.1e} of full scale"
+    if (one.rms if rms else one.max) < known:
+        return f"less than {text}{', rms' if rms else ''}"
+    return f"{text}, rms" if rms else f"up to {text}"
 
 
 def milliseconds(one: Rated) -> str:

@@ -23,8 +23,7 @@ ALL = [knob.name for knob in KNOBS]
 
 
 def test_every_key_of_quality_is_a_knob() -> None:
-    """`max_error` would choose the others, so it cannot be turned beside them."""
-    assert set(Quality.model_fields) - {"max_error"} <= set(ALL)
+    assert set(Quality.model_fields) <= set(ALL)
     assert set(ALL) <= set(KEYS)
 
 
@@ -46,6 +45,9 @@ def test_the_scene_comes_first_then_each_value_alone_then_combinations() -> None
     together = [dict(setting.changes) for setting in settings if setting.kind == "together"]
     assert {"step": 2.0, "filter": "hardware", "early_termination": 1 / 255} in together
     assert all("brick" not in changes for changes in together)
+    bounds = [setting for setting in settings_of(SCENE, 1, ALL, 1000)[0] if "max_error" in setting.changes]
+    assert bounds
+    assert all(setting.kind == "alone" for setting in bounds)
     assert len({str(setting) for setting in settings}) == len(settings)
 
 

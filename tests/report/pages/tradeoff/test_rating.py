@@ -72,8 +72,8 @@ def test_errors_are_those_of_the_picture() -> None:
 
 def test_the_fastest_within_a_bound() -> None:
     rated = [setting(0.2, 0.01), setting(0.1, 0.1, step=2.0), setting(0.15, 0.01, brick=32)]
-    assert fastest_within(rated, 0.05) is rated[2]
-    assert fastest_within(rated, 1e-3) is None
+    assert fastest_within(rated, 0.05, TRUTH) is rated[2]
+    assert fastest_within(rated, 1e-3, TRUTH) is None
 
 
 def test_the_verdict_names_what_is_faster_at_no_larger_error() -> None:
@@ -110,3 +110,16 @@ def test_a_busy_machine_is_told_and_smaller_gains_are_not() -> None:
 
 def test_an_error_below_what_is_known_is_said_to_be_that() -> None:
     assert "errs by less than 1.0e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
+
+
+def test_where_single_pixels_are_not_known_rms_errors_judge() -> None:
+    """`setting` has a tenth of its largest error as rms."""
+    truth = replace(TRUTH, max=0.6, rms=1e-3)
+    rated = [setting(0.2, 0.5), setting(0.1, 0.05, step=0.5), setting(0.05, 0.7, step=4.0)]
+    assert [one.front for one in number_front(rated, TRUTH)] == [0, 2, 1]
+    assert [one.front for one in number_front(rated, truth)] == [0, 2, 1]
+    assert [one.front for one in number_front(rated, replace(truth, rms=0.1))] == [0, 0, 1]
+    text = " ".join(verdict(rated, truth))
+    assert "errs by 13 levels of 255, rms" in text
+    assert "not known well enough to judge by" in text
+    assert "With step 0.5 it is 2 times faster at no larger error." in text
