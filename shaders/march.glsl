@@ -23,7 +23,7 @@ void add(inout Sum sum, vec4 more) {
 }
 
 // How many midpoints from `local` on lie in the box [0, size) for certain: at least this one, at most `limit`.
-int slabs_inside(vec3 local, float size, vec3 slab, int limit) {
+int slabs_inside(vec3 local, vec3 size, vec3 slab, int limit) {
     // Less than float32 has rounded away, so that no slab is taken that the neighbour, who decides exactly, takes too.
     vec3 ahead = mix(local, size - local, greaterThanEqual(slab, vec3(0.0))) - float(BRICK) * 3e-7;
     vec3 slabs = ahead / max(abs(slab), vec3(1e-30));
@@ -60,7 +60,8 @@ Place place_of(Ray ray, int k, vec3 slab) {
     // A visible run may go on to the brick's end; a gap ends with its group of cells, or with its brick.
     bool whole = visible || start < 0;
     vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
-    float extent = whole ? float(BRICK) : float(1 << GROUP_SHIFT);
+    // The last group along an axis may be cut by the brick's end.
+    vec3 extent = whole ? vec3(BRICK) : vec3(min(ivec3(1 << GROUP_SHIFT), BRICK - (group << GROUP_SHIFT)));
     return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 

@@ -18,7 +18,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include "ray.glsl"
 #include <CLIP>
 #include "opacity.glsl"
-#include "transfer.glsl"
+#include <TRANSFER>
 #include <RECORDS>
 #include <SEGMENT>
 #include <VOXEL>

@@ -1,6 +1,4 @@
 // 16-bit voxels, two to a word. The integer nearest to the low end of clim is taken off before interpolation, where that is exact.
-layout(std430, binding = 7) readonly buffer VoxelsBlock { uint voxels[]; };
-
 float voxel_at(int brick, ivec3 place) {
     place += MARGIN;
     uint two = voxels[brick + (place.x >> 1) + place.y * ROW_WORDS + place.z * SLICE_WORDS];

@@ -1,6 +1,4 @@
 // 8-bit voxels: four to a word, the fourth repeated as the first of the next word, so that every cell lies within one word of its row.
-layout(std430, binding = 7) readonly buffer VoxelsBlock { uint voxels[]; };
-
 // x / 3, exact for 0 <= x <= 1024, the largest brick.
 int third(int x) {
     return x * 683 >> 11;

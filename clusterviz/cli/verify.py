@@ -105,7 +105,7 @@ def command(
         parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
         parse_names(transports, TRANSPORTS, "--transports"),
     )
-    results = run_all(scene, overrides, configurations, tolerance, ownership and bool(opened.volumes))
+    results = run_all(scene, overrides, configurations, tolerance, len(opened.volumes) if ownership else 0)
     witness = compare_with_reference(opened) if reference and opened.volumes else None
     _print_json(results, witness) if json else _print_table(results, witness, opened)
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
@@ -130,7 +130,7 @@ def _configurations(
 
 
 def run_all(
-    scene: str, overrides: list[str], configurations: list[Configuration], tolerance: float, ownership: bool
+    scene: str, overrides: list[str], configurations: list[Configuration], tolerance: float, faint_volumes: int
 ) -> list[Result]:
     """Run every configuration, and compare each with the first.
 
@@ -139,18 +139,13 @@ def run_all(
     scene, overrides : as given to `clusterviz render`
     configurations : at least one
     tolerance : largest difference of two pictures
-    ownership : whether to do the same with the nearly transparent scene, once for each number of ranks and brick size
+    faint_volumes : how many the scene has, to do the same with all of them nearly transparent, once for each number of
+        ranks and brick size; 0: that is left out
     """
-    faint = [
-        *overrides,
-        f"volumes.0.opacity={FAINT}",
-        "volumes.0.gradient_opacity=[]",
-        "volumes.0.transfer_2d=null",
-        "volumes.0.opacity_unit_distance=null",
-        "volumes.0.blending=composite",
-        "quality.early_termination=0",
-    ]
-    owners = list({(c.ranks, c.brick): c for c in configurations[::-1]}.values())[::-1] if ownership else []
+    look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
+    faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
+    faint = [*overrides, *faint, "quality.early_termination=0"]
+    owners = list({(c.ranks, c.brick): c for c in configurations[::-1]}.values())[::-1] if faint_volumes else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]

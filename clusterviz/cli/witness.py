@@ -46,16 +46,18 @@ def compare_with_reference(scene: Scene) -> Witness:
 
     Parameters
     ----------
-    scene : with one volume
+    scene : with a volume
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
-    source = open_source(scene.volumes[0].path, scene.volumes[0].array)
-    count = math.prod(source.grid.shape_zyx)
-    if count * source.dtype.itemsize > MOST_BYTES:
-        return Witness(size, skipped=f"{count} samples are more than the {MOST_BYTES >> 30} GiB it may hold in memory")
+    sources = [open_source(volume.path, volume.array) for volume in scene.volumes]
+    counts = [math.prod(source.grid.shape_zyx) for source in sources]
+    if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MOST_BYTES:
+        limit = f"the {MOST_BYTES >> 30} GiB it may hold in memory"
+        return Witness(size, skipped=f"{sum(counts)} samples are more than {limit}")
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size})})
-    rendered = render_frame(small, LoopbackChannel(), source)
-    expected = render_reference(rendered.scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx))
+    rendered = render_frame(small, LoopbackChannel(), sources)
+    voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
+    expected = render_reference(rendered.scene, [source.grid for source in sources], voxels)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return Witness(size, difference.max, difference.rms)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,27 @@ class BrickLayout:
         return begin, (z, y, x)
 
 
-def read_bricks(source: Source, layout: BrickLayout, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:
+class Boxes(Protocol):
+    """Which samples a brick is read with: a `BrickLayout`, or another cut of the volume.
+
+    Attributes
+    ----------
+    margin : as of a `BrickLayout`
+    """
+
+    @property
+    def margin(self) -> int: ...
+
+    def cell_box(self, index_zyx: Index, /) -> Box:
+        """A brick's cells, half-open."""
+        ...
+
+    def sample_box(self, index_zyx: Index, /) -> Box:
+        """A brick's samples, half-open, inside the volume."""
+        ...
+
+
+def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:
     """Read bricks with their overlap, in order of (z, y, x), so that a stream is passed once.
 
     A layer of bricks is filled from slabs that span them all, so there are few large reads; beside the layer's bricks,
@@ -95,7 +115,7 @@ def read_bricks(source: Source, layout: BrickLayout, wanted: Iterable[Index]) ->
             yield index, _with_margin(layout, index, filled.pop(index))
 
 
-def _with_margin(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
+def _with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
     """The samples with as many before the brick's own as the margin asks for."""
     have = np.subtract(layout.cell_box(index)[0], layout.sample_box(index)[0])
     missing = [(int(layout.margin - before), 0) for before in have]
@@ -112,7 +132,9 @@ def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[
     for z in range(z_begin, z_end, planes):
         slab_end = min(z_end, z + planes)
         slab = source.read((z, y_begin, x_begin), (slab_end, y_end, x_end))
-        for index, ((_, y, x), (_, y_stop, x_stop)) in boxes.items():
-            part = slab[:, y - y_begin : y_stop - y_begin, x - x_begin : x_stop - x_begin]
-            bricks[index][z - z_begin : slab_end - z_begin] = part
+        for index, ((first, y, x), (last, y_stop, x_stop)) in boxes.items():
+            # Boxes of another cut of the volume need not begin and end together.
+            low, high = max(z, first), max(first, min(slab_end, last))
+            part = slab[low - z : high - z, y - y_begin : y_stop - y_begin, x - x_begin : x_stop - x_begin]
+            bricks[index][low - first : high - first] = part
     return bricks

@@ -4,7 +4,8 @@
 
 Stages are functions from values to values, and only this room calls them:
 
-- opening.py       a volume opened, its bricks read
+- opening.py       volumes opened, their bricks read
+- several.py       several volumes as one domain
 - dealing.py       a scene to a plan, and the plan to pieces, by a distribution
 - distribution.py  what a distribution is; coherent.py and the others are one each
 - drawing.py       pieces to partial images
@@ -23,7 +24,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from clusterviz.comm import Channel
-from clusterviz.data.source import Source
 from clusterviz.errors import SceneError
 from clusterviz.frame.behind import open_behind
 from clusterviz.frame.calibration import calibrate, chosen
@@ -32,7 +32,7 @@ from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import DrawnFrame, finish_frame, tell_costs
-from clusterviz.frame.opening import load_bricks, open_volume
+from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, Share
 from clusterviz.frame.shared_screen import SharedScreen
@@ -45,16 +45,14 @@ from clusterviz.scene.values import Camera, Scene
 __all__ = ["STEPS", "FrameLoop", "Options", "Rendered", "Run", "prepare", "render_frame"]
 
 
-def render_frame(
-    scene: Scene, channel: Channel, source: Source | None = None, options: Options | None = None
-) -> Rendered:
+def render_frame(scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> Rendered:
     """Draw one frame, one turn of the loop; collective.
 
     Parameters
     ----------
     scene : as given by the user; what it leaves open is chosen from the data
     channel : to the other ranks
-    source : the volume's data, instead of the file that the scene names
+    source : the data of the volume, or of each, instead of the files that the scene names
     options : how to run
 
     Raises
@@ -66,7 +64,7 @@ def render_frame(
         return loop.frame()
 
 
-def prepare(run: Run, scene: Scene, source: Source | None = None) -> tuple[Share, Bricks]:
+def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[Share, Bricks]:
     """Everything before drawing: read the data, complete the scene, plan the frame, deal out the bricks; collective.
 
     Returns
@@ -81,13 +79,13 @@ def prepare(run: Run, scene: Scene, source: Source | None = None) -> tuple[Share
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
-    opened = open_volume(run, scene, source)
+    opened = open_volumes(run, scene, source)
     share = deal(run, opened, scene, choose_distribution(run, opened, scene, several=False))
-    return share, load_bricks(run, opened, share.holds) if opened else {}
+    return share, load_bricks(run, opened, share.plan, share.holds) if opened and share.plan else {}
 
 
 class FrameLoop:
-    """Draws frame after frame of one volume, `scene` being its completed scene; every method is collective.
+    """Draws frame after frame of the same volumes, `scene` being its completed scene; every method is collective.
 
     Parameters
     ----------
@@ -99,7 +97,7 @@ class FrameLoop:
         self,
         scene: Scene,
         channel: Channel,
-        source: Source | None = None,
+        source: Given = None,
         options: Options | None = None,
         *,
         several: bool = True,
@@ -110,7 +108,7 @@ class FrameLoop:
         self._share: Share | None = None
         self._calibrated: tuple[Scene, Accuracy] | None = None
         with run.clock.stage("total", "open"):
-            self._opened = open_volume(run, scene, source)
+            self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
             chosen = self._distribution = choose_distribution(run, self._opened, self.scene, several)

@@ -9,7 +9,7 @@ from clusterviz.frame.interleaved import Interleaved
 from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
 from clusterviz.frame.replicated import Replicated
 from clusterviz.frame.run import Run
-from clusterviz.frame.share import OpenedVolume
+from clusterviz.frame.several import Opened
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
@@ -17,7 +17,7 @@ from clusterviz.report.machine import memory
 from clusterviz.scene.values import Cluster, Scene
 
 
-def choose_distribution(run: Run, opened: OpenedVolume | None, scene: Scene, several: bool) -> Distribution:
+def choose_distribution(run: Run, opened: Opened | None, scene: Scene, several: bool) -> Distribution:
     """Who draws what in all frames of a loop; collective.
 
     Parameters

@@ -6,18 +6,17 @@ from dataclasses import replace
 
 from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.run import Run
-from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.several import Opened
+from clusterviz.frame.share import Share
 from clusterviz.frame.shared_screen import SharedScreen
-from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import make_view
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.difference import check_same_volume
 from clusterviz.scene.values import Scene
 
 
-def deal(
-    run: Run, opened: OpenedVolume | None, scene: Scene, distribution: Distribution, last: Share | None = None
-) -> Share:
+def deal(run: Run, opened: Opened | None, scene: Scene, distribution: Distribution, last: Share | None = None) -> Share:
     """Complete the scene, plan the frame, and have it dealt out; collective.
 
     Parameters
@@ -36,9 +35,8 @@ def deal(
         return Share(completed, plan, pieces, distribution.holds(run.channel.rank), mode)
 
 
-def _plan(opened: OpenedVolume, scene: Scene, last: Share | None) -> Plan:
+def _plan(opened: Opened, scene: Scene, last: Share | None) -> Plan:
     """A frame's decisions; of the last frame's only the view is made anew where only the camera is another."""
-    source = opened.source
     if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-        return replace(last.plan, view=make_view(scene.camera, scene.image.size, source.grid))
-    return make_plan(scene, source.grid, source.dtype, opened.layout, opened.summary)
+        return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid))
+    return opened.plan(scene)

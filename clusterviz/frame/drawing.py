@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from clusterviz.frame.opening import load_bricks
 from clusterviz.frame.run import Run
-from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.several import Opened
+from clusterviz.frame.share import Share
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.report.statistics import RankFrame
@@ -39,7 +40,7 @@ class Drawing:
         self._caster: LastingCaster | None = None
         self.work: list[tuple[Rect, NDArray[np.uint32]]] = []
 
-    def bring(self, opened: OpenedVolume, share: Share) -> None:
+    def bring(self, opened: Opened, share: Share) -> None:
         """Compile, read and upload what is not there; collective."""
         from clusterviz.render.lasting import LastingCaster
 
@@ -51,7 +52,7 @@ class Drawing:
         stale = bool(missing) or bool(holds and not caster.is_compiled(plan))
         if not run.channel.maximum(stale):
             return
-        bricks = load_bricks(run, opened, missing, holds)
+        bricks = load_bricks(run, opened, plan, missing, holds)
         with run.together("context", "context"):
             place = run.channel.place()
         with run.alone("context", "context"):

@@ -1,58 +1,97 @@
-"""Opening a volume: each rank reads an equal share of its bricks, and all learn what it holds; later, single bricks."""
+"""Opening volumes: each rank reads an equal share of their bricks, and all learn what they hold; later, bricks."""
 
 from __future__ import annotations
 
-from collections.abc import Set
-from typing import Any
+from collections.abc import Sequence, Set
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.source import Index, Source
-from clusterviz.data.summary import summarise
+from clusterviz.data.summary import VolumeSummary, summarise
+from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
-from clusterviz.frame.share import OpenedVolume
+from clusterviz.frame.several import Opened, OpenedVolumes
+from clusterviz.frame.share import Bricks, OpenedVolume
 from clusterviz.partition import bricks_of, build_tree
 from clusterviz.plan.accuracy import classification_of
 from clusterviz.plan.look import margin_of
-from clusterviz.plan.plan import brick_cost
+from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene
 
 HELD_SHARE_OF_MEMORY = 0.4
+Given = Source | Sequence[Source] | None
+"""Data instead of the files that a scene names: of its volume, or of each."""
 
 
-def open_volume(run: Run, scene: Scene, source: Source | None = None) -> OpenedVolume | None:
-    """Read an equal share of the bricks, and learn together what the volume holds; the share is kept for drawing."""
+def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
+    """Read an equal share of each volume's bricks, and learn together what they hold.
+
+    The share of a single volume is kept for drawing; several are read again, as bricks of their domain.
+
+    Parameters
+    ----------
+    source : of the volume, or one for each, instead of the files that the scene names
+    """
     if not scene.volumes:
         return None
     with run.alone("open", "load"):
-        source = source or open_source(scene.volumes[0].path, scene.volumes[0].array)
-        margin = margin_of(scene.volumes[0], classification_of(scene.quality))
-        layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
+        sources = _sources(scene, source)
+        margins = [margin_of(volume, classification_of(scene.quality)) for volume in scene.volumes]
+        layouts = [
+            BrickLayout(each.grid.shape_zyx, scene.cluster.brick, margin)
+            for each, margin in zip(sources, margins, strict=True)
+        ]
     with run.together("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
     with run.alone("read", "load"):
-        cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
-        mine = bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)
-        share = [(z, y, x) for z, y, x in mine.tolist()]
-        fits = len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * source.dtype.itemsize <= most_bytes
-        held = dict(read_bricks(source, layout, share)) if fits else {}
+        shares = [_equal_share(layout, run) for layout in layouts]
+        samples = sum(
+            len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * each.dtype.itemsize
+            for each, layout, share in zip(sources, layouts, shares, strict=True)
+        )
+        fits, three = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
+        held = [dict(read_bricks(*one)) if fits else {} for one in three]
     with run.together("summarise", "load"):
-        # A share larger than the memory is read again for each pass; of it only what is visible is ever held.
-        again = (lambda: iter(held.items())) if fits else (lambda: read_bricks(source, layout, share))
-        return OpenedVolume(source, layout, summarise(source.dtype, layout, again, run.channel.allgather), held)
+        opened = tuple(
+            OpenedVolume(one[0], one[1], _summary(run, *one, bricks if fits else None), bricks)
+            for one, bricks in zip(three, held, strict=True)
+        )
+    return opened[0] if len(opened) == 1 else OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
 
 
-def load_bricks(
-    run: Run, opened: OpenedVolume, wanted: Set[Index], holds: Set[Index] = frozenset()
-) -> dict[Index, NDArray[Any]]:
+def _sources(scene: Scene, given: Given) -> list[Source]:
+    """The source of each volume."""
+    if given is None:
+        return [open_source(volume.path, volume.array) for volume in scene.volumes]
+    sources = list(given) if isinstance(given, Sequence) else [given]
+    if len(sources) != len(scene.volumes):
+        raise InputError("not one for each volume", where="sources", found=len(sources), allowed=len(scene.volumes))
+    return sources
+
+
+def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:
+    """This rank's bricks, as if all were shown."""
+    cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
+    mine = bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)
+    return [(z, y, x) for z, y, x in mine.tolist()]
+
+
+def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], held: Bricks | None) -> VolumeSummary:
+    """What a volume holds; a share larger than the memory is read again for each pass."""
+    again = (lambda: read_bricks(source, layout, share)) if held is None else (lambda: iter(held.items()))
+    return summarise(source.dtype, layout, again, run.channel.allgather)
+
+
+def load_bricks(run: Run, opened: Opened, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
     """Bricks of this rank; those that are not in memory are read.
 
     Parameters
     ----------
+    plan : what is shown
     wanted : which
     holds : those that may be asked for again, and are kept in memory where the options say so
     """
@@ -61,7 +100,7 @@ def load_bricks(
         if run.options.keep_bricks:
             kept = {index: opened.held[index] for index in holds & opened.held.keys()}
         opened.held.clear()
-        bricks.update(read_bricks(opened.source, opened.layout, wanted - bricks.keys()))
+        bricks.update(opened.read(plan, wanted - bricks.keys()))
         if run.options.keep_bricks:
             opened.held.update(kept | bricks)
         return bricks

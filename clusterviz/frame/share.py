@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from numpy.typing import NDArray
-
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
-from clusterviz.plan.plan import Plan
+from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.complete import VolumeFacts
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
-Bricks = dict[Index, NDArray[Any]]
-"""Samples (z, y, x) by index."""
+Bricks = dict[Index, Any]
+"""By index the samples (z, y, x) of one volume, or the `Portions` of several."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +39,25 @@ class OpenedVolume:
     held: Bricks
 
     @property
-    def facts(self) -> VolumeFacts:
+    def grid(self) -> Grid:
+        """In whose index space plans are."""
+        return self.source.grid
+
+    @property
+    def facts(self) -> tuple[VolumeFacts, ...]:
         """What completing a scene needs to know."""
         grid, summary = self.source.grid, self.summary
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
-        return VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, percentile_1, percentile_99)
+        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, percentile_1, percentile_99),)
+
+    def plan(self, scene: Scene) -> Plan:
+        """One frame's decisions."""
+        return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+
+    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, Any]]:
+        """Bricks of a plan, from the source."""
+        return read_bricks(self.source, self.layout, wanted)
 
 
 @dataclass(frozen=True)

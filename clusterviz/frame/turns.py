@@ -11,7 +11,8 @@ from dataclasses import replace
 from clusterviz.comm import WorkQueue
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
-from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.several import Opened
+from clusterviz.frame.share import Share
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.image.region import Rect
 from clusterviz.partition.screen import COARSE, CostMap, Mosaic, coarse_mosaic, coarse_plan, gathered
@@ -32,7 +33,7 @@ class Turns:
         self._queue: WorkQueue | None = None
         self._samples_estimate = 0
 
-    def before(self, opened: OpenedVolume, share: Share) -> Share:
+    def before(self, opened: Opened, share: Share) -> Share:
         """What to draw: as it was dealt, or as a pre-pass shows to be better, or as a queue gives it."""
         strategy = self._screen.tiling.settings.strategy
         if share.plan is None or strategy not in ("estimated", "scheduled"):

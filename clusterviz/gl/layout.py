@@ -27,6 +27,24 @@ def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
     return "\n".join([*lines, f"}} {name};", ""])
 
 
+def glsl_array(name: str, binding: int, dtype: np.dtype[np.void], count: int) -> str:
+    """GLSL text of a std140 uniform block that is an array of records.
+
+    Raises
+    ------
+    ValueError
+        A member that GLSL would place elsewhere than NumPy does, or records that it would pad.
+    """
+    if dtype.itemsize % 32:
+        raise ValueError(f"records of {dtype.itemsize} bytes would be padded; allowed: multiples of 32")
+    lines = [f"struct {name}Record {{"]
+    for member in dtype.names or ():
+        kind, offset = dtype.fields[member][:2]  # type: ignore[index]
+        lines.append(f"    {_glsl_type(member, kind, offset)} {member};")
+    block = f"layout(std140, binding = {binding}) uniform {name}Block {{ {name}Record {name}[{count}]; }};"
+    return "\n".join([*lines, "};", block, ""])
+
+
 def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:
     """The GLSL type of one member, checked to lie where std140 puts it."""
     key = (kind.base.kind, kind.base.itemsize)

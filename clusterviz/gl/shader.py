@@ -51,13 +51,13 @@ def shader_folder() -> Path:
     )
 
 
-def assemble(name: str, slots: Mapping[str, str] | None = None) -> ShaderSource:
+def assemble(name: str, slots: Mapping[str, str | tuple[str, ...]] | None = None) -> ShaderSource:
     """Put a top-level shader together.
 
     Parameters
     ----------
     name : file name of the top-level shader in the shader folder; its first line is `#version`
-    slots : for each `#include <NAME>`, the name of a file, or GLSL text if it holds a line break
+    slots : for each `#include <NAME>`, the name of a file, or GLSL text if it holds a line break; or several of them
 
     Raises
     ------
@@ -70,19 +70,24 @@ def assemble(name: str, slots: Mapping[str, str] | None = None) -> ShaderSource:
         if not match:
             lines.append(line)
             continue
-        part, text = _part(match, slots or {}, f"{name}:{number}")
-        lines += [f"#line 1 {len(names)}", text.rstrip("\n"), f"#line {number + 1} 0"]
-        names.append(part)
+        for part, text in _parts(match, slots or {}, f"{name}:{number}"):
+            lines += [f"#line 1 {len(names)}", text.rstrip("\n")]
+            names.append(part)
+        lines.append(f"#line {number + 1} 0")
     return ShaderSource("\n".join(lines) + "\n", tuple(names))
 
 
-def _part(match: re.Match[str], slots: Mapping[str, str], where: str) -> tuple[str, str]:
-    """The name and the text that an include line stands for."""
+def _parts(match: re.Match[str], slots: Mapping[str, str | tuple[str, ...]], where: str) -> list[tuple[str, str]]:
+    """The names and the texts that an include line stands for."""
     if match["slot"] and match["slot"] not in slots:
         raise DeviceError(f"{where}: nothing given for #include <{match['slot']}>; given {sorted(slots)}")
-    part = slots[match["slot"]] if match["slot"] else match["file"]
+    given = slots[match["slot"]] if match["slot"] else match["file"]
+    return [_part(part, match["slot"], where) for part in ((given,) if isinstance(given, str) else given)]
+
+
+def _part(part: str, slot: str, where: str) -> tuple[str, str]:
     if "\n" in part:
-        return f"<{match['slot']}>", part
+        return f"<{slot}>", part
     text = _read(part, where)
     for number, line in enumerate(text.splitlines(), start=1):
         if INCLUDE.match(line):

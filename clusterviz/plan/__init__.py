@@ -3,6 +3,9 @@
 - plan.py      the plan, and how it is made
 - view.py      the camera in index space; footprints
 - look.py      what becomes of the samples along a ray
+- mixture.py   several volumes
+- domain.py    the box around them, and its bricks
+- cut.py       which of their voxels a brick needs
 - shading.py   how a volume is lit
 - clip.py      clipping planes in index space
 - encoding.py  how voxels are stored
@@ -15,7 +18,7 @@ from __future__ import annotations
 
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.look import Look, make_look
-from clusterviz.plan.plan import March, Plan, make_plan
+from clusterviz.plan.plan import March, Plan, make_mixed_plan, make_plan
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 
@@ -28,6 +31,7 @@ __all__ = [
     "View",
     "make_encoding",
     "make_look",
+    "make_mixed_plan",
     "make_plan",
     "make_segments",
     "make_view",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from clusterviz.plan.look import (
     spread_of,
     step_of,
 )
+from clusterviz.plan.mixture import KnownVolume, Mixture, make_mixture
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
@@ -80,6 +82,8 @@ class Plan:
     segments : the same as the shader reads it
     layout : the bricks of the volume
     cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that have nothing to show
+    mixture : several volumes, None where there is one; index space and bricks are then their domain's, and encoding,
+        transfer function and segments the first volume's
     """
 
     view: View
@@ -91,6 +95,15 @@ class Plan:
     segments: Segments
     layout: BrickLayout
     cost: NDArray[np.float64]
+    mixture: Mixture | None = None
+
+    @property
+    def extent(self) -> tuple[float, float, float]:
+        """Lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0."""
+        if self.mixture:
+            return self.mixture.domain.extent
+        z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
+        return x, y, z
 
 
 def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayout, summary: VolumeSummary) -> Plan:
@@ -147,6 +160,37 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
 def shows_more(plan: Plan, dealt: NDArray[np.float64] | None) -> bool:
     """Whether a plan shows a brick that was hidden (of cost 0, or None: all were) when bricks were dealt."""
     return dealt is None or bool(np.any((plan.cost > 0) & (dealt == 0)))
+
+
+def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
+    """Decide one frame of several volumes.
+
+    Parameters
+    ----------
+    scene : a completed scene
+    volumes : what is known of each, in the order of the scene
+
+    Raises
+    ------
+    InputError
+        The volumes' domain would have too many bricks.
+    """
+    step_world = scene.quality.step * min(min(known.grid.spacing) for known in volumes)
+    mixture, cost = make_mixture(scene, volumes, step_world)
+    first, grid, layout = mixture.ingredients[0], mixture.domain.grid, mixture.ingredients[0].cut.layout
+    planes = clip_planes(scene.clip, grid)
+    return Plan(
+        make_view(scene.camera, scene.image.size, grid),
+        March(step_world, first.slab_units, "linear", scene.quality.early_termination, 0, 0),
+        Look("composite"),
+        planes,
+        first.encoding,
+        first.transfer,
+        first.segments,
+        layout,
+        np.where(clipped_bricks(planes, layout), 0.0, cost),
+        mixture,
+    )
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@
 - projections.py  maximum, minimum, local maximum, average, sum
 - surfaces.py     isosurfaces
 - preintegrated.py  slabs that are classified between their ends
+- mixture.py      several volumes
 - raycast.py      the picture of a scene
 - over.py         layers to one picture
 """

@@ -10,6 +10,7 @@ filter, float32 pixels. It stops a ray only where no more than 2⁻⁶⁰ of the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
+from clusterviz.reference.mixture import Body, march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, pixel_shifts, to_index_space
@@ -33,8 +35,13 @@ RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: c
 DARK = 2.0**-60
 
 
-def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float | None = None) -> Floats:
-    """Ray cast the scene's volume.
+def render_reference(
+    scene: Scene,
+    grid: Grid | Sequence[Grid],
+    voxels: NDArray[Any] | Sequence[NDArray[Any]],
+    step: float | None = None,
+) -> Floats:
+    """Ray cast the scene's volume; several are mixed as `mixture.py` says.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]; jittered, t0 lies a share of h in front of the box, and the first slab is cut as
@@ -46,8 +53,8 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     Parameters
     ----------
     scene : complete (every default filled in)
-    grid : where the samples lie; any invertible direction matrix
-    voxels : (z, y, x), of the grid's shape, any integer or float type
+    grid : where the samples lie; any invertible direction matrix; of several volumes, of each
+    voxels : (z, y, x), of the grid's shape, any integer or float type; of several volumes, of each
     step : h in units of the smallest spacing; by default the scene's `quality.step`
 
     Returns
@@ -59,12 +66,18 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
     ------
     InputError
         The shape of `voxels` is not the grid's, the step is not positive, the camera is degenerate or not complete,
-        or there are several volumes.
+        or there are not as many grids as volumes.
 
     References
     ----------
     N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
+    if not isinstance(grid, Grid):
+        if len(scene.volumes) != 1:
+            return _render_mixture(scene, grid, list(voxels), step)
+        (grid,), (voxels,) = grid, voxels
+    if not isinstance(voxels, np.ndarray):
+        raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
     _check(scene, grid, voxels)
     length = _slab_length(scene.quality.step if step is None else step, grid)
     width, height = scene.image.size
@@ -87,6 +100,27 @@ def render_reference(scene: Scene, grid: Grid, voxels: NDArray[Any], step: float
                 rgba[part] = _march(some, voxels, length, scene, grid)
             else:
                 rgba[part] = _project(some, voxels, length, scene, grid)
+    return rgba.reshape(height, width, 4)
+
+
+def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArray[Any]], step: float | None) -> Floats:
+    """The picture of several volumes."""
+    if not len(grids) == len(voxels) == len(scene.volumes):
+        found = f"{len(grids)} grids, {len(voxels)} arrays"
+        raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))
+    bodies = [Body(*each) for each in zip(scene.volumes, grids, map(np.ascontiguousarray, voxels), strict=True)]
+    for body in bodies:
+        if body.voxels.shape != body.grid.shape_zyx:
+            raise InputError(
+                "not the grid's shape", where="voxels", found=body.voxels.shape, allowed=body.grid.shape_zyx
+            )
+    width, height = scene.image.size
+    rgba = np.zeros((width * height, 4))
+    rays = camera_rays(scene.camera, (width, height))
+    for begin in range(0, len(rgba) if bodies else 0, RAYS_AT_ONCE):
+        part = slice(begin, begin + RAYS_AT_ONCE)
+        some = Rays(rays.start[part], rays.direction[part])
+        rgba[part] = march_mixture(some, bodies, scene.quality.step if step is None else step, scene)
     return rgba.reshape(height, width, 4)
 
 
@@ -143,4 +177,4 @@ def _check(scene: Scene, grid: Grid, voxels: NDArray[Any]) -> None:
     if voxels.shape != grid.shape_zyx:
         raise InputError("not the grid's shape", where="voxels", found=voxels.shape, allowed=grid.shape_zyx)
     if len(scene.volumes) > 1:
-        raise InputError("the reference draws one volume", where="volumes", found=len(scene.volumes), allowed="1")
+        raise InputError("one grid for several volumes", where="grid", found=1, allowed=len(scene.volumes))

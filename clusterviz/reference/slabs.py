@@ -19,7 +19,7 @@ class Slab:
     ----------
     rays : int (m,), which of the rays
     begin, end : float64 (m,), from where to where, world lengths along the ray
-    point : float64 (m, 3), (x, y, z) of its midpoint in samples
+    point : float64 (m, 3), (x, y, z) of its midpoint in the rays' space: for one volume, in samples
     """
 
     rays: NDArray[np.int64]
@@ -40,7 +40,14 @@ def slabs(
     length : of a slab, world units
     goes_on : asked before each slab; the rays that still want one, bool (n,) or one for all
     """
-    entry, leave = inside(rays, np.array(shape_zyx[::-1], np.float64) - 1)
+    yield from slabs_in(rays, np.array(shape_zyx[::-1], np.float64) - 1, length, goes_on)
+
+
+def slabs_in(
+    rays: Rays, last: Floats, length: float, goes_on: Callable[[], NDArray[np.bool_] | bool]
+) -> Iterator[Slab]:
+    """The same in the box [0, last], (x, y, z) in the rays' own units."""
+    entry, leave = inside(rays, last)
     first = entry - rays.shift * length
     alive, k = np.flatnonzero(leave > entry), 0
     while alive.size:

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.look import Look
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, Slot
+from clusterviz.scene.transfer import TransferFunction
 
 Ranges = tuple[NDArray[Any], NDArray[Any]]
 
@@ -43,17 +45,18 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, gz, gy, gx)
+    ranges : low and high of n bricks, each (n, gz, gy, gx); of several volumes (n, volumes, gz, gy, gx)
 
     Returns
     -------
     visible : bool (n, gz, gy, gx)
     """
-    low, high = (values.astype(np.float64) for values in ranges)
-    # Renderers classify in float32: a range is widened by more than its rounding.
-    margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
-    known = ~(np.isnan(low) | np.isnan(high))
-    return np.asarray(known & ~plan.look.hides(plan.transfer, low - margin, high + margin))
+    low, high = ranges
+    if plan.mixture is None:
+        return _visible(low, high, plan.look, plan.transfer)
+    each = enumerate(plan.mixture.ingredients)
+    visible = [_visible(low[:, n], high[:, n], part.look, part.transfer) for n, part in each]
+    return np.asarray(np.any(visible, axis=0))
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
@@ -61,7 +64,7 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, *slot.groups_zyx)
+    ranges : low and high of n bricks, each (n, *slot.groups_zyx); of several volumes (n, volumes, *slot.groups_zyx)
 
     Returns
     -------
@@ -72,6 +75,14 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
     bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
     bits[:, : groups.shape[1]] = groups
     return np.packbits(bits, axis=1, bitorder="little").view("<u4")
+
+
+def _visible(low: NDArray[Any], high: NDArray[Any], look: Look, transfer: TransferFunction) -> NDArray[np.bool_]:
+    low, high = low.astype(np.float64), high.astype(np.float64)
+    # The shader classifies in float32: a range is widened by more than its rounding.
+    margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
+    known = ~(np.isnan(low) | np.isnan(high))
+    return np.asarray(known & ~look.hides(transfer, low - margin, high + margin))
 
 
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:

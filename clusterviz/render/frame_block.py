@@ -48,7 +48,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     for member in ("eye", "right", "up", "forward"):
         record[member][0, :3] = getattr(view, member)
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
-    record["extent"] = *(n - 1 for n in layout.shape_zyx[::-1]), plan.march.step_world
+    record["extent"] = *plan.extent, plan.march.step_world
     record["cells"][0, :3] = layout.cells_zyx[::-1]
     begin, end = np.array(box.begin_zyx[::-1]), np.array(box.end_zyx[::-1])
     record["box_begin"][0, :3] = begin * layout.brick

@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable, MutableMapping
 from typing import Any
 
 import moderngl
-from numpy.typing import NDArray
 
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
@@ -19,7 +18,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_processor
 from clusterviz.render.drawn import Drawn
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.storage import Slot, make_slot
+from clusterviz.render.storage import slot_of
 from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.render.vectors.kernel import can_draw
 
@@ -33,11 +32,11 @@ class LastingCaster:
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
         self._prefers_processor: bool | None = None
-        self._encoding: Encoding | None = None
+        self._encodings: tuple[Encoding | None, ...] = ()
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
         """The bricks that have to be loaded, or loaded again, before the plan can be drawn."""
-        if self._caster is None or self._encoding != _encoding_of(plan) or not self._suits(plan):
+        if self._caster is None or self._encodings != _encodings_of(plan) or not self._suits(plan):
             return set(wanted)
         return set(wanted) - self._caster.pool.bricks
 
@@ -63,14 +62,14 @@ class LastingCaster:
         elif not self._caster.can_draw(plan):
             self._caster.compile(plan)
 
-    def load(self, plan: Plan, wanted: Collection[Index], bricks: MutableMapping[Index, NDArray[Any]]) -> None:
+    def load(self, plan: Plan, wanted: Collection[Index], bricks: MutableMapping[Index, Any]) -> None:
         """Keep of what is there what is wanted, and upload bricks, taken out as they are stored."""
         if self._caster is None:
             return
         here = self._caster.pool.bricks
         self._caster.drop(here - set(wanted) | here & bricks.keys())
         self._caster.load(plan, bricks)
-        self._encoding = _encoding_of(plan)
+        self._encodings = _encodings_of(plan)
 
     def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
         """Draw a frame's pieces of this rank; blank ones where it never had a brick."""
@@ -106,7 +105,7 @@ class LastingCaster:
         """Whether the caster's bricks are of the plan's kind."""
         caster = self._caster
         same_kind = isinstance(caster, VectorCaster) == self._on_processor(plan)
-        return caster is not None and same_kind and caster.slot == _slot_of(plan)
+        return caster is not None and same_kind and caster.slot == slot_of(plan)
 
     def _drop(self) -> None:
         if self._caster is not None:
@@ -114,10 +113,7 @@ class LastingCaster:
             self._caster = None
 
 
-def _slot_of(plan: Plan) -> Slot:
-    return make_slot(plan.layout, plan.encoding, plan.march)
-
-
-def _encoding_of(plan: Plan) -> Encoding | None:
-    """What stored bricks depend on; None for integers, which are stored as they are."""
-    return plan.encoding if plan.encoding.kind == "f32" else None
+def _encodings_of(plan: Plan) -> tuple[Encoding | None, ...]:
+    """What stored bricks depend on, of each volume; None for integers, which are stored as they are."""
+    each = [part.encoding for part in plan.mixture.ingredients] if plan.mixture else [plan.encoding]
+    return tuple(encoding if encoding.kind == "f32" else None for encoding in each)

@@ -25,9 +25,11 @@ from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.frame_block import frame_block
+from clusterviz.render.ingredients import joined_segments, mixture_blocks
+from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.pool import BrickPool
 from clusterviz.render.residence import capacity, store
-from clusterviz.render.storage import make_slot
+from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, variant_of
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
@@ -51,7 +53,7 @@ class Raycaster:
 
     def __init__(self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None) -> None:
         self._context = context
-        self.slot = make_slot(plan.layout, plan.encoding, plan.march)
+        self.slot = slot_of(plan)
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes))
         self._variant = self.variant_of(plan)
         self._program = compile_compute(context, self._variant.source)
@@ -80,9 +82,18 @@ class Raycaster:
         self._program = compile_compute(self._context, self._variant.source)
         old.release()
 
-    def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
-        """Upload bricks beside those that are there: samples (z, y, x) by index, taken out as they are stored."""
-        self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+    def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
+        """Upload bricks beside those that are there, taken out as they are stored.
+
+        Parameters
+        ----------
+        bricks : samples (z, y, x), or the `Portions` of several volumes, by index
+        """
+        if plan.mixture is None:
+            self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+        else:
+            mixture = plan.mixture
+            self.pool.put(bricks, lambda portions: store_portions(portions, mixture, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
@@ -101,11 +112,14 @@ class Raycaster:
         """
         with _Buffers(self._context) as buffers:
             segments = plan.segments
-            buffers.bind(4, segments.buckets)
-            records = buffers.make(_padded(segments.records, self._variant.block_bytes))
+            table = joined_segments(plan.mixture) if plan.mixture else (segments.buckets, segments.records)
+            buffers.bind(4, table[0])
+            records = buffers.make(_padded(table[1], self._variant.block_bytes))
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             if segments.sums is not None:
                 buffers.bind(0, segments.sums)
+            for binding, block in mixture_blocks(plan.mixture) if plan.mixture else ():
+                buffers.make(block).bind_to_uniform_block(binding)
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
             if plan.look.surfaces:

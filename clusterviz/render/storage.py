@@ -18,6 +18,7 @@ from clusterviz.plan.encoding import Encoding, VoxelKind
 from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
+HEADER_WORDS = 4  # a volume, in front of the parts of a brick of several; as in ingredient.glsl
 GROUP = 8  # cells along the side of a group, as in march.glsl
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
 
@@ -34,6 +35,7 @@ class Slot:
     margin : samples beyond the cells' corners, on every side
     reach : cells beyond its own in which the brick samples the field
     spread : samples beyond a cell's corners on which what is shown of it depends
+    parts : room for each of several volumes, one after the other behind a header; the cells are the domain's then
     """
 
     cells_zyx: Index
@@ -42,6 +44,7 @@ class Slot:
     margin: int = 0
     reach: int = 0
     spread: int = 0
+    parts: tuple[Slot, ...] = ()
 
     @property
     def samples_zyx(self) -> Index:
@@ -63,6 +66,8 @@ class Slot:
     @property
     def words(self) -> int:
         """Words in the slot."""
+        if self.parts:
+            return sum(HEADER_WORDS + part.words for part in self.parts)
         return self.slice_words * self.samples_zyx[0]
 
     @property
@@ -111,7 +116,19 @@ class Slot:
 
 def brick_bytes(plan: Plan) -> NDArray[np.int64]:
     """GPU memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
-    return np.where(plan.cost > 0, make_slot(plan.layout, plan.encoding, plan.march).bytes, 0).astype(np.int64)
+    return np.where(plan.cost > 0, slot_of(plan).bytes, 0).astype(np.int64)
+
+
+def slot_of(plan: Plan) -> Slot:
+    """Room for a brick of the plan's volume, or for what a brick of a domain needs of each volume."""
+    slot = make_slot(plan.layout, plan.encoding, plan.march)
+    if plan.mixture is None:
+        return slot
+    parts = (
+        Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, 0, part.spread)
+        for part in plan.mixture.ingredients
+    )
+    return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts))
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:

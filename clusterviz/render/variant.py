@@ -15,6 +15,8 @@ from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
+from clusterviz.render.ingredients import VolumeVariant, mixture_files, volume_variants
+from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
@@ -53,6 +55,7 @@ class Variant:
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
+    volumes : those that are mixed; none for one volume
     """
 
     filter: Filter
@@ -70,15 +73,11 @@ class Variant:
     near: bool = False
     smooth: bool = False
     jittered: bool = False
+    volumes: tuple[VolumeVariant, ...] = ()
 
     @property
     def source(self) -> ShaderSource:
         """The assembled shader."""
-        voxel, scalar = f"voxel_{self.slot.kind}.glsl", f"{self.filter.replace('-', '_')}.glsl"
-        if self.slot.textured:
-            voxel = "atlas.glsl"
-        elif self.filter == "linear" and self.slot.kind == "u8":
-            scalar = "linear_u8.glsl"
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
         files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
         run, sample, behind = PREINTEGRATED_FILES if self.preintegrated else files
@@ -87,33 +86,38 @@ class Variant:
         slots = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
+            "TRANSFER": "transfer.glsl",
             "RECORDS": records,
             "SEGMENT": NOTHING if self.preintegrated else "segment.glsl",
-            "VOXEL": voxel,
-            "SPLINE": "spline.glsl" if "cubic" in self.filter + self._gradient else NOTHING,
-            "SCALAR": scalar,
+            "VOXEL": voxel_file(self.slot),
+            "SPLINE": spline_file(self.filter, self._gradient),
+            "SCALAR": field_file(self.filter, self.slot),
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": behind,
             "GRADIENT": self._gradient,
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
-            "CLIP": "clip.glsl" if self.planes else "unclipped.glsl",
+            "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
             "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
-        return assemble("raycast.glsl", slots)
+        return assemble("raycast.glsl", slots | (self._mixture if self.volumes else {}))
 
     @property
     def _gradient(self) -> str:
         """The file of the gradient."""
-        if not (self.lights or self.fading or self.table):
-            return "gradient_none.glsl"
-        if self.smooth:
-            return "gradient_cubic.glsl"
-        files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl", "cubic-hardware": "gradient_cubic.glsl"}
-        return files.get(self.filter, "gradient_differences.glsl")
+        needed = self.lights or self.fading or self.table
+        return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
+
+    @property
+    def _mixture(self) -> dict[str, str | tuple[str, ...]]:
+        """What of the slots is other for several volumes: nothing samples one alone."""
+        names = "TRANSFER SEGMENT VOXEL SCALAR SPLINE GRADIENT FADE LIGHT LIGHTS_FROM SAMPLE"
+        one: dict[str, str | tuple[str, ...]] = dict.fromkeys(names.split(), NOTHING)
+        clip = "clip.glsl" if self.planes else "unclipped.glsl"
+        return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
 
     @property
     def _record_bytes(self) -> int:
@@ -121,7 +125,9 @@ class Variant:
 
     @property
     def _sample_iterations(self) -> int:
-        return 1 + self.further_starts.bit_length() + self.lights + self.fading
+        """Of loops in a sample, at most."""
+        searches = self.volumes or (self,)
+        return 1 + sum(one.further_starts.bit_length() + one.lights for one in searches) + self.fading
 
     @property
     def constants(self) -> str:
@@ -142,6 +148,7 @@ class Variant:
             f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
+            "const int FIRST_BUCKET = 0;",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
         if self.slot.margin:
@@ -161,6 +168,7 @@ class Variant:
         if self.lights:
             lines.append(f"const int LIGHTS = {self.lights};")
             lines.append(f"const int LIGHT_ROWS = {5 if self.near else 2}; // of the block for each")
+            lines.append("#define LIGHTS_BINDING 2")
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"
@@ -179,7 +187,13 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     uniform_bytes : the largest uniform block that the driver offers
     """
     grading = plan.look.grading
-    fits = plan.segments.records.nbytes <= uniform_bytes
+    volumes = volume_variants(plan.mixture, slot) if plan.mixture else ()
+    records = (
+        sum(part.segments.records.nbytes for part in plan.mixture.ingredients)
+        if plan.mixture
+        else plan.segments.records.nbytes
+    )
+    fits = records <= uniform_bytes
     return Variant(
         plan.march.filter,
         slot,
@@ -196,4 +210,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         bool(plan.look.shading and plan.look.shading.has_places),
         plan.look.smooth,
         plan.march.jittered,
+        volumes,
     )

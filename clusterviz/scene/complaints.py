@@ -129,7 +129,7 @@ def _words(kind: str, key: Key, message: str, value: Any, context: Mapping[str, 
         allowed = context["expected"].replace("'", "").replace(" or ", ", ").replace("False", "false")
         return ("not supported yet" if planned else "not one of the choices"), allowed
     if kind == "too_long" and key == ("volumes",):
-        return "more than one volume is not supported yet", "one volume"
+        return "too many volumes", f"at most {context['max_length']}"
     if kind in ("too_long", "too_short"):
         return "a list of the wrong length", f"{context.get('max_length', context.get('min_length'))} values"
     if kind in ("model_type", "model_attributes_type", "dict_type"):

@@ -31,6 +31,7 @@ from clusterviz.scene.kinds import (
     Vector,
 )
 from clusterviz.scene.light import Light
+from clusterviz.scene.mixing import check_mixed
 from clusterviz.scene.transfer_2d import Transfer2d
 
 
@@ -267,7 +268,10 @@ class Cluster(Section):
 class Scene(Section):
     """Everything a picture is made of."""
 
-    volumes: Annotated[tuple[Volume, ...], Field(max_length=1)] = Field(default=(), description="What to show.")
+    volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
+        default=(),
+        description="What to show; several, each with its own grid and look, are mixed where they overlap.",
+    )
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(), description="What lights shaded volumes; default: one headlight."
     )
@@ -276,6 +280,11 @@ class Scene(Section):
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
     quality: Quality = Field(default=Quality(), description="How well.")
     cluster: Cluster = Field(default=Cluster(), description="How the ranks share the work.")
+
+    @model_validator(mode="after")
+    def _can_be_mixed(self) -> Scene:
+        check_mixed(self.volumes, self.quality)
+        return self
 
 
 PLANNED: dict[str, tuple[object, ...]] = {

@@ -16,8 +16,8 @@ SCENES = {
     "wrong-type": (f"volumes: [{{path: '{FIELD}'}}]\nquality: {{step: big}}", "quality.step: not a number"),
     "impossible": (f"volumes: [{{path: '{FIELD}'}}]\nquality: {{step: 0}}", "quality.step: too small; found 0"),
     "two-volumes": (
-        f"volumes: [{{path: '{FIELD}'}}, {{path: '{FIELD}'}}]",
-        "more than one volume is not supported yet",
+        f"volumes: [{{path: '{FIELD}'}}, {{path: '{FIELD}', blending: average}}]",
+        "volumes[1].blending: not for several volumes",
     ),
     "eye-at-focus": ("camera: {position: [1, 1, 1], focal_point: [1, 1, 1]}", "camera"),
     "up-along-view": ("camera: {position: [0, 0, 5], focal_point: [0, 0, 0], view_up: [0, 0, 1]}", "view_up"),

@@ -98,3 +98,14 @@ def test_little_memory_for_bricks_changes_nothing(context: moderngl.Context, cam
         assert little.bricks == plenty.bricks
         difference = whole(little.partial, (24, 20)) - whole(plenty.partial, (24, 20))
         assert np.abs(difference).max() <= (BOUND if filter == "exact" else HARDWARE_BOUND), block_bytes
+
+
+@pytest.mark.parametrize("brick", [9, 20])
+def test_gaps_at_the_far_side_of_a_brick_end_with_it(context: moderngl.Context, brick: int) -> None:
+    """Where a group of cells is cut by its brick's end, a leap over it must not go on into the next brick."""
+    shape = (33, 30, 35)
+    voxels = (np.random.default_rng(4).random(shape) < 0.0006).astype(np.uint8)
+    scene = scene_of(voxels, camera_at("on-a-corner", Grid(shape)), clim=(0.0, 1.0), opacity=((0.5, 0.0), (1.0, 0.8)))
+    whole_volume = whole(draw(context, prepare(scene, voxels, brick=64)).partial, scene.image.size)
+    in_bricks = whole(draw(context, prepare(scene, voxels, brick=brick)).partial, scene.image.size)
+    assert np.abs(in_bricks - whole_volume).max() <= BOUND

@@ -27,6 +27,11 @@ def volume(**keys: Any) -> dict[str, Any]:
     return {"volumes": [{"path": "a.npy", **keys}]}
 
 
+def mixed(**keys: object) -> dict[str, object]:
+    """Two volumes, the second with further keys."""
+    return {"volumes": [{"path": "a"}, {"path": "b", **keys}]}
+
+
 def test_an_empty_scene_is_valid() -> None:
     scene = Scene()
     assert scene.volumes == ()
@@ -63,7 +68,13 @@ BAD = [
     ({"volumes": [{}]}, "volumes[0].path: missing", "", "a value"),
     ({"volumes": {"path": "a"}}, "volumes", "path", "a list"),
     ({"volumes": ["a.npy"]}, "volumes[0]: not a section", '"a.npy"', "path, array"),
-    ({"volumes": [{"path": "a"}, {"path": "b"}]}, "not supported yet", "path", "one volume"),
+    ({"volumes": [{"path": "a"}] * 9}, "too many volumes", "path", "at most 8"),
+    (mixed(blending="maximum"), "volumes[1].blending: not for several", '"maximum"', "one volume"),
+    (mixed(isosurfaces=[1.0]), "volumes[1].isosurfaces: not for several", "[1.0]", "one volume"),
+    (mixed(gradient_opacity=[[0, 1]]), "volumes[1].gradient_opacity: not for several", "[[0.0, 1.0]]", "one volume"),
+    (mixed() | {"quality": {"filter": "hardware"}}, "quality.filter: not for several", "hardware", "one volume"),
+    (mixed() | {"quality": {"classification": "pre-integrated"}}, "quality.classification", "pre-int", "one volume"),
+    (mixed() | {"quality": {"jitter": True}}, "quality.jitter: not for several", "true", "one volume"),
     (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
     (volume(opacity=-0.5), "volumes[0].opacity", "-0.5", "at least 0"),
     (volume(opacity=NAN), "volumes[0].opacity", "NaN", "a finite number"),

@@ -71,7 +71,7 @@ def kernel_of(plan: Plan, lanes: int) -> Kernel:
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
-    special = look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
+    special = plan.mixture or look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
     return look.blending == "composite" and not special and march.filter in ("linear", "nearest")
 
 

@@ -1,0 +1,29 @@
+"""What a rank holds of several volumes for one brick of their domain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from clusterviz.data.source import Index
+
+
+@dataclass(frozen=True, eq=False)
+class Portions:
+    """The samples of one brick.
+
+    Attributes
+    ----------
+    index_zyx : of the brick in the domain
+    samples : of each volume (z, y, x), as its `Cut` and `read_bricks` say; None where nothing of it can be seen
+    """
+
+    index_zyx: Index
+    samples: tuple[NDArray[Any] | None, ...]
+
+    @property
+    def size(self) -> int:
+        """Samples of all volumes."""
+        return sum(part.size for part in self.samples if part is not None)

@@ -1,0 +1,181 @@
+"""The volumes of a mixture in the shader: the files that sample each, its constants, and its block.
+
+A shader file knows one volume. For several, the files that sample a volume are put in once for each, one volume after
+the other and no loop over them, and every name that belongs to one of them is a macro that ends in its number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.gl.layout import glsl_array
+from clusterviz.plan.mixture import Mixture
+from clusterviz.plan.plan import Filter
+from clusterviz.plan.segments import BUCKETS
+from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
+from clusterviz.render.storage import Slot
+
+VOLUMES_BINDING = 6  # of the block of all volumes; those of the lights of each follow
+VOLUME = np.dtype(
+    [
+        ("x", "f8", 4),  # rows of the matrix that takes the domain's index space to the volume's
+        ("y", "f8", 4),
+        ("z", "f8", 4),
+        ("last", "f8", 4),  # sample in x, y, z
+        ("scalar", "f4", 4),  # as in the frame's block
+        ("buckets", "f4", 4),
+        ("optics", "f4", 4),  # a slab in opacity unit distances
+        ("last_segment", "i4"),
+        ("base", "i4"),
+        ("unused", "i4"),
+        ("unused_too", "i4"),
+    ]
+)
+OWN_NAMES = (
+    *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
+    *("row_around", "pair_beside", "difference", "along", "gradient_at"),
+    *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
+    *("LightsBlock", "lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
+    *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
+)
+"""What the files of one volume define, and another volume's define too."""
+CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at"}
+"""Functions that call those of the volumes before, and their parameters."""
+
+
+@dataclass(frozen=True)
+class VolumeVariant:
+    """What a program is compiled with for one volume of a mixture.
+
+    Attributes
+    ----------
+    filter : how the field is reconstructed
+    slot : how what a brick of the domain needs of the volume is stored
+    further_starts : of its segments
+    lights : how many light it; 0: it is not lit
+    near : some of them have a place
+    smooth : its gradients are those of cubic B-splines
+    """
+
+    filter: Filter
+    slot: Slot
+    further_starts: int
+    lights: int = 0
+    near: bool = False
+    smooth: bool = False
+
+    def parts(self, number: int) -> tuple[str, ...]:
+        """The files that sample the volume, between the macros that make them its own.
+
+        Parameters
+        ----------
+        number : of the volume
+        """
+        macros, chain = self._macros(number), _chain(number)
+        begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
+        end = _undefine([*macros, *(name for name in chain if "_before" in name)])
+        gradient = gradient_file(self.filter, self.smooth) if self.lights else "gradient_none.glsl"
+        places = "lights_near.glsl" if self.near else "lights_far.glsl"
+        light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
+        voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
+        files = (voxel, spline_file(self.filter, gradient), field, gradient, *light)
+        return (begin, "transfer.glsl", "segment.glsl", *files, "ingredient.glsl", end)
+
+    def _macros(self, number: int) -> dict[str, str]:
+        z, y, x = self.slot.cells_zyx
+        frame = f"volume[{number}]"
+        return {name: f"{name}_{number}" for name in OWN_NAMES} | {
+            "frame": frame,
+            "scalar": f"{frame}.scalar",
+            "buckets": f"{frame}.buckets",
+            "NUMBER": str(number),
+            "FIRST_BUCKET": str(BUCKETS * number),
+            "FURTHER_STARTS": str(self.further_starts),
+            "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
+            "MARGIN": str(self.slot.margin),
+            "REACH": "0",
+            "ROW_WORDS": str(self.slot.row_words),
+            "SLICE_WORDS": str(self.slot.slice_words),
+            "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
+            "LIGHTS": str(self.lights),
+            "LIGHT_ROWS": str(5 if self.near else 2),
+            "LIGHTS_BINDING": str(VOLUMES_BINDING + 1 + number),
+        }
+
+
+def _chain(number: int) -> dict[str, str]:
+    """`face_all` and the like, which stay defined for what comes after, and what they call."""
+    if not number:
+        return {f"{name}_all": f"{name}_all_0" for name in CHAINED} | {
+            f"{name}_before({given})": "" for name, given in CHAINED.items()
+        }
+    both = [(f"{name}_all", f"{name}_before") for name in CHAINED]
+    return {own: f"{own}_{number}" for own, _ in both} | {before: f"{own}_{number - 1}" for own, before in both}
+
+
+def _define(macros: dict[str, str]) -> str:
+    return _undefine(macros) + "".join(f"#define {name} {value}\n" for name, value in macros.items())
+
+
+def _undefine(names: Iterable[str]) -> str:
+    return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
+
+
+def volume_variants(mixture: Mixture, slot: Slot) -> tuple[VolumeVariant, ...]:
+    """What a program is compiled with for each volume."""
+    return tuple(
+        VolumeVariant(
+            part.interpolation,
+            room,
+            part.segments.further_starts,
+            len(part.look.shading.lights) if part.look.shading else 0,
+            bool(part.look.shading and part.look.shading.has_places),
+            part.look.smooth,
+        )
+        for part, room in zip(mixture.ingredients, slot.parts, strict=True)
+    )
+
+
+def mixture_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
+    """The files that sample a slab of several volumes."""
+    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
+    return (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), *each, "mixture.glsl")
+
+
+def mixture_blocks(mixture: Mixture) -> list[tuple[int, NDArray[Any]]]:
+    """The uniform blocks of several volumes, with their bindings."""
+    lights = [(n, part.look.shading) for n, part in enumerate(mixture.ingredients)]
+    lit = [(VOLUMES_BINDING + 1 + n, shading.block()) for n, shading in lights if shading]
+    return [(VOLUMES_BINDING, volumes_block(mixture)), *lit]
+
+
+def volumes_block(mixture: Mixture) -> NDArray[np.void]:
+    """The block of all volumes, `VOLUME` (n,)."""
+    blocks, first = np.zeros(len(mixture.ingredients), VOLUME), 0
+    for block, part in zip(blocks, mixture.ingredients, strict=True):
+        segments = part.segments
+        for name, row in zip("xyz", part.cut.index_from_domain, strict=True):
+            block[name] = row
+        block["last"][:3] = np.array(part.cut.shape_zyx[::-1]) - 1
+        block["scalar"][:2] = part.encoding.scale, part.encoding.bias
+        block["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
+        block["optics"][0] = part.slab_units
+        block["last_segment"], block["base"] = first + len(segments.records) - 1, part.encoding.base
+        first += len(segments.records)
+    return blocks
+
+
+def joined_segments(mixture: Mixture) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Buckets and records of all volumes, one after the other; buckets count records from the first volume's on."""
+    buckets, first = [], 0
+    for part in mixture.ingredients:
+        own = part.segments.buckets.copy()
+        own["first"] += first
+        buckets.append(own)
+        first += len(part.segments.records)
+    return np.concatenate(buckets), np.concatenate([part.segments.records for part in mixture.ingredients])

@@ -1,0 +1,85 @@
+"""The witness of several volumes against closed forms, and against the witness of one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference import render_reference
+from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
+
+GRID = Grid((7, 8, 9))
+VOXELS = np.random.default_rng(2).random(GRID.shape_zyx)
+TURN = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+AXIS = Camera(position=(2.0, 2.0, -20.0), focal_point=(2.0, 2.0, 0.0), view_up=(0, 1, 0), parallel_scale=0.5)
+ASIDE = Camera(position=(18.0, 13.0, 15.0), focal_point=(4.0, 3.0, 3.0), view_up=(0, 0, 1))
+
+
+def volume(colour: tuple[float, float, float] = (1.0, 0.5, 0.0), opacity: Any = 0.3, **keys: Any) -> Volume:
+    cmap = ((0.0, 0.0, 0.2, 0.4), (1.0, *colour))
+    return Volume(path="a", cmap=cmap, clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=2.0, **keys)
+
+
+def scene_of(*volumes: Volume, camera: Camera = ASIDE, size: tuple[int, int] = (20, 16), step: float = 0.5) -> Scene:
+    scene = Scene(volumes=(), camera=camera, image=ImageSettings(size=size), quality=Quality(step=step))
+    return scene.model_copy(update={"volumes": volumes})
+
+
+def mixed(scene: Scene, *parts: tuple[Grid, np.ndarray]) -> np.ndarray:
+    return render_reference(scene, [grid for grid, _ in parts], [voxels for _, voxels in parts])
+
+
+def test_homogeneous_boxes_absorb_by_the_sum_of_their_extinctions_and_glow_by_their_share() -> None:
+    """Along the axis: 2 units of the first alone, 2 of both, 3 of the second; the steps meet the faces."""
+    first, second = Grid((5, 5, 5)), Grid((6, 5, 5), origin=(0.0, 0.0, 2.0))
+    red, blue = volume((1.0, 0.0, 0.0), 0.3), volume((0.0, 0.0, 1.0), 0.6)
+    ones = np.ones((5, 5, 5)), np.ones((6, 5, 5))
+    scene = scene_of(red, blue, camera=AXIS, size=(1, 1))
+    found = mixed(scene, (first, ones[0]), (second, ones[1]))[0, 0]
+    kappa, colours = -np.log1p([-0.3, -0.6]) / 2, np.eye(3)[[0, 2]]
+    through, expected = 1.0, np.zeros(3)
+    for length, inside in ((2.0, [1, 0]), (2.0, [1, 1]), (3.0, [0, 1])):
+        total = (kappa * inside).sum()
+        share = (kappa * inside) @ colours / total
+        expected += through * -np.expm1(-total * length) * share
+        through *= np.exp(-total * length)
+    assert np.allclose(found, [*expected, 1 - through], rtol=0, atol=1e-13)
+
+
+def test_a_volume_given_twice_is_one_of_twice_the_extinction() -> None:
+    once = volume(opacity=((0.0, 0.0), (1.0, 0.5)))
+    found = mixed(scene_of(once, once), (GRID, VOXELS), (GRID, VOXELS))
+    halved = once.model_copy(update={"opacity_unit_distance": 1.0})
+    assert np.allclose(found, render_reference(scene_of(halved), GRID, VOXELS), rtol=0, atol=1e-13)
+
+
+def test_one_alone_is_as_before_and_a_transparent_one_inside_changes_nothing() -> None:
+    alone = render_reference(scene_of(volume()), GRID, VOXELS)
+    assert np.array_equal(render_reference(scene_of(volume()), [GRID], [VOXELS]), alone)
+    inside = Grid((3, 4, 5), origin=(2.0, 2.0, 2.0))
+    found = mixed(scene_of(volume(), volume(opacity=0.0)), (GRID, VOXELS), (inside, np.ones((3, 4, 5))))
+    assert np.allclose(found, alone, rtol=0, atol=1e-13)
+
+
+def test_the_order_of_volumes_is_of_no_account() -> None:
+    turned = Grid((5, 6, 4), (1.5, 1.1, 0.9), (3.0, 1.0, 2.0), TURN)
+    other = VOXELS[:5, :6, :4]
+    a, b = volume(shade=True), volume((0.0, 1.0, 1.0), interpolation="nearest")
+    one = mixed(scene_of(a, b), (GRID, VOXELS), (turned, other))
+    assert one[..., 3].max() > 0.5
+    assert np.allclose(mixed(scene_of(b, a), (turned, other), (GRID, VOXELS)), one, rtol=0, atol=1e-13)
+
+
+def test_what_is_invalid_in_one_hides_nothing_of_another() -> None:
+    hollow = np.full(GRID.shape_zyx, np.nan)
+    found = mixed(scene_of(volume(), volume()), (GRID, VOXELS), (GRID, hollow))
+    assert np.allclose(found, render_reference(scene_of(volume()), GRID, VOXELS), rtol=0, atol=1e-13)
+
+
+def test_a_flat_volume_shows_nothing_but_is_part_of_the_box() -> None:
+    flat = Grid((1, 8, 9), origin=(0.0, 0.0, -0.25))
+    found = mixed(scene_of(volume(), volume()), (GRID, VOXELS), (flat, np.ones(flat.shape_zyx)))
+    alone = render_reference(scene_of(volume()), GRID, VOXELS)
+    assert 1e-6 < np.abs(found - alone).max() < 0.05  # slabs begin elsewhere
