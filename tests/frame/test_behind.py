@@ -15,7 +15,7 @@ from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import RankError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.compositing import Compositing
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.lasting import LastingCaster
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.settings import with_settings
 
@@ -87,9 +87,9 @@ def test_over_mpi_with_rows_of_their_own_in_the_trace(mpi_ranks: int) -> None:
 @pytest.mark.gl
 def test_a_frame_is_composited_while_the_next_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     meeting = threading.Barrier(2, timeout=20)
-    right_draw, right_picture, draws = Raycaster.draw, Compositing.picture, list[int]()
+    right_draw, right_picture, draws = LastingCaster.draw, Compositing.picture, list[int]()
 
-    def draw_and_meet(caster: Raycaster, *arguments: Any) -> Any:
+    def draw_and_meet(caster: LastingCaster, *arguments: Any) -> Any:
         draws.append(1)
         if len(draws) == 2:
             meeting.wait()
@@ -100,17 +100,17 @@ def test_a_frame_is_composited_while_the_next_is_drawn(monkeypatch: pytest.Monke
             meeting.wait()
         return right_picture(compositing, *arguments)
 
-    monkeypatch.setattr(Raycaster, "draw", draw_and_meet)
+    monkeypatch.setattr(LastingCaster, "draw", draw_and_meet)
     monkeypatch.setattr(Compositing, "picture", composite_and_meet)
     assert len(draw(LoopbackChannel(), scenes())) == len(CAMERAS) + 1
 
 
 @pytest.mark.gl
 def test_a_frame_that_was_drawn_is_kept_when_the_next_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    right, written, raised = Raycaster.draw, list[int](), list[str]()
+    right, written, raised = LastingCaster.draw, list[int](), list[str]()
     failing_frame = threading.local()
 
-    def fail_at_the_third(caster: Raycaster, *arguments: Any) -> Any:
+    def fail_at_the_third(caster: LastingCaster, *arguments: Any) -> Any:
         failing_frame.calls = getattr(failing_frame, "calls", 0) + 1
         if failing_frame.calls == 3:
             raise ValueError("odd")
@@ -121,7 +121,7 @@ def test_a_frame_that_was_drawn_is_kept_when_the_next_one_fails(monkeypatch: pyt
             draw(channel, scenes(), write=lambda image, scene, number: written.append(number))
         raised.append(str(error.value))
 
-    monkeypatch.setattr(Raycaster, "draw", fail_at_the_third)
+    monkeypatch.setattr(LastingCaster, "draw", fail_at_the_third)
     run_loopback(2, run)
     assert raised == ["rank 0, frame 2, render: ValueError: odd"] * 2
     assert written == [0, 1]
