@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,8 +20,14 @@ OVERSUBSCRIBE = {
 }
 
 
+LAUNCHER_VARIABLE = "CLUSTERVIZ_LAUNCHER"
+"""What starts ranks in place of mpirun, with its options: "srun --mpi=pmix". It must take -n RANKS."""
+
+
 def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
     """The command line that runs clusterviz on some ranks; one rank needs no mpirun.
+
+    A launcher that the environment names starts all jobs, so that one rank has what each of several has.
 
     Raises
     ------
@@ -28,7 +35,10 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
         There is no mpirun.
     """
     alone = [sys.executable, "-m", "clusterviz", *arguments]
-    return alone if ranks == 1 else [find_mpirun(), "-n", str(ranks), *alone]
+    named = shlex.split(os.environ.get(LAUNCHER_VARIABLE, ""))
+    if ranks == 1 and not named:
+        return alone
+    return [*(named or [find_mpirun()]), "-n", str(ranks), *alone]
 
 
 def find_mpirun() -> str:

@@ -131,3 +131,9 @@ def test_mpirun_is_the_one_beside_this_python(monkeypatch: pytest.MonkeyPatch, t
     assert job_command(2, [])[:3] == [str(tmp_path / "venv/mpirun"), "-n", "2"]
     (tmp_path / "venv/mpirun").unlink()
     assert job_command(2, [])[0] == str(tmp_path / "path/mpirun")
+
+
+def test_a_launcher_that_is_named_starts_every_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLUSTERVIZ_LAUNCHER", "srun --mpi=pmix --label='a b'")
+    for ranks in (1, 3):
+        assert job_command(ranks, ["info"])[:5] == ["srun", "--mpi=pmix", "--label=a b", "-n", str(ranks)]

@@ -147,6 +147,20 @@ def test_commands_that_start_mpirun_run_once(launcher: str, job: str, command: s
     assert desk.called("srun") is desk.called("mpirun") is None
 
 
+@pytest.mark.parametrize(
+    ("plugins", "told"),
+    [(("pmi2",), "srun --mpi=pmi2 --kill-on-bad-exit=1 --gpu-bind=none --cpus-per-task=8"), (("pmix",), "")],
+)
+def test_commands_that_start_ranks_are_told_how_under_slurm(plugins: tuple[str, ...], told: str, desk: Desk) -> None:
+    """By srun with the options that `render` gets; by mpirun where srun does not speak the MPI's language."""
+    desk.program("srun", srun_that_lists(*plugins))
+    desk.recorder(desk.clusterviz, f'printf %s "${{CLUSTERVIZ_LAUNCHER:-}}" >{shlex.quote(str(desk.logs / "told"))}')
+    ended = desk.run("slurm", "scale", "s.yaml", SLURM_JOB_ID="7", SLURM_GPUS_ON_NODE="4", SLURM_CPUS_PER_TASK="8")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert (desk.logs / "told").read_text() == told
+    assert desk.called("clusterviz") == ["scale", "s.yaml"]
+
+
 @pytest.mark.parametrize(("launcher", "job"), [("slurm", "SLURM_JOB_ID"), ("pbs", "PBS_JOBID")])
 def test_options_of_the_scheduler_come_too_late_in_a_job(launcher: str, job: str, desk: Desk) -> None:
     ended = desk.run(launcher, "-N", "2", "--", "doctor", **{job: "7"})
