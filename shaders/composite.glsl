@@ -13,6 +13,6 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     } else if (s >= buckets.w) {
         Segment segment = segment_at(s);
         vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-        sum += ((1.0 - sum.a) * segment.opacity) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
+        sum += ((1.0 - sum.a) * doubled(segment.opacity)) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
     }
 }

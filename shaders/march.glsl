@@ -39,6 +39,11 @@ struct Place {
 };
 const int GAP = -1, OUTSIDE = -2;
 
+// How often slabs are doubled: a sample stands for 1 << doublings slabs of the lattice. What a group of cells allows, and how many of the
+// next `slabs` are then taken at once; a stretch begins at a multiple of its length, wherever that is.
+int doublings_in(int words, int bit);
+int stretched(int k, int slabs);
+
 ivec3 brick_begin; // the first cell of the brick that was found last
 
 // Where slab k is, and what is there: a run of a visible group of cells, a group of cells or a whole brick without anything visible.
@@ -56,9 +61,10 @@ Place place_of(Ray ray, int k, vec3 slab) {
     ivec3 group = cell >> GROUP_SHIFT;
     int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
     int start = brick_offset[brick];
-    bool visible = start >= 0 && (group_visible[brick * VISIBILITY_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
-    // A visible run may go on to the brick's end; a gap ends with its group of cells, or with its brick.
-    bool whole = visible || start < 0;
+    int words = brick * GROUP_WORDS + (bit >> 5);
+    bool visible = start >= 0 && (group_visible[words] >> (bit & 31) & 1u) != 0u;
+    // A visible run may go on to the brick's end, unless it is stretched; a gap ends with its group of cells, or with its brick.
+    bool whole = visible ? doublings_in(words, bit & 31) == 0 : start < 0;
     vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
     // The last group along an axis may be cut by the brick's end.
     vec3 extent = whole ? vec3(BRICK) : vec3(min(ivec3(1 << GROUP_SHIFT), BRICK - (group << GROUP_SHIFT)));
@@ -97,10 +103,10 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
         }
         if (place.brick == OUTSIDE || is_done(sum)) k = ray.slabs;
         if (k >= last || place.brick == GAP) break;
-        int slabs = min(place.slabs, last - k);
+        int slabs = stretched(k, min(place.slabs, last - k));
         run_iterations = 2;
         add_run(sum, run_of(ray, k, place, slab, slabs));
-        samples += uint(slabs);
+        samples += uint(slabs >> doublings);
         k += slabs;
         iterations += run_iterations;
     }

@@ -24,6 +24,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <VOXEL>
 #include <SPLINE>
 #include <SCALAR>
+#include <STRETCH>
 #include "march.glsl"
 #include <GRADIENT>
 #include <MAGNITUDE>

@@ -78,7 +78,7 @@ def _small(scene: Scene, trial: Trial, scale: float) -> Scene:
 
 
 def _with(scene: Scene, **settings: object) -> Scene:
-    quality = Quality.model_validate(scene.quality.model_dump() | settings | {"max_error": None})
+    quality = Quality.model_validate(scene.quality.model_dump() | settings | {"max_error": None, "adaptive": 0.0})
     return scene.model_copy(update={"quality": quality})
 
 

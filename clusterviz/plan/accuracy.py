@@ -116,10 +116,10 @@ class Choice:
 
 def make_aim(scene: Scene) -> Aim:
     """What a completed scene with a volume and `quality.max_error` asks for."""
-    volume, bound = scene.volumes[0], scene.quality.max_error
+    bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    both = is_preintegrated(volume, "pre-integrated")
-    transfer = transfer_function(volume)
+    both = is_preintegrated(scene.volumes[0], "pre-integrated")
+    transfer = transfer_function(scene.volumes[0])
     jumps = np.diff(transfer.opacities)[np.diff(transfer.opacity_values) == 0]
     ways: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
     return Aim(bound, math.prod(scene.image.size), ways, bool(np.any(jumps != 0)))

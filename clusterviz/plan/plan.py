@@ -32,6 +32,7 @@ from clusterviz.plan.mixture import KnownVolume, Mixture, make_mixture
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
+from clusterviz.plan.stretching import Stretching, make_stretching
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
@@ -55,6 +56,7 @@ class March:
     spread : samples beyond a cell's corners on which what is shown of it depends
     preintegrated : slabs are classified between their ends, not at their midpoints
     jittered : every pixel has a lattice of slabs of its own
+    stretching : where slabs are longer; None: nowhere
     """
 
     step_world: float
@@ -65,6 +67,7 @@ class March:
     spread: int
     preintegrated: bool = False
     jittered: bool = False
+    stretching: Stretching | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             spread_of(volume, classification),
             preintegrated,
             is_jittered(volume, scene.quality.jitter),
+            make_stretching(volume, scene.quality, grid, transfer),
         ),
         look,
         planes,

@@ -70,8 +70,12 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
     -------
     words : uint32 (n, slot.visibility_words), x fastest, the lowest bit first
     """
-    visible = visible_groups(ranges, plan)
-    groups = visible.reshape(len(visible), -1)
+    return packed_bits(visible_groups(ranges, plan), slot)
+
+
+def packed_bits(flags: NDArray[np.bool_], slot: Slot) -> NDArray[np.uint32]:
+    """Flags of the groups of n bricks, (n, *slot.groups_zyx), as the shader reads them: see `visibility_bits`."""
+    groups = flags.reshape(len(flags), -1)
     bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
     bits[:, : groups.shape[1]] = groups
     return np.packbits(bits, axis=1, bitorder="little").view("<u4")

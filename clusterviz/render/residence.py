@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from clusterviz.partition import BrickBox
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
+from clusterviz.render.bends import group_bends, stretch_bits
 from clusterviz.render.emptiness import group_ranges, visibility_bits
 from clusterviz.render.storage import Slot
+from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; integers are normalised
@@ -30,18 +32,21 @@ class Stored:
     words : what the slot holds, as `Slot.pack` made it
     low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
     voxels : samples that it was made of
+    bend : of its groups of cells, see `bends.py`; None where slabs are not stretched
     """
 
     words: NDArray[Any]
     low: NDArray[Any]
     high: NDArray[Any]
     voxels: int
+    bend: NDArray[np.float32] | None = None
 
 
 def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
     """Make a brick's samples (z, y, x) ready for a slot."""
     low, high = group_ranges(voxels, slot)
-    return Stored(slot.pack(voxels, encoding), low, high, voxels.size)
+    bend = group_bends(voxels, slot) if slot.stretched else None
+    return Stored(slot.pack(voxels, encoding), low, high, voxels.size, bend)
 
 
 class Residence:
@@ -63,6 +68,8 @@ class Residence:
         self.slots: dict[Index, int] = {}
         self._free = list(range(room))[::-1]
         self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self._bends = np.zeros((room, 2, *slot.groups_zyx), np.float32) if slot.stretched else None
+        self._stretched: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(room, np.int64)
         self._voxels = _texture(context, slot, room) if slot.textured else context.buffer(reserve=room * slot.bytes)
 
@@ -110,8 +117,9 @@ class Residence:
         for index in bricks:
             number = self.slots[index]
             low, high = (side[number] for side in self._ranges or ())
+            bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if texels is None else self._cut(texels, number)
-            yield index, Stored(words, low, high, int(self._counts[number]))
+            yield index, Stored(words, low, high, int(self._counts[number]), bend)
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Where bricks begin, and which of their groups of cells may show something, for all bricks of a box.
@@ -123,17 +131,28 @@ class Residence:
         Returns
         -------
         offsets : int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
-        visible : uint32, `slot.visibility_words` a brick of the box
+        groups : uint32, `slot.group_words` a brick of the box
         """
         numbers = np.array([self.slots[z, y, x] for z, y, x in bricks.tolist()])
         places = tuple((bricks - box.begin_zyx).T)
         offsets = np.full(box.shape_zyx, -1, np.int32)
         offsets[places] = numbers if self._slot.textured else numbers * self._slot.words
-        visible = np.zeros((*box.shape_zyx, self._slot.visibility_words), np.uint32)
+        groups = np.zeros((*box.shape_zyx, self._slot.group_words), np.uint32)
         assert self._ranges, "no slot was filled"
-        low, high = self._ranges
-        visible[places] = visibility_bits((low[numbers], high[numbers]), plan, self._slot)
-        return offsets, visible
+        ranges = self._ranges[0][numbers], self._ranges[1][numbers]
+        words = visibility_bits(ranges, plan, self._slot)
+        if self._bends is not None:
+            words = np.concatenate([words, self._stretches(plan)[numbers]], axis=1)
+        groups[places] = words
+        return offsets, groups
+
+    def _stretches(self, plan: Plan) -> NDArray[np.uint32]:
+        """How long slabs may be in the groups of all slots; they stay so while the transfer function does."""
+        if self._stretched is None or self._stretched[0] is not plan.transfer:
+            assert self._ranges, "no slot was filled"
+            assert self._bends is not None, "nothing is stretched"
+            self._stretched = plan.transfer, stretch_bits(self._ranges, self._bends, plan, self._slot)
+        return self._stretched[1]
 
     def bind(self) -> None:
         """Let draws read from here."""
@@ -151,6 +170,8 @@ class Residence:
             shape = (self.room, *stored.low.shape)
             self._ranges = np.zeros(shape, stored.low.dtype), np.zeros(shape, stored.high.dtype)
         self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
+        if self._bends is not None:
+            self._bends[number], self._stretched = stored.bend, None
         self._counts[number] = stored.voxels
 
     def _words(self, number: int) -> NDArray[Any]:

@@ -36,6 +36,7 @@ class Slot:
     reach : cells beyond its own in which the brick samples the field
     spread : samples beyond a cell's corners on which what is shown of it depends
     parts : room for each of several volumes, one after the other behind a header; the cells are the domain's then
+    stretched : slabs may be longer in some groups of its cells
     """
 
     cells_zyx: Index
@@ -45,6 +46,7 @@ class Slot:
     reach: int = 0
     spread: int = 0
     parts: tuple[Slot, ...] = ()
+    stretched: bool = False
 
     @property
     def samples_zyx(self) -> Index:
@@ -87,6 +89,11 @@ class Slot:
     def visibility_words(self) -> int:
         """Words that hold one bit for each group."""
         return -(-int(np.prod(self.groups_zyx)) // 32)
+
+    @property
+    def group_words(self) -> int:
+        """Words for all that is known of a brick's groups: whether they show something, and how long slabs may be."""
+        return self.visibility_words * (3 if self.stretched else 1)
 
     @property
     def texel_scale(self) -> float:
@@ -134,4 +141,5 @@ def slot_of(plan: Plan) -> Slot:
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
     z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
-    return Slot((z, y, x), encoding.kind, "hardware" in march.filter, layout.margin, march.reach, march.spread)
+    textured, stretched = "hardware" in march.filter, march.stretching is not None
+    return Slot((z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, stretched=stretched)

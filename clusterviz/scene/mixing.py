@@ -8,7 +8,7 @@ from typing import Any
 from clusterviz.scene.checks import UnusableError
 
 LOOKS = ("blending", "isosurfaces", "gradient_opacity", "transfer_2d")
-QUALITIES = ("classification", "filter", "jitter", "max_error")
+QUALITIES = ("classification", "filter", "jitter", "max_error", "adaptive")
 MIXED = ("composite", "post", "exact")
 
 

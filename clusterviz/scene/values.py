@@ -180,10 +180,14 @@ class Quality(Section):
     early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
         default=0.0, description="A ray ends when what lies behind could add at most this share; 0: never."
     )
+    adaptive: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
+        default=0.0,
+        description="Slabs are 2, 4 or 8 times as long where that changes no pixel by more than this; 0: nowhere.",
+    )
     max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(plain)] | None = Field(
         default=None,
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
-        "classification, filter and early_termination, whatever they are here, are then chosen to hold it cheaply.",
+        "classification, filter, early_termination and adaptive are then chosen, whatever they are here.",
     )
     pixel: Literal["float32"] = Field(default="float32", description="The format in which partial images are blended.")
 

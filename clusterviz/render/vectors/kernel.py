@@ -72,7 +72,8 @@ def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
     special = plan.mixture or look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
-    return look.blending == "composite" and not special and march.filter in ("linear", "nearest")
+    stretched = march.stretching is not None
+    return look.blending == "composite" and not (special or stretched) and march.filter in ("linear", "nearest")
 
 
 @cache

@@ -1,0 +1,14 @@
+// Every slab has a sample.
+const int doublings = 0;
+
+int doublings_in(int words, int bit) {
+    return 0;
+}
+
+int stretched(int k, int slabs) {
+    return slabs;
+}
+
+float doubled(float opacity) {
+    return opacity;
+}
