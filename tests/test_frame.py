@@ -12,7 +12,7 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
-from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame
+from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame, share
 from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
@@ -226,7 +226,8 @@ def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypa
         right = getattr(drawing, name)
         monkeypatch.setattr(drawing, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
     read = opening.read_bricks
-    monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
+    for reader in (opening, share):
+        monkeypatch.setattr(reader, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
     draw_all(scenes, LoopbackChannel())
     assert sorted(done) == ["__init__", "load", "read", "read"]
