@@ -94,21 +94,22 @@ def gathered(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale: int = 1, 
     """
     cost = np.zeros(tile_counts(size, CELL))
     for rect, counts in blocks:
-        y, x = (
-            # A block counts where its middle is.
-            np.clip(_fine(np.minimum(begin + side * np.arange(n) + side / 2, end), whole, scale), 0, whole - 1) // CELL
-            for begin, end, n, whole in zip(
-                (rect.y_begin, rect.x_begin), (rect.y_end, rect.x_end), counts.shape, size[::-1], strict=True
-            )
-        )
-        np.add.at(cost, (y.astype(int)[:, None], x.astype(int)), counts.astype(np.float64) * scale**2)
+        rows = _overlaps(rect.y_begin, rect.y_end, counts.shape[0], size[1], scale, side)
+        columns = _overlaps(rect.x_begin, rect.x_end, counts.shape[1], size[0], scale, side)
+        cost += rows.T @ (counts * float(scale**2)) @ columns
     return CostMap(size, cost)
 
 
-def _fine(coarse: Costs, whole: int, scale: int) -> Costs:
-    """Edges of a coarse picture in pixels of the fine one."""
-    fine: Costs = scale * coarse + (whole - scale * -(-whole // scale)) / 2
-    return fine
+def _overlaps(begin: int, end: int, blocks: int, whole: int, scale: int, side: int) -> Costs:
+    """Which share of each block of an interval of the coarse picture lies in each cell: float64 (blocks, cells)."""
+    coarse = np.minimum(begin + side * np.arange(blocks + 1), end)
+    # Both pictures have one centre; what a coarse one has beyond the borders counts at them.
+    fine = np.clip(scale * coarse + (whole - scale * -(-whole // scale)) / 2, 0, whole)
+    edges = np.minimum(np.arange(tile_counts((whole, 1), CELL)[1] + 1) * CELL, whole)
+    first, last = fine[:-1, None], np.maximum(fine[1:, None], fine[:-1, None] + 1e-9)
+    covered = np.minimum(edges[1:], last) - np.maximum(edges[:-1], first)
+    shares: Costs = np.maximum(0.0, covered) / (last - first)
+    return shares
 
 
 def _shares(begin: int, end: int, whole: int, cells: int) -> Costs:

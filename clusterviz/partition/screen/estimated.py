@@ -2,8 +2,8 @@
 
 When to use: the camera jumps, or a single frame is dear: nothing of the last frame is needed. When not: frames follow
 each other closely, as the last one then says the same for nothing. The pre-pass draws one ray for `COARSE`² pixels
-with slabs `COARSE` times as long, so it takes about one sample for `COARSE`³; the groups share it, and tell each other
-what they counted.
+with slabs `LONGER` times as long, so it takes about one sample for `COARSE`² · `LONGER`; the groups share it, and tell
+each other what they counted.
 
 References
 ----------
@@ -21,20 +21,24 @@ from clusterviz.partition.screen.mosaic import Mosaic
 from clusterviz.plan.plan import Plan
 
 COARSE = 4
+NOTHING = 2.0**-24
+LONGER = 4
 
 
 def coarse_plan(plan: Plan) -> Plan:
     """The plan of the pre-pass: a smaller picture of the same view, with longer slabs.
 
-    Where rays may end early their opacity counts, which belongs to the length of slabs: then they stay as they are.
+    The transfer function stays that of short slabs, so transmittance falls to its root only: rays that end early end at
+    the root of what may be left, which float32 rounds to nothing below `NOTHING`.
     """
     view, march = plan.view, plan.march
     width, height = (-(-side // COARSE) for side in view.size)
-    longer = 1 if march.residual > 0 else COARSE
     return replace(
         plan,
         view=replace(view, size=(width, height), pixel=view.pixel * COARSE),
-        march=replace(march, step_world=march.step_world * longer),
+        march=replace(
+            march, step_world=march.step_world * LONGER, residual=max(march.residual, NOTHING) ** (1 / LONGER)
+        ),
     )
 
 

@@ -1,0 +1,237 @@
+"""How even ranks are that share the screen: figure 5.3 of the thesis again, and what each strategy costs beside.
+
+    mpirun -n 8 python benchmarks/sort_first.py figure --scene head --json F     every way to share, by real ranks
+    python benchmarks/sort_first.py orbit --scene sparse --ranks 8 --json F      by what one rank counts, frame by frame
+    python benchmarks/sort_first.py plot F G -o docs/sort-first.svg              two files of `figure`
+
+Samples are exact and the same in every run; processor time is of drawing, all threads of a rank's process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.comm import LoopbackChannel, open_channel
+from clusterviz.data import open_source
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.samples import fetch_sample
+from clusterviz.data.source import Source
+from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.tiling import expected_map
+from clusterviz.partition import Piece
+from clusterviz.partition.screen import (
+    COARSE,
+    CostMap,
+    Mosaic,
+    adapt,
+    build_cuts,
+    coarse_plan,
+    gathered,
+    interleaved_tiles,
+    pattern_tiles,
+    queue_of_tiles,
+)
+from clusterviz.plan.plan import Plan
+from clusterviz.scene import Scene, Volume
+from clusterviz.scene.files import load_scene
+from clusterviz.scene.path import orbit
+from clusterviz.scene.settings import with_settings
+
+WAYS: dict[str, dict[str, Any]] = {
+    "sort-last": {"mode": "sort-last"},
+    "interleaved, 64": {"mode": "sort-first", "tiling": "interleaved", "tile": 64},
+    "interleaved, 32": {"mode": "sort-first", "tiling": "interleaved", "tile": 32},
+    "interleaved, 16": {"mode": "sort-first", "tiling": "interleaved", "tile": 16},
+    "pattern × 1": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 1},
+    "pattern × 2": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 2},
+    "pattern × 3": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 3},
+    "pattern × 5": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 5},
+    "scheduled, 32": {"mode": "sort-first", "tiling": "scheduled", "tile": 32},
+    "temporal": {"mode": "sort-first", "tiling": "temporal"},
+    "estimated": {"mode": "sort-first", "tiling": "estimated"},
+    "hybrid, 2 groups": {"groups": 2},
+    "hybrid, 4 groups": {"groups": 4},
+}
+STILL_DEGREES = 4.0  # between two frames
+
+
+def sparse() -> np.ndarray:
+    """Three small clouds in a large empty volume."""
+    z, y, x = np.mgrid[:96, :96, :128].astype(np.float32)
+    clouds = ((20, 20, 20, 7.0), (70, 30, 100, 11.0), (50, 80, 64, 5.0))
+    return np.add.reduce([np.exp(-((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2) / (2 * w * w)) for a, b, c, w in clouds])
+
+
+def scene_of(name: str, size: int) -> tuple[Scene, Source]:
+    """A scene and its voxels, read once."""
+    if name == "sparse":
+        volume = Volume(path="sparse", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)), opacity_unit_distance=4.0)
+        return with_settings(Scene(volumes=(volume,)), {"size": (size, size), "brick": 16}), ArraySource(sparse())
+    example = Path(__file__).parents[1] / "examples" / "head.yaml"
+    scene = load_scene(example, [f"volumes.0.path={fetch_sample('mni152')}"])
+    return with_settings(scene, {"size": (size, size), "brick": 16}), open_source(scene.volumes[0].path)
+
+
+def frames_of(scene: Scene, source: Source, degrees: float, frames: int) -> list[Scene]:
+    """A part of an orbit."""
+    with FrameLoop(scene, LoopbackChannel(), source) as loop:
+        camera = loop.scene.camera
+    return [scene.model_copy(update={"camera": view}) for view in orbit(camera, degrees, frames)]
+
+
+def figure(name: str, size: int) -> list[dict[str, Any]]:
+    """The third of three frames that follow each other, by each way; the table on rank 0."""
+    channel = open_channel()
+    scene, source = scene_of(name, size)
+    scenes, table = frames_of(scene, source, 3 * STILL_DEGREES, 3), []
+    for way, settings in WAYS.items():
+        if settings.get("groups", 1) > channel.size:
+            continue
+        with FrameLoop(with_settings(scenes[0], settings), channel, source) as loop:
+            drawn = [loop.frame(with_settings(each, settings), n) for n, each in enumerate(scenes)]
+        table.append({"way": way, **_row(drawn[-1])})
+        if channel.rank == 0:
+            print(f"{way:18} {_text(table[-1])}", flush=True)
+    return table if channel.rank == 0 else []
+
+
+def _row(frame: Rendered) -> dict[str, Any]:
+    ranks = frame.statistics.per_rank
+    return {
+        "samples": [rank.samples for rank in ranks],
+        "cpu_ms": [1000 * rank.cpu_seconds for rank in ranks],
+        "extra": sum(rank.samples_estimate for rank in ranks),
+        "bytes_sent": sum(rank.bytes_sent + rank.compositing.get("bytes_collected", 0) for rank in ranks),
+        "voxel_bytes": max(rank.voxel_bytes for rank in ranks),
+    }
+
+
+def _text(row: dict[str, Any]) -> str:
+    samples, mean = row["samples"], np.mean(row["samples"])
+    return (
+        f"samples / mean {max(samples) / mean:6.3f} {min(samples) / mean:6.3f}   "
+        f"cpu ms {max(row['cpu_ms']):7.1f} {min(row['cpu_ms']):7.1f}   extra {row['extra'] / sum(samples):6.3f}   "
+        f"kB sent {row['bytes_sent'] / 1000:8.0f}   MB held {row['voxel_bytes'] / 1e6:7.1f}"
+    )
+
+
+class Counting:
+    """Where one rank takes how many samples: the cost of every frame, whoever would draw it."""
+
+    def __init__(self, scenes: Sequence[Scene], source: Source) -> None:
+        self._scenes, self._source = scenes, source
+
+    def maps(self) -> Iterator[tuple[Plan, CostMap, CostMap, int]]:
+        """Plan, cost, estimated cost and samples of the pre-pass of each frame."""
+        with FrameLoop(self._scenes[0], LoopbackChannel(), self._source) as loop:
+            drawing: Drawing = loop._drawing
+            for scene in self._scenes:
+                loop.frame(scene)
+                share = loop._share
+                assert share is not None
+                assert share.plan is not None
+                cost = gathered(scene.image.size, drawing.work)
+                coarse = coarse_plan(share.plan)
+                pieces = tuple(Piece(piece.rank, piece.box, piece.bricks) for piece in share.pieces)
+                _, counts = drawing.draw(replace(share, plan=coarse, pieces=pieces))
+                yield share.plan, cost, gathered(scene.image.size, drawing.work, COARSE), counts.samples
+
+
+def loads(mosaic: Mosaic, cost: CostMap) -> list[float]:
+    """The samples of each group."""
+    return [sum(cost.total(window) for window in windows) for windows in mosaic.windows]
+
+
+def scheduled(plan: Plan, cost: CostMap, ranks: int, side: int) -> list[float]:
+    """The samples of each rank, if whoever has least takes the next tile."""
+    found = [0.0] * ranks
+    for tile in queue_of_tiles(expected_map(plan), side):
+        found[int(np.argmin(found))] += cost.total(tile)
+    return found
+
+
+def orbit_table(name: str, size: int, ranks: int, frames: int) -> list[dict[str, Any]]:
+    """What the busiest ranks cost in all frames of a whole turn, over an even share of all samples."""
+    scene, source = scene_of(name, size)
+    weights, last, tree, total = (1,) * ranks, None, None, 0.0
+    busiest: dict[str, list[float]] = {}
+    for plan, cost, estimate, extra in Counting(frames_of(scene, source, 360.0, frames), source).maps():
+        z, y, x = plan.layout.shape_zyx
+        extent = (x - 1.0, y - 1.0, z - 1.0)
+        tree = adapt(tree, last) if tree and last else build_cuts(expected_map(plan), weights)
+        size, found = plan.view.size, {"temporal": loads(tree.mosaic(), cost)}
+        found |= {f"interleaved, {n}": loads(interleaved_tiles(size, ranks, n), cost) for n in (64, 32, 16)}
+        found |= {f"pattern × {n}": loads(pattern_tiles(plan.view, extent, ranks, 8, n), cost) for n in (1, 3, 5)}
+        found |= {"scheduled, 32": scheduled(plan, cost, ranks, 32)}
+        counted = loads(build_cuts(estimate, weights).mosaic(), cost)
+        found |= {"estimated": [load + extra / ranks for load in counted]}
+        for way, samples in found.items():
+            busiest.setdefault(way, []).append(max(samples))
+        last, total = cost, total + float(cost.cost.sum()) / ranks
+    table = [{"way": way, "total / even": sum(most) / total} for way, most in busiest.items()]
+    for row in table:
+        print(f"{row['way']:18} {row['total / even']:.3f}")
+    return table
+
+
+def plot(files: Sequence[Path], out: Path) -> None:
+    """Bars to the slowest rank, from the fastest."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot
+
+    matplotlib.rcParams["svg.hashsalt"] = "sort-first"
+    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.6), sharey=True, layout="constrained")
+    for axis, file in zip(np.atleast_1d(axes), files, strict=True):
+        report = json.loads(file.read_text())
+        rows = report["table"]
+        samples = [np.array(row["samples"]) / np.mean(row["samples"]) for row in rows]
+        colours = ["tab:orange" if row["way"].split(",")[0] in ("scheduled", "temporal", "estimated") else
+                   "tab:blue" if row["way"][:3] in ("int", "pat") else "tab:grey" for row in rows]  # fmt: skip
+        most, least = ([pick(each) for each in samples] for pick in (np.max, np.min))
+        axis.bar(range(len(rows)), most, color=colours)
+        axis.errorbar(
+            range(len(rows)), most, yerr=[np.subtract(most, least), np.zeros(len(rows))], fmt="none", ecolor="k"
+        )
+        axis.axhline(1.0, color="k", linewidth=0.6)
+        axis.set_xticks(range(len(rows)), [row["way"] for row in rows], rotation=60, ha="right", fontsize=8)
+        axis.set_title(f"{report['scene']}, {report['ranks']} ranks")
+    np.atleast_1d(axes)[0].set_ylabel("samples of the slowest rank\n(lines: to the fastest) / mean")
+    figure.savefig(out, metadata={"Date": None})
+
+
+def main() -> None:
+    """Measure, or draw what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("figure", "orbit", "plot"))
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--scene", choices=("head", "sparse"), default="head")
+    parser.add_argument("--size", type=int, default=320, help="pixels along both sides")
+    parser.add_argument("--ranks", type=int, default=8, help="of an orbit")
+    parser.add_argument("--frames", type=int, default=90, help="of an orbit")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("-o", "--out", type=Path)
+    options = parser.parse_args()
+    if options.what == "plot":
+        plot(options.files, options.out)
+        return
+    if options.what == "figure":
+        ranks, table = open_channel().size, figure(options.scene, options.size)
+    else:
+        ranks, table = options.ranks, orbit_table(options.scene, options.size, options.ranks, options.frames)
+    if options.json and table:
+        report = {"scene": options.scene, "size": options.size, "ranks": ranks, "table": table}
+        options.json.write_text(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()
