@@ -31,6 +31,8 @@ from clusterviz.scene import Cluster, Scene, open_scene
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
 TRANSPORTS = [name for name in get_args(Cluster.model_fields["transport"].annotation) if name != "auto"]
 USUAL = "serial,tree,direct-send,binary-swap"
+MODES = [name for name in get_args(Cluster.model_fields["mode"].annotation) if name not in ("auto", "sort-last")]
+TILINGS = list(get_args(Cluster.model_fields["tiling"].annotation))
 PRETENDED_RANKS_PER_NODE = 2
 """What a node has while the hierarchical transport is checked, so that one machine has several."""
 FAINT = "1e-6"
@@ -47,10 +49,14 @@ class Configuration:
     algorithm: str
     brick: int
     transport: str = "messages"
+    mode: str = "sort-last"
+    tiling: str = "auto"
 
     @property
     def way(self) -> str:
-        """The algorithm over messages, or else the transport."""
+        """How the screen is shared, where it is; else the algorithm over messages, or else the transport."""
+        if self.mode != "sort-last":
+            return f"{self.mode}, {self.tiling}"
         return self.algorithm if self.transport == "messages" else self.transport
 
     def __str__(self) -> str:
@@ -87,6 +93,10 @@ def command(
     transports: Annotated[
         str, typer.Option(metavar="T,T,…", help="Transports; messages with each algorithm.")
     ] = "messages,shared,hierarchical",
+    modes: Annotated[
+        str, typer.Option(metavar="M,M,…", help="Ways to share the screen, beside sort-last.")
+    ] = "sort-first,hybrid",
+    tilings: Annotated[str, typer.Option(metavar="T,T,…", help="Tilings of each of them.")] = "auto",
     bricks: Annotated[str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's.")] = None,
     define: Define = None,
     size: Size = None,
@@ -104,6 +114,11 @@ def command(
         ALGORITHMS if algorithms == "all" else parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
         parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
         parse_names(transports, TRANSPORTS, "--transports"),
+        [
+            (mode, tiling)
+            for mode in (parse_names(modes, MODES, "--modes") if modes else ())
+            for tiling in parse_names(tilings, TILINGS, "--tilings")
+        ],
     )
     results = run_all(scene, overrides, configurations, tolerance, len(opened.volumes) if ownership else 0)
     witness = compare_with_reference(opened) if reference and opened.volumes else None
@@ -114,9 +129,13 @@ def command(
 
 
 def _configurations(
-    ranks: Sequence[int], algorithms: Sequence[str], bricks: Sequence[int], transports: Sequence[str]
+    ranks: Sequence[int],
+    algorithms: Sequence[str],
+    bricks: Sequence[int],
+    transports: Sequence[str],
+    shared: Sequence[tuple[str, str]] = (),
 ) -> list[Configuration]:
-    """All combinations that differ: one rank has nothing to composite, and one node no hierarchy."""
+    """All combinations that differ: one rank has nothing to composite, one node no hierarchy, two ranks no groups."""
     result = []
     for brick in bricks:
         for count in ranks:
@@ -126,6 +145,11 @@ def _configurations(
                 ways += [("auto", name) for name in transports if name == "hierarchical"]
             alone = [(algorithms[0], "messages")]
             result += [Configuration(count, name, brick, how) for name, how in (ways if count > 1 else alone)]
+            result += [
+                Configuration(count, "auto", brick, "auto", mode, tiling)
+                for mode, tiling in shared
+                if count > (2 if mode == "hybrid" else 1)
+            ]
     return result
 
 
@@ -140,12 +164,13 @@ def run_all(
     configurations : at least one
     tolerance : largest difference of two pictures
     faint_volumes : how many the scene has, to do the same with all of them nearly transparent, once for each number of
-        ranks and brick size; 0: that is left out
+        ranks, brick size and way to share the screen; 0: that is left out
     """
     look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
     faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
     faint = [*overrides, *faint, "quality.early_termination=0"]
-    owners = list({(c.ranks, c.brick): c for c in configurations[::-1]}.values())[::-1] if faint_volumes else []
+    kinds = {(c.ranks, c.brick, c.mode, c.tiling): c for c in configurations[::-1]}
+    owners = list(kinds.values())[::-1] if faint_volumes else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
@@ -173,6 +198,9 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
         f"cluster.compositing={configuration.algorithm}",
         f"cluster.transport={configuration.transport}",
         f"cluster.brick={configuration.brick}",
+        f"cluster.mode={configuration.mode}",
+        f"cluster.tiling={configuration.tiling}",
+        "cluster.groups=null",
     ]
     defines = [word for setting in settings for word in ("-D", setting)]
     several_nodes = configuration.transport == "hierarchical"
@@ -180,7 +208,7 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
     arguments = ["render", scene, "-o", str(picture), "--stats", str(stats), *defines]
     run_job(configuration.ranks, arguments, environment=environment)
     frame = json_text.loads(stats.read_text())["frames"][0]
-    return read_image(picture), sum(rank["samples"] for rank in frame["per_rank"])
+    return read_image(picture), sum(r["samples"] - r["samples_estimate"] for r in frame["per_rank"])
 
 
 def _judge_picture(

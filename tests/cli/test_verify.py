@@ -22,7 +22,8 @@ WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
 @pytest.mark.fresh
 @pytest.mark.gl
 def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
-    outcome = cli("verify", *SCENE, "--ranks", "1,3", "--algorithms", "tree,direct-send", "--bricks", "7,8", "--json")
+    options = ("--ranks", "1,3", "--algorithms", "tree,direct-send", "--bricks", "7,8", "--modes", "")
+    outcome = cli("verify", *SCENE, *options, "--json")
     assert (outcome.status, outcome.err) == (0, "")
     report = json.loads(outcome.out)
     results = report["results"]
@@ -36,6 +37,17 @@ def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
 
 @pytest.mark.fresh
 @pytest.mark.gl
+def test_pictures_of_a_shared_screen_agree(cli: Callable[..., Any]) -> None:
+    options = ("--ranks", "3", "--algorithms", "serial", "--transports", "messages", "--tilings", "scheduled")
+    outcome = cli("verify", *SCENE, *options, "--no-ownership", "--no-reference", "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    results = json.loads(outcome.out)["results"]
+    assert [r["configuration"]["mode"] for r in results] == ["sort-last", "sort-first", "hybrid"]
+    assert len({r["samples"] for r in results}) == 1
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
 @pytest.mark.parametrize("how", ["twice", "missed"])
 def test_a_brick_that_two_ranks_own_or_none(how: str, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(ranks: int, arguments: list[str]) -> list[str]:
@@ -43,7 +55,17 @@ def test_a_brick_that_two_ranks_own_or_none(how: str, cli: Callable[..., Any], m
 
     monkeypatch.setattr(jobs, "job_command", wrong)
     outcome = cli(
-        "verify", *SCENE, "-D", "cluster.brick=8", "--ranks", "1,2", "--algorithms", "serial", "--no-reference"
+        "verify",
+        *SCENE,
+        "-D",
+        "cluster.brick=8",
+        "--ranks",
+        "1,2",
+        "--algorithms",
+        "serial",
+        "--no-reference",
+        "--modes",
+        "",
     )
     assert outcome.status == 1
     assert "ownership, 2 ranks, serial, brick 8: " in outcome.err
@@ -61,7 +83,7 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> dict[int, tuple[Any, int]]:
 
 
 def run_faked(cli: Callable[..., Any]) -> Any:
-    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", "--no-reference")
+    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", "--modes", "", "--no-reference")
 
 
 def test_one_wrong_pixel_is_named(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
