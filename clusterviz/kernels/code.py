@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -152,6 +152,10 @@ class Code:
         mask = ir.Constant(kind_of(I32, len(numbers)), list(numbers))
         return Value(self.builder, self.builder.shuffle_vector(a.raw, b.raw, mask))
 
+    def permuted(self, table: Value, numbers: Value) -> Value:
+        """Of 16 floats, those with the numbers of 16 lanes; only where `HAS_PERMUTATIONS` says so."""
+        return self._intrinsic("llvm.x86.avx512.permvar.sf.512", table.raw.type, table, numbers)
+
     def join(self, a: Value, b: Value) -> Value:
         """The lanes of two vectors, end to end."""
         return self.shuffle(a, b, range(2 * a.lanes))
@@ -181,6 +185,15 @@ class Code:
         """What lies at the address of each lane."""
         places = self.builder.inttoptr(addresses.raw, kind_of(POINTER, addresses.lanes))
         return self._gathered(element, places, addresses.lanes)
+
+    def prefetch(self, addresses: Value, lanes: Iterable[int]) -> None:
+        """Ask for the cache lines at the addresses of some lanes."""
+        kinds = [POINTER, I32, I32, I32]
+        fetch = self._declared("llvm.prefetch.p0", ir.FunctionType(ir.VoidType(), kinds))
+        for lane in lanes:
+            place = self.builder.inttoptr(addresses.lane(lane).raw, POINTER)
+            # For reading, into the nearest cache, of data.
+            self.builder.call(fetch, [place, I32(0), I32(3), I32(1)])
 
     def _gathered(self, element: Any, pointers: Any, lanes: int) -> Value:
         kind, spots = kind_of(element, lanes), kind_of(POINTER, lanes)

@@ -1,7 +1,8 @@
-"""A machine without a working EGL: one message that says what to install."""
+"""A machine without a working EGL: the processor draws, or one message says what to install."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,18 @@ NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_no_driver(ranks: int, tmp_path: Path) -> None:
-    ended = render(ranks, FIELD, "-o", str(tmp_path / "a.png"), *SMALL, environment=NO_DRIVER)
+    """Surfaces are OpenGL's alone."""
+    surfaces = ("-D", "volumes.0.blending=isosurface", "-D", "volumes.0.isosurfaces=[0.5]")
+    ended = render(ranks, FIELD, "-o", str(tmp_path / "a.png"), *SMALL, *surfaces, environment=NO_DRIVER)
     check_failure(ended, 1, "apt-get install libegl1", tmp_path)
+
+
+@pytest.mark.fresh
+def test_without_a_driver_the_processor_draws(tmp_path: Path) -> None:
+    stats = tmp_path / "s.json"
+    ended = render(2, FIELD, "-o", str(tmp_path / "a.npy"), *SMALL, "--stats", str(stats), environment=NO_DRIVER)
+    assert ended.status == 0, ended.err
+    assert json.loads(stats.read_text())["renderer"].startswith("CPU, ")
 
 
 @pytest.mark.fresh

@@ -16,6 +16,7 @@
 - field.py      the scalar at a place
 - tables.py     rows of tables, a lane each
 - classify.py   what the transfer function gives
+- pieces.py     the same where pieces are few, in registers
 - opacity.py    opacities of slabs
 - composite.py  emission and absorption
 """

@@ -31,6 +31,7 @@ from clusterviz.render.vectors.kernel import Kernel, can_draw, compiled, kernel_
 from clusterviz.render.vectors.leaps import leaps_of
 from clusterviz.render.vectors.memory import Memory
 from clusterviz.render.vectors.order import job_of, tables_of
+from clusterviz.render.vectors.pieces import piece_table
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
 Index = tuple[int, int, int]
@@ -57,6 +58,7 @@ class VectorCaster:
         self.slot = make_slot(plan.layout, plan.encoding, plan.march)
         self.pool = Memory(self.slot)
         self._leaps: dict[Any, NDArray[np.int32]] = {}
+        self._pieces: tuple[Any, float, NDArray[np.float32] | None] | None = None
         self._shown: tuple[Any, Any] | None = None
         self.compile(plan)
 
@@ -72,11 +74,11 @@ class VectorCaster:
 
     def can_draw(self, plan: Plan) -> bool:
         """Whether the kernel is that of a plan."""
-        return can_draw(plan) and self._kernel == kernel_of(plan, self._width.lanes)
+        return can_draw(plan) and self._kernel == self._kernel_of(plan)
 
     def compile(self, plan: Plan) -> None:
         """Make the kernel of another plan with the same slots; the bricks stay."""
-        self._kernel: Kernel = kernel_of(plan, self._width.lanes)
+        self._kernel = self._kernel_of(plan)
         self._cast = compiled(self._kernel)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
@@ -105,6 +107,16 @@ class VectorCaster:
         """Forget the bricks."""
         self._leaps, self.pool = {}, Memory(self.slot)
 
+    def _kernel_of(self, plan: Plan) -> Kernel:
+        return kernel_of(plan, self._width.lanes, self._pieces_of(plan) is not None)
+
+    def _pieces_of(self, plan: Plan) -> NDArray[np.float32] | None:
+        """The transfer function's pieces, where they are few: kept until it changes."""
+        known = plan.transfer, plan.march.slab_units
+        if self._pieces is None or self._pieces[0] is not known[0] or self._pieces[1] != known[1]:
+            self._pieces = (*known, piece_table(plan))
+        return self._pieces[2]
+
     def _draw_piece(self, plan: Plan, piece: Piece) -> Drawn:
         started, bricks, rect = perf_counter(), piece.members(plan.cost > 0), footprint(plan, piece)
         if len(bricks) == 0 or rect.pixels == 0:
@@ -113,6 +125,9 @@ class VectorCaster:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
+        pieces = self._pieces_of(plan)
+        if pieces is not None:
+            tables["pieces"] = pieces
         job = job_of(plan, box, rect, self.slot, tables | {"pixels": pixels, "work": work})
         self._run(job)
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])

@@ -9,30 +9,45 @@ from clusterviz.render.vectors.field import Field, Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import Four, Variables
 
+AHEAD = 2.0  # slabs; what is asked for now should be there by then
+
 
 class Composite:
     """Samples at midpoints, classified one by one; a `Look`."""
 
     def __init__(self, code: Code, job: Job, field: Field, classifier: Classifier) -> None:
         self._code, self._field, self._classifier = code, field, classifier
+        self._stops = job.part("optics", 1) > 0.0
+        self._far = job["far"].equals(1)
         self._residual = code.splat(job.part("optics", 1))
 
-    def run(self, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Four:
+    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """The sum of the run's samples."""
-        code = self._code
+        code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
         sum_ = [Variable(code.same(F32, 0.0)) for _ in range(4)]
-        number, most = Variable(code.number(I32, 0)), code.largest(slabs)
-        with code.loop(lambda: number.now < most):
+        number, most = Variable(code.number(I32, 0)), Variable(code.largest(slabs))
+        with code.loop(lambda: number.now < most.now):
             along = code.splat(number.now.to(F32))
-            beyond = tuple(code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
-            s = self._field.at(Spot(spot.voxel, spot.low, spot.high, beyond))  # type: ignore[arg-type]
+            s = self._field.at(self._moved(spot, slab, along))
+            with code.when(self._far):
+                self._field.ask_for(self._moved(spot, slab, along + AHEAD))
             # NaN compares false.
-            seen = (s >= self._classifier.visible_from) & (number.now < slabs)
+            seen = (s >= self._classifier.visible_from) & (number.now < end.now)
             with code.when(code.any(seen)):
                 self._take(sum_, seen, self._classifier.of_slab(s))
+                with code.when(self._stops):
+                    # A ray ends with the sample that leaves too little light, not with its run.
+                    ended = seen & (rest * (1.0 - sum_[3].now) <= self._residual)
+                    end.set(code.select(ended, number.now + 1, end.now))
+                    most.set(code.largest(end.now))
             number.set(number.now + 1)
         r, g, b, a = (part.now for part in sum_)
-        return r, g, b, a
+        return (r, g, b, a), end.now
+
+    def _moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
+        """A spot so many slabs on."""
+        x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
+        return Spot(spot.voxel, spot.low, spot.high, (x, y, z))
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, sampled at its midpoint."""
@@ -42,14 +57,15 @@ class Composite:
         r, g, b, a = (part.now for part in sum_)
         return r, g, b, a
 
-    def add(self, kept: Variables, run: Four) -> None:
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
         """Behind what is there, with compensation (Kahan), so that 10⁶ faint slabs add up."""
         rest = 1.0 - kept[3].now
         for place, lost, more in zip(kept[:4], kept[4:], run, strict=True):
             term = rest * more - lost.now
             total = place.now + term
-            lost.set((total - place.now) - term)
-            place.set(total)
+            # A ray that has no part in a run keeps its last bit, whichever other rays its packet has.
+            lost.set(self._code.select(drawn, (total - place.now) - term, lost.now))
+            place.set(self._code.select(drawn, total, place.now))
 
     def is_done(self, kept: Variables) -> Value:
         """Where so little light is left that the scene allows to stop."""

@@ -15,6 +15,7 @@ JOB = np.dtype(
         ("row", "i4"),  # voxels in a row of a brick, rows in a layer times that, voxels in a brick
         ("layer", "i4"),
         ("longest_run", "i4"),
+        ("far", "i4"),  # 1: samples are so far apart, and bricks so many, that caches hold few of them
         ("brick", "i4"),  # cells along its side
         ("per_brick", "f8"),  # one over that
         ("further_starts", "i4"),  # of the plan's segments
@@ -38,6 +39,7 @@ JOB = np.dtype(
         ("leaps", "i8"),  # int32, one a group: see leaps.py
         ("bucket_rows", "i8"),  # float32 (BUCKETS, 4): the next start, the first one, the first segment
         ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope
+        ("pieces", "i8"),  # float32 (ROWS, MOST) as in pieces.py
         ("record_rows", "i8"),  # the plan's own
         ("clip", "i8"),
     ],

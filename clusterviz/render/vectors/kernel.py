@@ -18,6 +18,7 @@ from clusterviz.render.vectors.composite import Composite
 from clusterviz.render.vectors.field import Field
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import March
+from clusterviz.render.vectors.pieces import MOST, PieceClassifier
 from clusterviz.render.vectors.place import Places
 from clusterviz.render.vectors.tile import Tile
 
@@ -30,17 +31,20 @@ class Kernel:
     ----------
     kind : how voxels are stored
     nearest : the nearest voxel is taken
+    few : the transfer function's pieces are held in registers
     lanes : pixels of a packet
     """
 
     kind: VoxelKind
     nearest: bool
+    few: bool
     lanes: int
 
     @property
     def name(self) -> str:
         """Of the function."""
-        return f"cast_{self.kind}_{'nearest' if self.nearest else 'linear'}_{self.lanes}"
+        parts = (self.kind, "nearest" if self.nearest else "linear", "few" if self.few else "many", str(self.lanes))
+        return f"cast_{'_'.join(parts)}"
 
     def write(self) -> str:
         """The code, as LLVM reads it."""
@@ -49,7 +53,8 @@ class Kernel:
         tile = Variable(code.number(I64, 0))
         samples = Variable(code.number(I64, 0))
         field = Field(code, job, self.kind, self.nearest)
-        look = Composite(code, job, field, Classifier(code, job))
+        classifier = (PieceClassifier if self.few else Classifier)(code, job)
+        look = Composite(code, job, field, classifier)
         places = Places(code, job, self.nearest)
         tiles = Tile(code, job, March(code, job, places, look))
 
@@ -63,9 +68,14 @@ class Kernel:
         return code.text()
 
 
-def kernel_of(plan: Plan, lanes: int) -> Kernel:
-    """The kernel that a plan needs."""
-    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", lanes)
+def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
+    """The kernel that a plan needs.
+
+    Parameters
+    ----------
+    few : whether the transfer function has few pieces
+    """
+    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", few and lanes == MOST, lanes)
 
 
 def can_draw(plan: Plan) -> bool:

@@ -28,11 +28,12 @@ class Look(Protocol):
     said in image/merge.py.
     """
 
-    def run(self, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Four:
-        """What runs of whole slabs come to, as if nothing were in front of them.
+    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+        """What runs of whole slabs come to, as if nothing were in front of them, and how many slabs were taken.
 
         Parameters
         ----------
+        kept : what lies in front; a run may end early where nothing behind can matter
         spot : of the first midpoint
         slab : from one midpoint to the next
         slabs : how many, of each ray; none where 0
@@ -42,8 +43,8 @@ class Look(Protocol):
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """What shares of slabs come to, where they are drawn; `only`: the ray has no other slab."""
 
-    def add(self, kept: Variables, run: Four) -> None:
-        """Put a run behind what is kept."""
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
+        """Put a run behind what is kept, where it is drawn."""
 
     def is_done(self, kept: Variables) -> Value:
         """Where nothing behind can matter."""
@@ -97,9 +98,10 @@ class March:
             # Rays that have found something wait for those that are still looking.
             with code.when(~code.any(gap & (at.now < behind))):
                 slabs = code.select(here & place.visible, step, 0)
-                look.add(kept, look.run(place.spot, slab, slabs, at.now.equals(0)))
-                at.set(at.now + slabs)
-                samples.set(samples.now + slabs)
+                run, taken = look.run(kept, place.spot, slab, slabs, at.now.equals(0))
+                look.add(kept, run, slabs > 0)
+                at.set(at.now + taken)
+                samples.set(samples.now + taken)
                 done.set(code.select(look.is_done(kept), 1, done.now))
         for name, variable in (("at", at), ("done", done), ("samples", samples)):
             packet.set(name, variable.now)
@@ -116,7 +118,7 @@ class March:
             place = self._places.of(rays.last, slab, _inverse(code, slab))
             seen = mine & place.visible
             drawn.set(seen.to(I32))
-            self._look.add(kept, self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1)))
+            self._look.add(kept, self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1)), seen)
         return packet.get("samples") + drawn.now
 
 

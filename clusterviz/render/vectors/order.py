@@ -15,10 +15,12 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.vectors.classify import bucket_rows, colour_rows
 from clusterviz.render.vectors.job import JOB
 from clusterviz.render.vectors.leaps import FARTHEST
+from clusterviz.render.vectors.memory import VOXEL_BYTES
 from clusterviz.render.vectors.tile import TILE
 
 LONGEST_RUN = 32  # slabs, as in march.glsl
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
+CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, from which voxels are asked for ahead
 ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
 Tables = dict[str, NDArray[Any]]
 
@@ -51,6 +53,8 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
     job["record_floats"] = plan.segments.records.itemsize // 4
     job["longest_run"] = _longest_run(plan, slot)
+    memory = np.count_nonzero(tables["bricks"]) * np.prod(slot.samples_zyx) * VOXEL_BYTES
+    job["far"] = memory > CACHED and _voxels_a_slab(plan) > NEAR
     job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
     across, down = -(-rect.width // TILE), -(-rect.height // TILE)
     job["tiles_across"], job["tiles"], job["stride"] = across, across * down, tables["pixels"].shape[1]
@@ -70,7 +74,11 @@ def _longest_run(plan: Plan, slot: Slot) -> int:
     z, y, x = slot.samples_zyx
     if x * y * z <= EXACT:
         return LONGEST_RUN
-    axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
-    voxels_a_slab = plan.march.step_world * float(np.sqrt((axes**2).sum()))
     farthest = EXACT / (x * y + x + 1) - 2
-    return int(np.clip(farthest / voxels_a_slab, 1, LONGEST_RUN))
+    return int(np.clip(farthest / _voxels_a_slab(plan), 1, LONGEST_RUN))
+
+
+def _voxels_a_slab(plan: Plan) -> float:
+    """Not less than the voxels of a slab in any direction."""
+    axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
+    return plan.march.step_world * float(np.sqrt((axes**2).sum()))

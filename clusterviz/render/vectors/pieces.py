@@ -1,0 +1,102 @@
+"""Transfer functions of few pieces, which fit in registers: a look-up is then a permutation, not a load.
+
+A slab's opacity is a polynomial on each piece, so that pieces are few where chords (plan/segments.py) would be
+hundreds. Pieces are cut until polynomials are as good as those chords.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, I32, Value
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
+from clusterviz.render.vectors.classify import Class, Classifier
+from clusterviz.render.vectors.job import Job
+from clusterviz.scene.transfer import OPAQUE
+
+MOST = 16  # floats in a register of AVX-512
+DEGREE = 5
+START, PER_LENGTH, OPACITY = 0, 1, 2
+COLOUR = OPACITY + DEGREE + 1
+CHANGE = COLOUR + 3
+ROWS = CHANGE + 3
+"""Rows of the table: where pieces start, one over their lengths, coefficients, colour at the start and its change."""
+_NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
+_CHECKED = (np.arange(24) + 0.5) / 24
+Floats = NDArray[np.float64]
+
+
+def piece_table(plan: Plan) -> NDArray[np.float32] | None:
+    """The plan's transfer function for whole slabs, (ROWS, MOST); None where it has more pieces."""
+    records, _ = outline(plan.transfer)
+    while len(records) <= MOST:
+        lengths = np.append(np.diff(records["start"]), 0.0)
+        lengths[0] = 0.0
+        cut = _misses(records, lengths, plan.march.slab_units)
+        if not cut.any():
+            return _table(records, lengths, plan.march.slab_units)
+        records = halved(records, cut)
+    return None
+
+
+def _slab(records: NDArray[np.void], lengths: Floats, units: float, share: float | Floats) -> Floats:
+    """A slab's opacity at a share of each piece."""
+    alpha = records["unit_opacity"][:, None] + (records["unit_slope"] * lengths)[:, None] * np.atleast_1d(share)
+    found: Floats = -np.expm1(units * np.log1p(-np.clip(alpha, 0.0, OPAQUE)))
+    return found
+
+
+def _misses(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray[np.bool_]:
+    """Which pieces a polynomial does not fit."""
+    fitted = _slab(records, lengths, units, _NODES) @ _COEFFICIENTS.T
+    error = np.abs(
+        fitted @ np.vander(_CHECKED, DEGREE + 1, increasing=True).T - _slab(records, lengths, units, _CHECKED)
+    )
+    ends = _slab(records, lengths, units, np.array([0.0, 1.0]))
+    allowed = CHORD_ERROR * ends.min(axis=1) + CHORD_FLOOR * min(1.0, units)
+    middles = records["start"] + lengths / 2
+    # What float32 cannot tell apart is not cut further.
+    return np.asarray((error.max(axis=1) > allowed) & (middles.astype("f4") > records["start"].astype("f4")))
+
+
+def _table(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray[np.float32]:
+    count = len(records)
+    table = np.zeros((ROWS, MOST))
+    table[START, count:] = FAR
+    table[START, :count] = records["start"]
+    table[PER_LENGTH, :count] = np.where(lengths > 0, 1 / np.maximum(lengths, 1 / FAR), 0.0)
+    # The outer pieces are constant.
+    table[START, 0] = 0.0
+    table[OPACITY:COLOUR, :count] = _COEFFICIENTS @ _slab(records, lengths, units, _NODES).T
+    table[COLOUR:CHANGE, :count] = records["colour"].T
+    table[CHANGE:, :count] = (records["colour_slope"] * lengths[:, None]).T
+    return np.clip(table, -FAR, FAR).astype(np.float32)
+
+
+class PieceClassifier(Classifier):
+    """The transfer function in registers; shares of slabs are looked up as ever."""
+
+    def __init__(self, code: Code, job: Job) -> None:
+        super().__init__(code, job)
+        self._rows = [code.load(F32, job["pieces"] + 4 * MOST * row, MOST) for row in range(ROWS)]
+
+    def of_slab(self, s: Value) -> Class:
+        """Of whole slabs."""
+        code = self._code
+        piece = code.same(I32, 0)
+        for stride in (8, 4, 2, 1):
+            later = piece + stride
+            piece = code.select(s >= self._row(START, later), later, piece)
+        x = (s - self._row(START, piece)) * self._row(PER_LENGTH, piece)
+        opacity = self._row(COLOUR - 1, piece)
+        for row in range(COLOUR - 2, OPACITY - 1, -1):
+            opacity = code.fma(opacity, x, self._row(row, piece))
+        r, g, b = (code.fma(self._row(CHANGE + k, piece), x, self._row(COLOUR + k, piece)) for k in range(3))
+        return Class(code.within(opacity, 0.0, 1.0), (r, g, b))
+
+    def _row(self, row: int, piece: Value) -> Value:
+        return self._code.permuted(self._rows[row], piece)
