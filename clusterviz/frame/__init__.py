@@ -31,10 +31,10 @@ from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.finishing import DrawnFrame, finish_frame, tell_costs
+from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
-from clusterviz.frame.share import Bricks, Share
+from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.turns import Turns
 from clusterviz.report.accuracy import Accuracy

@@ -13,8 +13,9 @@ from queue import SimpleQueue
 
 from clusterviz.comm import Channel
 from clusterviz.frame.compositing import Compositing
-from clusterviz.frame.finishing import DrawnFrame, finish_frame, tell_costs
+from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.run import Rendered, Run
+from clusterviz.frame.share import DrawnFrame
 from clusterviz.report.statistics import Clock
 
 ROW = "compositing"

@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.run import Image, Rendered, Run
-from clusterviz.frame.share import Share
-from clusterviz.image.partial import PartialImage
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.frame.share import DrawnFrame
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
-
-
-@dataclass(frozen=True)
-class DrawnFrame:
-    """What one rank has of a frame before compositing.
-
-    Attributes
-    ----------
-    number : of the frame
-    partials : of this rank, front to back
-    counts : what they cost it
-    accuracy : of settings that were chosen for it; None where the scene names them
-    """
-
-    number: int
-    share: Share
-    partials: list[PartialImage]
-    counts: RankFrame
-    accuracy: Accuracy | None = None
 
 
 def finish_frame(run: Run, compositing: Compositing, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
@@ -46,4 +25,5 @@ def tell_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFra
     counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
     per_rank = tuple(run.channel.allgather(counts))
     statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy)
-    return Rendered(image, drawn.share.scene, statistics, tuple(clock.spans or ()))
+    kept = drawn if run.options.keep_drawn else None
+    return Rendered(image, drawn.share.scene, statistics, tuple(clock.spans or ()), kept)

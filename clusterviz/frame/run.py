@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
+from clusterviz.frame.share import DrawnFrame
 from clusterviz.render.choice import Device
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics
 from clusterviz.report.trace import Span
@@ -38,12 +39,14 @@ class Rendered:
     scene : the completed scene that was drawn
     statistics : of all ranks, on every rank
     spans : of this rank, where they are traced
+    drawn : by this rank, where that is to be kept
     """
 
     image: Image | None
     scene: Scene
     statistics: FrameStatistics
     spans: tuple[Span, ...] = ()
+    drawn: DrawnFrame | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class Options:
     write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"
     trace : keep spans of what is done
     overlap : of many frames, composite each while the next one is drawn, where MPI lets two threads talk
+    keep_drawn : give partial images with the picture
     keep_bricks : in this process's memory too, for frames whose transfer functions differ
     """
 
@@ -69,6 +73,7 @@ class Options:
     write: Callable[[Image, Scene, int], None] = lambda image, scene, number: None
     trace: bool = False
     overlap: bool = True
+    keep_drawn: bool = False
     keep_bricks: bool = False
 
 

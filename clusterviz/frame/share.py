@@ -10,9 +10,12 @@ from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import VolumeFacts
 from clusterviz.scene.values import Scene
 
@@ -94,3 +97,22 @@ class Share:
         if self.windows is None:
             return mine
         return (replace(piece, window=window) for window in self.windows() for piece in mine)
+
+
+@dataclass(frozen=True)
+class DrawnFrame:
+    """What one rank has of a frame before compositing.
+
+    Attributes
+    ----------
+    number : of the frame
+    partials : of this rank, front to back
+    counts : what they cost it
+    accuracy : of settings that were chosen for it; None where the scene names them
+    """
+
+    number: int
+    share: Share
+    partials: list[PartialImage]
+    counts: RankFrame
+    accuracy: Accuracy | None = None

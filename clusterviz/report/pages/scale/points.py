@@ -94,7 +94,8 @@ class Point:
 def make_point(scaling: str, measured: Measured, difference: Difference | None) -> Point:
     """What one job says; its efficiency is added by `with_efficiency`."""
     frames = [FrameStatistics(tuple(ranks)) for ranks in measured.frames]
-    seconds = {name: median(frame.seconds[name] for frame in frames) for name in frames[0].seconds}
+    names = dict.fromkeys(name for frame in frames for name in frame.seconds)
+    seconds = {name: median(frame.seconds.get(name, 0.0) for frame in frames) for name in names}
     totals = [frame.seconds["total"] for frame in frames]
     once = {name: max(rank[name] for rank in measured.once) for name in measured.once[0]}
     cpu, last = seconds.pop("cpu"), measured.frames[-1]

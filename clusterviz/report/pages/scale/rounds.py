@@ -41,10 +41,10 @@ class Round:
 
 
 def count_rounds(measured: Measured) -> tuple[Round, ...]:
-    """All rounds of the counted frame; none on one rank."""
+    """All rounds of the counted frame; none on one rank, and where ranks had several images."""
     drawn = [(rank, Rect(*measured.rects[rank])) for rank in measured.order]
     drawn = [(rank, rect) for rank, rect in drawn if rect.pixels]
-    if len(drawn) < 2:
+    if not measured.algorithm or len(drawn) < 2:
         return ()
     theory = _theory(measured.algorithm, [rect for _, rect in drawn])
     ran = [[sum(column) for column in zip(*stage, strict=True)] for stage in _by_stage(measured.counted)]
@@ -56,7 +56,7 @@ def count_rounds(measured: Measured) -> tuple[Round, ...]:
 def dense_bytes(measured: Measured) -> int:
     """What the algorithm would send if every image covered the canvas: a bound, and what a sparse scene saves."""
     drawn = [Rect(*rect) for rect in measured.rects if Rect(*rect).pixels]
-    if len(drawn) < 2:
+    if not measured.algorithm or len(drawn) < 2:
         return 0
     canvas = canvas_of(drawn)
     load, _ = count_load(measured.algorithm, len(drawn), (canvas.width, canvas.height), "dense", Options())
