@@ -22,13 +22,13 @@ WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
 @pytest.mark.fresh
 @pytest.mark.gl
 def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
-    options = ("--ranks", "1,3", "--algorithms", "tree,direct-send", "--bricks", "7,8", "--modes", "")
-    outcome = cli("verify", *SCENE, *options, "--json")
+    options = ("--ranks", "1,3", "--algorithms", "direct-send", "--transports", "messages,hierarchical")
+    outcome = cli("verify", *SCENE, *options, "--bricks", "7,8", "--modes", "", "--json")
     assert (outcome.status, outcome.err) == (0, "")
     report = json.loads(outcome.out)
     results = report["results"]
     assert report["agree"] is True
-    assert len([r for r in results if r["check"] == "picture"]) == 2 * (1 + 2 + 2)
+    assert len([r for r in results if r["check"] == "picture"]) == 2 * (1 + 1 + 1)
     assert len([r for r in results if r["check"] == "ownership"]) == 2 * 2
     assert len({r["samples"] for r in results if r["check"] == "ownership"}) == 1
     assert all(r["max"] <= 1e-5 and r["problem"] == "" for r in results)
