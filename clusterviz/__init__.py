@@ -36,6 +36,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -65,9 +67,9 @@ import_module("clusterviz.render")
 
 
 def render(
-    scene: Scene | Source | NDArray[Any] | str | os.PathLike[str],
+    scene: Scene | Source | NDArray[Any] | str | os.PathLike[str] | Sequence[Source | NDArray[Any]],
     *,
-    grid: Grid | None = None,
+    grid: Grid | Sequence[Grid] | None = None,
     comm: Any = None,
     **settings: Any,
 ) -> NDArray[np.float32] | None:
@@ -77,11 +79,13 @@ def render(
     ----------
     scene : a Scene, the path of a scene file or of a data file, or an array: any integer or float type, (z, y, x).
         Under mpirun every rank gives the same. Anything with `name`, `grid`, `dtype` and `read` is taken as data too
-        (see `clusterviz.data.source`): each rank then reads its own boxes only.
-    grid : spacing, origin and direction of an array; by default its samples lie 1 apart
+        (see `clusterviz.data.source`): each rank then reads its own boxes only. A list of arrays and data: as many
+        volumes in one picture.
+    grid : spacing, origin and direction of an array; by default its samples lie 1 apart; of several, a list
     comm : the mpi4py communicator of the ranks; by default all processes of the job
     **settings : any key of a scene by its last name: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5,
-        position=(5, 0, 0), background="black", brick=32; `clusterviz schema` lists them
+        position=(5, 0, 0), background="black", brick=32; `clusterviz schema` lists them. What is said of a volume is
+        said of the first; of another by its whole key, as in **{"volumes.1.cmap": "hot"}
 
     Returns
     -------
@@ -111,12 +115,14 @@ def render(
             channel.close()
 
 
-def _scene_and_source(given: Any, grid: Grid | None) -> tuple[Scene, Source | None]:
+def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Source] | None]:
     """What to show, and where its voxels are where no file holds them."""
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume, open_scene
 
+    if isinstance(given, (list, tuple)):
+        return _several(given, grid)
     if hasattr(given, "__array__"):
         import numpy as np
 
@@ -130,6 +136,22 @@ def _scene_and_source(given: Any, grid: Grid | None) -> tuple[Scene, Source | No
     if all(hasattr(given, name) for name in ("name", "grid", "dtype", "read")):
         return Scene(volumes=(Volume(path=given.name),)), given
     raise InputError("nothing to render", where="render", found=type(given).__name__, allowed="a scene, path or array")
+
+
+def _several(given: Sequence[Any], grids: Any) -> tuple[Scene, list[Source]]:
+    """The scene of several arrays and other data, with a grid or None for each."""
+    from clusterviz.errors import InputError
+    from clusterviz.scene import Scene
+
+    each = [None] * len(given) if grids is None else list(grids)
+    if len(each) != len(given):
+        raise InputError("not one for each volume", where="render: grid", found=len(each), allowed=len(given))
+    parts = [_scene_and_source(data, grid) for data, grid in zip(given, each, strict=True)]
+    sources: list[Any] = [source for _, source in parts]
+    if not parts or any(source is None or isinstance(source, list) for source in sources):
+        allowed = "arrays, or objects with name, grid, dtype and read; files go into a scene"
+        raise InputError("not data", where="render", found="a list of other things", allowed=allowed)
+    return Scene(volumes=tuple(volume for scene, _ in parts for volume in scene.volumes)), sources
 
 
 def __getattr__(name: str) -> Any:

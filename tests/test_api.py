@@ -73,6 +73,24 @@ def test_a_grid_places_an_array() -> None:
 
 
 @pytest.mark.gl
+def test_several_arrays_are_several_volumes() -> None:
+    small, grid = VOXELS[:9, :8, :7], clusterviz.Grid((9, 8, 7), origin=(2.0, 3.0, 1.0))
+    keys = {"volumes.1.cmap": "hot", "volumes.0.opacity": 0.1}
+    found = clusterviz.render([VOXELS, ArraySource(small, grid)], size=(20, 16), **keys)
+    placed = clusterviz.render([VOXELS, small], grid=[None, grid], size=(20, 16), **keys)
+    alone = clusterviz.render(VOXELS, size=(20, 16), opacity=0.1)
+    assert found is not None
+    assert placed is not None
+    assert alone is not None
+    assert np.array_equal(found, placed)
+    assert np.abs(found - alone).max() > 0.01
+    with pytest.raises(InputError, match="a list of other things"):
+        clusterviz.render([VOXELS, "a.npy"])
+    with pytest.raises(InputError, match="grid: not one for each volume; found 1; allowed 2"):
+        clusterviz.render([VOXELS, small], grid=[grid])
+
+
+@pytest.mark.gl
 def test_settings_are_keys_of_the_scene() -> None:
     scene = clusterviz.Scene(volumes=(clusterviz.Volume(path="field:gaussian:8"),))
     settings = {**SMALL, "cmap": "viridis", "clim": np.array([0.1, 0.9]), "opacity": 0.2, "step": np.float32(0.5)}

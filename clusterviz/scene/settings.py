@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from clusterviz.errors import SceneError
 from clusterviz.scene.complaints import Key, scene_error
 from clusterviz.scene.kinds import Section
-from clusterviz.scene.overrides import Override, apply_overrides
+from clusterviz.scene.overrides import Override, apply_overrides, parse_overrides
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
 
 SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
@@ -31,8 +31,9 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
 
     Parameters
     ----------
-    scene : with a volume, where a key of volumes is set
-    settings : values by the last names of keys; NumPy scalars and arrays will do
+    scene : with a volume, where a key of volumes is set; by its last name alone it is the first volume's
+    settings : values by the last names of keys, or by whole keys with dots ("volumes.1.clim"); NumPy scalars and arrays
+        will do
 
     Raises
     ------
@@ -51,6 +52,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
 
 
 def _key(name: str) -> Key:
+    if "." in name:
+        return parse_overrides([f"{name}=null"])[0].key
     if name not in KEYS:
         near = get_close_matches(name, KEYS, n=1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
