@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, whole
+from render.scenes import SHAPE, Prepared, camera_at, draw, draw_on_processor, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.image.merge import merge_partials
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import render_reference
 from clusterviz.render.projection import finish_projection
+from clusterviz.render.vectors.kernel import can_draw
 from clusterviz.scene.values import Scene
 
 pytestmark = pytest.mark.gl
@@ -29,13 +31,16 @@ def look_of(blending: str, voxels: np.ndarray) -> dict[str, Any]:
     return {"blending": blending} | ({"threshold": low + 0.7 * (high - low)} if blending == "local-maximum" else {})
 
 
-def projected(context: moderngl.Context, scene: Scene, prepared: Prepared, parts: int = 1) -> tuple[np.ndarray, int]:
-    """The finished picture of a scene drawn in parts, and the samples taken."""
+def projected(
+    context: moderngl.Context | None, scene: Scene, prepared: Prepared, parts: int = 1
+) -> tuple[np.ndarray, int]:
+    """The finished picture of a scene drawn in parts, and the samples taken; without a context by the processor."""
     plan = prepared.plan
     tree = build_tree(plan.cost, parts)
     eye = None if plan.view.parallel else plan.view.eye
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
-    drawn = [draw(context, prepared, tree.leaves[rank].trimmed) for rank in order if tree.leaves[rank].cost > 0]
+    boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
+    drawn = [draw(context, prepared, box) if context else draw_on_processor(prepared, box) for box in boxes]
     merged = merge_partials([part.partial for part in drawn], plan.view.size, plan.look.operator)
     return finish_projection(plan, merged), sum(part.samples for part in drawn)
 
@@ -48,8 +53,10 @@ def test_projection_is_that_of_the_witness(context: moderngl.Context, blending: 
         scene = scene_of(voxels, camera_at(camera, GRID), step=0.6, unit=30.0, look=look_of(blending, voxels))
         expected = render_reference(scene, GRID, voxels)
         assert 0.1 < expected[..., :3].max() < 1, "the scene shows nothing that could be wrong"
-        found, _ = projected(context, scene, prepare(scene, voxels, brick=7))
-        assert np.abs(found - expected).max() <= BOUND, camera
+        prepared = prepare(scene, voxels, brick=7)
+        for where in (context, None) if can_draw(prepared.plan) else (context,):
+            found, _ = projected(where, scene, prepared)
+            assert np.abs(found - expected).max() <= BOUND, camera
 
 
 @pytest.mark.parametrize("blending", BLENDINGS)
@@ -59,8 +66,9 @@ def test_parts_drawn_apart_make_the_whole(context: moderngl.Context, blending: s
         scene = scene_of(voxels, camera_at(camera, GRID), unit=30.0, look=look_of(blending, voxels))
         prepared = prepare(scene, voxels, brick=7)
         picture, samples = projected(context, scene, prepared)
-        for parts in (2, 5, 7):
-            found, taken = projected(context, scene, prepared, parts)
+        both = (context, None) if can_draw(prepared.plan) else (context,)
+        for parts, where in product((2, 5, 7), both):
+            found, taken = projected(where, scene, prepared, parts)
             assert np.abs(found - picture).max() <= 1e-6, f"{camera}, {parts} parts"
             # A part of a local maximum does not know that the stretch has ended in front of it.
             assert taken == samples or blending == "local-maximum"

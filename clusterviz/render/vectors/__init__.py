@@ -18,5 +18,7 @@
 - classify.py   what the transfer function gives
 - pieces.py     the same where pieces are few, in registers
 - opacity.py    opacities of slabs
+- samples.py    the samples of runs
 - composite.py  emission and absorption
+- projections.py  maximum, minimum, average and sum
 """

@@ -70,6 +70,12 @@ class Classifier:
         r, g, b = (code.fma(by, beyond, at) for at, by in zip(colours[:3], colours[3:], strict=True))
         return Class(code.within(code.fma(slope, beyond, opacity), 0.0, 1.0), (r, g, b))
 
+    def unit_opacity(self, s: Value) -> Value:
+        """Over one opacity unit distance."""
+        segment, _ = self.segment_of(s)
+        a = rows(self._code, self._records, segment, 12)
+        return self._code.within(self._code.fma(a[10], s - a[0], a[9]), 0.0, BELOW_ONE)
+
     def of_share(self, s: Value, share: Value) -> Class:
         """Of a share of a slab."""
         code = self._code

@@ -12,15 +12,20 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value
 from clusterviz.kernels.objects import function_address, machine
 from clusterviz.plan.encoding import VoxelKind
+from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Plan
 from clusterviz.render.vectors.classify import Classifier
 from clusterviz.render.vectors.composite import Composite
 from clusterviz.render.vectors.field import Field
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.march import March
+from clusterviz.render.vectors.march import Look, March
 from clusterviz.render.vectors.pieces import MOST, PieceClassifier
 from clusterviz.render.vectors.place import Places
+from clusterviz.render.vectors.projections import Extreme, Sum
+from clusterviz.render.vectors.samples import Samples
 from clusterviz.render.vectors.tile import Tile
+
+PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "average", "additive")
 
 
 @dataclass(frozen=True)
@@ -31,19 +36,27 @@ class Kernel:
     ----------
     kind : how voxels are stored
     nearest : the nearest voxel is taken
+    blending : what becomes of samples; sums are averages, too
     few : the transfer function's pieces are held in registers
     lanes : pixels of a packet
     """
 
     kind: VoxelKind
     nearest: bool
+    blending: Blending
     few: bool
     lanes: int
 
     @property
     def name(self) -> str:
         """Of the function."""
-        parts = (self.kind, "nearest" if self.nearest else "linear", "few" if self.few else "many", str(self.lanes))
+        parts = (
+            self.kind,
+            "nearest" if self.nearest else "linear",
+            self.blending,
+            "few" if self.few else "many",
+            str(self.lanes),
+        )
         return f"cast_{'_'.join(parts)}"
 
     def write(self) -> str:
@@ -54,7 +67,7 @@ class Kernel:
         samples = Variable(code.number(I64, 0))
         field = Field(code, job, self.kind, self.nearest)
         classifier = (PieceClassifier if self.few else Classifier)(code, job)
-        look = Composite(code, job, field, classifier)
+        look = self._look(code, job, Samples(code, job, field), classifier)
         places = Places(code, job, self.nearest)
         tiles = Tile(code, job, March(code, job, places, look))
 
@@ -67,6 +80,13 @@ class Kernel:
         code.add_atomically(job.address("taken"), samples.now)
         return code.text()
 
+    def _look(self, code: Code, job: Job, samples: Samples, classifier: Classifier) -> Look:
+        if self.blending in ("maximum", "minimum"):
+            return Extreme(code, samples, self.blending == "maximum")
+        if self.blending == "average":
+            return Sum(code, samples, classifier)
+        return Composite(code, job, samples, classifier)
+
 
 def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
     """The kernel that a plan needs.
@@ -75,7 +95,10 @@ def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
     ----------
     few : whether the transfer function has few pieces
     """
-    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", few and lanes == MOST, lanes)
+    blending = plan.look.blending
+    few = few and lanes == MOST and blending == "composite"
+    blending = "average" if blending == "additive" else blending
+    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", blending, few, lanes)
 
 
 def can_draw(plan: Plan) -> bool:
@@ -83,7 +106,8 @@ def can_draw(plan: Plan) -> bool:
     look, march = plan.look, plan.march
     special = plan.mixture or look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
     stretched = march.stretching is not None
-    return look.blending == "composite" and not (special or stretched) and march.filter in ("linear", "nearest")
+    blending = look.blending == "composite" or look.blending in PROJECTIONS
+    return blending and not (special or stretched) and march.filter in ("linear", "nearest")
 
 
 @cache

@@ -1,0 +1,66 @@
+"""The samples of runs, one at the midpoint of each slab: the twin of samples.glsl; and what all looks do with sums."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, I32, Value, Vector
+from clusterviz.render.vectors.field import Field, Spot
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.march import Four, Variables
+
+AHEAD = 2.0  # slabs; what is asked for now should be there by then
+LARGEST = 3e38  # of what is a number
+
+
+class Samples:
+    """The samples of a kernel."""
+
+    def __init__(self, code: Code, job: Job, field: Field) -> None:
+        self._code, self._field, self._far = code, field, job["far"].equals(1)
+
+    @contextmanager
+    def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value]]:
+        """For each slab of a run, `most` of them: the scalars at its midpoints, and its number."""
+        code, number = self._code, Variable(self._code.number(I32, 0))
+        with code.loop(lambda: number.now < most.now):
+            along = code.splat(number.now.to(F32))
+            s = self._field.at(self._moved(spot, slab, along))
+            with code.when(self._far):
+                self._field.ask_for(self._moved(spot, slab, along + AHEAD))
+            yield s, number.now
+            number.set(number.now + 1)
+
+    def at(self, spot: Spot) -> Value:
+        """The scalars at spots."""
+        return self._field.at(spot)
+
+    def _moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
+        """A spot so many slabs on."""
+        x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
+        return Spot(spot.voxel, spot.low, spot.high, (x, y, z))
+
+
+def zeros(code: Code) -> Variables:
+    """Four sums that begin with 0."""
+    return [Variable(code.same(F32, 0.0)) for _ in range(4)]
+
+
+def four(sums: Variables) -> Four:
+    """What they have come to."""
+    a, b, c, d = (part.now for part in sums)
+    return a, b, c, d
+
+
+def add_exactly(code: Code, kept: Variables, more: Four, drawn: Value) -> None:
+    """Add to sums where a run is drawn, with compensation (Kahan), so that 10⁶ faint slabs add up.
+
+    A ray that has no part in a run keeps its last bit, whichever other rays its packet has.
+    """
+    for place, lost, part in zip(kept[:4], kept[4:], more, strict=True):
+        term = part - lost.now
+        total = place.now + term
+        lost.set(code.select(drawn, (total - place.now) - term, lost.now))
+        place.set(code.select(drawn, total, place.now))
