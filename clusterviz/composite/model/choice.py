@@ -72,7 +72,7 @@ def choose(
     """
     where = nodes if isinstance(nodes, tuple) else tuple(tuple(ranks) for ranks in nodes)
     places = place_ranks([layer.rank for layer in footprints.layers], where)
-    return _fastest(wanted, _summary(footprints), places, several, window_possible, network)
+    return fastest(wanted, _summary(footprints), places, several, window_possible, network)
 
 
 def _summary(footprints: Footprints) -> Scene:
@@ -87,7 +87,7 @@ def _summary(footprints: Footprints) -> Scene:
 
 
 @lru_cache(maxsize=64)
-def _fastest(
+def fastest(
     wanted: Wanted, scene: Scene, places: Places, several: bool, window_possible: bool, network: Network
 ) -> Choice:
     """The first of the fastest candidates, where a tree has a handicap."""
