@@ -142,6 +142,50 @@ def test_a_volume_given_twice_is_one_of_twice_the_extinction(context: moderngl.C
     assert np.abs(mixed - alone).max() <= BOUND
 
 
+OPAQUE = (BYTES[0].model_copy(update={"opacity": 1.0, "opacity_unit_distance": 1e-30}), *BYTES[1:])
+FAINT = (FLOATS[0].model_copy(update={"opacity": 1e-8}), *FLOATS[1:])
+SHIFTED = (*BYTES[:2], Grid((19, 23, 26), origin=(0.5, 0.5, 0.5)))  # midpoints lie on its faces
+SINGLE = (volume(0, 1), np.ones((1, 1, 1), np.float32), Grid((1, 1, 1), origin=(3, 3, 3)))
+FLAT = (volume(0, 1), np.ones((1, 9, 9), np.float32), Grid((1, 9, 9), origin=(3, 3, 3)))
+ALONG = Camera(position=(12, 11, -40), focal_point=(12, 11, 0), view_up=(0, 1, 0), parallel_scale=12)
+ON_A_FACE = Camera(position=(0, 0, -5), focal_point=(0, 0, 0), view_up=(0, 1, 0), parallel_scale=11.5)
+
+
+@pytest.mark.parametrize(
+    ("parts", "camera", "step"),
+    [
+        ((OPAQUE, FAINT), CAMERAS["outside"], 0.7),
+        ((BYTES, FLOATS), CAMERAS["outside"], 30.0),
+        ((BYTES, SHIFTED), ALONG, 1.0),
+        ((BYTES, BYTES), ON_A_FACE, 1.0),
+        ((SINGLE, FLAT, FLOATS), CAMERAS["outside"], 0.7),
+    ],
+    ids=["opaque and faint", "steps of 30 voxels", "midpoints on faces", "rays in faces", "without thickness"],
+)
+def test_extremes(context: moderngl.Context, parts: tuple[Part, ...], camera: Camera, step: float) -> None:
+    scene = scene_of(parts, step=step).model_copy(update={"camera": camera})
+    picture, _ = drawn(context, scene, parts)
+    assert picture[..., 3].max() > 0.3
+    assert np.abs(picture - expected(scene, parts)).max() <= BOUND
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_units_are_of_no_account(context: moderngl.Context, unit: float) -> None:
+    def scaled(part: Part) -> Part:
+        look, voxels, grid = part
+        spacing, origin = (tuple(unit * length for length in triple) for triple in (grid.spacing, grid.origin))
+        farther = look.model_copy(update={"opacity_unit_distance": 3.0 * unit})
+        return farther, voxels, Grid(grid.shape_zyx, spacing, origin, grid.direction)
+
+    near = CAMERAS["outside"]
+    position, focal_point = (tuple(unit * x for x in point) for point in (near.position, near.focal_point))
+    camera = near.model_copy(update={"position": position, "focal_point": focal_point})
+    parts = scaled(BYTES), scaled(FLOATS)
+    scene = scene_of(parts).model_copy(update={"camera": camera})
+    first, _ = drawn(context, scene_of((BYTES, FLOATS)), (BYTES, FLOATS))
+    assert np.abs(drawn(context, scene, parts)[0] - first).max() <= BOUND
+
+
 def test_volumes_apart_are_each_alone_where_rays_meet_one(context: moderngl.Context) -> None:
     """Rays along z, whose slabs begin at one plane for both."""
     parts = BYTES, (volume(20, 230, 0.3), noise((19, 10, 12), np.uint8), Grid((19, 10, 12), origin=(40.0, 3.0, 0.0)))
