@@ -70,7 +70,7 @@ def planned(
     scene = Scene.model_validate(
         {"volumes": (volume,), "image": ImageSettings(size=(size, size)), **look.get("scene", {})}
     )
-    margin = margin_of(volume, scene.quality.classification)
+    margin = margin_of(volume, scene.quality.classification, scene.quality.borders)
     layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])

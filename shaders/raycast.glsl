@@ -34,6 +34,7 @@ ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.x
 #include <RUN>
 #include <SAMPLE>
 #include <BEHIND>
+#include <BORDERS>
 
 const int NEVER = 0x7fffffff;
 shared uint samples_of_group;
@@ -52,8 +53,8 @@ void main() {
         face(ray);
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
-        int slab = begins ? max(first_owned(ray), ray.begin) : progress[pixel];
-        pixels[pixel] = march(ray, before, slab, samples);
+        int slab = begins ? first_slab(ray) : progress[pixel];
+        pixels[pixel] = marched(ray, before, slab, samples);
         progress[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;
         atomicAdd(samples_of_group, samples);

@@ -120,7 +120,9 @@ def command(
             for tiling in parse_names(tilings, TILINGS, "--tilings")
         ],
     )
-    results = run_all(scene, overrides, configurations, tolerance, len(opened.volumes) if ownership else 0)
+    splits = opened.quality.borders == "split"
+    faint_volumes = len(opened.volumes) if ownership else 0
+    results = run_all(scene, overrides, configurations, tolerance, faint_volumes, splits)
     witness = compare_with_reference(opened) if reference and opened.volumes else None
     _print_json(results, witness) if json else _print_table(results, witness, opened)
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
@@ -154,7 +156,12 @@ def _configurations(
 
 
 def run_all(
-    scene: str, overrides: list[str], configurations: list[Configuration], tolerance: float, faint_volumes: int
+    scene: str,
+    overrides: list[str],
+    configurations: list[Configuration],
+    tolerance: float,
+    faint_volumes: int,
+    splits: bool = False,
 ) -> list[Result]:
     """Run every configuration, and compare each with the first.
 
@@ -165,6 +172,7 @@ def run_all(
     tolerance : largest difference of two pictures
     faint_volumes : how many the scene has, to do the same with all of them nearly transparent, once for each number of
         ranks, brick size and way to share the screen; 0: that is left out
+    splits : slabs are cut at the faces of bricks: pictures are compared with the first one of their own brick size
     """
     look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
     faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
@@ -175,12 +183,13 @@ def run_all(
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
     with tempfile.TemporaryDirectory(prefix="clusterviz-verify-") as folder, show_progress(steps) as progress:
-        firsts: dict[str, Pixels] = {}
+        firsts: dict[tuple[str, int], Pixels] = {}
         counts: dict[int, int] = {}
         for step, (check, configuration, settings) in zip(steps, jobs, strict=True):
             progress(step)
             picture, samples = _render(scene, settings, configuration, Path(folder))
-            first = firsts.setdefault(check, picture)
+            # Slabs that are cut at the faces of bricks make a picture for each brick size.
+            first = firsts.setdefault((check, configuration.brick if splits else 0), picture)
             if check == "picture":
                 results.append(_judge_picture(configuration, picture, first, tolerance, samples))
             else:

@@ -40,7 +40,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
         return None
     with run.alone("open", "load"):
         sources = _sources(scene, source)
-        margins = [margin_of(volume, classification_of(scene.quality)) for volume in scene.volumes]
+        margins = [
+            margin_of(volume, classification_of(scene.quality), scene.quality.borders) for volume in scene.volumes
+        ]
         layouts = [
             BrickLayout(each.grid.shape_zyx, scene.cluster.brick, margin)
             for each, margin in zip(sources, margins, strict=True)

@@ -28,6 +28,7 @@ OPERATORS: dict[Blending, Operator] = {
 
 
 Classification = Literal["post", "pre-integrated"]
+Borders = Literal["overlap", "split"]
 
 LONGEST_SLAB = 2.0
 """Voxels; where the field is sampled at the ends of slabs, they lie in their brick's margin."""
@@ -138,20 +139,20 @@ def is_jittered(volume: Volume, jitter: bool) -> bool:
     return jitter and not has_surfaces(volume)
 
 
-def reach_of(volume: Volume, classification: Classification = "post") -> int:
+def reach_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
     """Cells beyond its own in which a brick of the volume samples the field: where slabs end, if that is asked."""
-    return int(has_surfaces(volume) or is_preintegrated(volume, classification))
+    return int(has_surfaces(volume) or (is_preintegrated(volume, classification) and borders == "overlap"))
 
 
-def margin_of(volume: Volume, classification: Classification = "post") -> int:
+def margin_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
     """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
     kernel = is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
-    return reach_of(volume, classification) + kernel
+    return reach_of(volume, classification, borders) + kernel
 
 
-def spread_of(volume: Volume, classification: Classification = "post") -> int:
+def spread_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
     """Samples beyond a cell's corners on which the field in it, or where its slabs end, may depend."""
-    return reach_of(volume, classification) + (volume.interpolation == "cubic")
+    return reach_of(volume, classification, borders) + (volume.interpolation == "cubic")
 
 
 def step_of(volume: Volume, step: float, classification: Classification = "post") -> float:

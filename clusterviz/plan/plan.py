@@ -57,6 +57,7 @@ class March:
     preintegrated : slabs are classified between their ends, not at their midpoints
     jittered : every pixel has a lattice of slabs of its own
     stretching : where slabs are longer; None: nowhere
+    split : slabs are cut where they leave a brick
     """
 
     step_world: float
@@ -68,6 +69,7 @@ class March:
     preintegrated: bool = False
     jittered: bool = False
     stretching: Stretching | None = None
+    split: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,13 +124,13 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     InputError
         The layout's margin is too small: pictures would depend on the bricks.
     """
-    volume, classification = scene.volumes[0], scene.quality.classification
-    if layout.margin < margin_of(volume, classification):
+    volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
+    if layout.margin < margin_of(volume, classification, borders):
         raise InputError(
             "bricks lack the margin that the look needs",
             where="brick layout",
             found=layout.margin,
-            allowed=margin_of(volume, classification),
+            allowed=margin_of(volume, classification, borders),
         )
     transfer = transfer_function(volume)
     shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
@@ -145,11 +147,12 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             step_world / transfer.unit_distance,
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
-            reach_of(volume, classification),
-            spread_of(volume, classification),
+            reach_of(volume, classification, borders),
+            spread_of(volume, classification, borders),
             preintegrated,
             is_jittered(volume, scene.quality.jitter),
             make_stretching(volume, scene.quality, grid, transfer),
+            preintegrated and borders == "split",
         ),
         look,
         planes,

@@ -22,7 +22,7 @@ from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
-from clusterviz.reference.slabs import slabs
+from clusterviz.reference.slabs import pieces_of, slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
@@ -41,33 +41,37 @@ TO_NODES = (NODES[:, None] ** (POWERS + 1) / (POWERS + 1)) @ np.linalg.inv(NODES
 def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
     """The colours of some rays, (n, 4).
 
-    Whether a slab is clipped is its midpoint's matter, and its light is the midpoint's. An end without a scalar has the
-    midpoint's; a slab whose midpoint has none either is transparent.
+    Whether a slab is clipped is its midpoint's matter. With `quality.borders: split` slabs are cut at the faces of
+    bricks of `cluster.brick` cells. The light of each part is that of its midpoint; an end without a scalar has the
+    midpoint's, and a part whose midpoint has none either is transparent.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     rgba = np.zeros((len(rays.direction), 4))
     transmittance = np.ones(len(rgba))
+    brick = scene.cluster.brick if scene.quality.borders == "split" else None
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > 2.0**-60):
+        whole = kept(slab.point, scene.clip, grid)
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
-        middle, known = sample(voxels, *slab.point.T)
-        ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (slab.begin, slab.end)]
-        front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
-        seen = (known | (ends[0][1] & ends[1][1])) & kept(slab.point, scene.clip, grid)
-        way = np.where(seen, slab.end - slab.begin, 0)
-        gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
-        if gradient is not None:
-            gradient = np.where(known[:, None], gradient, 0)
-        if gradient is not None and volume.gradient_opacity:
-            way = way * fading(volume, magnitude_of(gradient, grid))
-        colour, depth = integrate(classify, front, back, way)
-        alpha = -np.expm1(-depth)
-        if volume.shade and gradient is not None:
-            straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-            colour = lit(straight, gradient, slab.point, direction, volume, scene.lights, grid) * alpha[:, None]
-        rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
-        rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
-        transmittance[slab.rays] *= np.exp(-depth)
+        for part in pieces_of(slab, rays, voxels.shape, brick):
+            middle, known = sample(voxels, *part.point.T)
+            ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (part.begin, part.end)]
+            front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
+            seen = (known | (ends[0][1] & ends[1][1])) & whole
+            way = np.where(seen, part.end - part.begin, 0)
+            gradient = gradient_at(volume, voxels, part.point) if needs_gradient(volume) else None
+            if gradient is not None:
+                gradient = np.where(known[:, None], gradient, 0)
+            if gradient is not None and volume.gradient_opacity:
+                way = way * fading(volume, magnitude_of(gradient, grid))
+            colour, depth = integrate(classify, front, back, way)
+            alpha = -np.expm1(-depth)
+            if volume.shade and gradient is not None:
+                straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
+                colour = lit(straight, gradient, part.point, direction, volume, scene.lights, grid) * alpha[:, None]
+            rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
+            rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
+            transmittance[slab.rays] *= np.exp(-depth)
     return rgba
 
 

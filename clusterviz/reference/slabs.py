@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,3 +59,28 @@ def slabs_in(
         k += 1
         wanted = np.ones(len(entry), bool) & goes_on()
         alive = alive[(first[alive] + k * length < leave[alive]) & wanted[alive]]
+
+
+def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | None) -> Iterator[Slab]:
+    """The parts of a slab between the faces of bricks, from front to back, some of no length; without bricks the slab.
+
+    Parameters
+    ----------
+    brick : cells along the side of a brick, no less than the slab's length
+    """
+    if brick is None:
+        yield slab
+        return
+    start, direction = rays.start[slab.rays], rays.direction[slab.rays]
+    cuts = [slab.begin, slab.end]
+    for axis, samples in enumerate(shape_zyx[::-1]):
+        at, by = start[:, axis], direction[:, axis]
+        first = np.floor(np.minimum(at + slab.begin * by, at + slab.end * by) / brick) + 1
+        for face in (first, first + 1):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                met = (face * brick - at) / by
+            # The volume's own faces cut nothing.
+            cuts.append(np.where((by != 0) & (face > 0) & (face * brick < samples - 1), met, slab.begin))
+    ordered = np.sort(np.clip(cuts, slab.begin, slab.end), axis=0)
+    for begin, end in pairwise(ordered):
+        yield Slab(slab.rays, begin, end, start + (begin + (end - begin) / 2)[:, None] * direction)

@@ -54,6 +54,7 @@ class Variant:
     near : some lights have a place
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
+    split : slabs are cut where they leave a brick
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     volumes : those that are mixed; none for one volume
     """
@@ -73,6 +74,7 @@ class Variant:
     near: bool = False
     smooth: bool = False
     jittered: bool = False
+    split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
 
     @property
@@ -95,6 +97,7 @@ class Variant:
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": behind,
+            "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
             "GRADIENT": self._gradient,
             "STRETCH": "stretched.glsl" if self.slot.stretched else "even.glsl",
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
@@ -153,7 +156,7 @@ class Variant:
             "const int FIRST_BUCKET = 0;",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
-        if self.slot.margin:
+        if self.slot.margin or self.preintegrated:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self.surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
@@ -212,5 +215,6 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         bool(plan.look.shading and plan.look.shading.has_places),
         plan.look.smooth,
         plan.march.jittered,
+        plan.march.split,
         volumes,
     )

@@ -168,6 +168,11 @@ class Quality(Section):
         description="Where the transfer function is applied: to the sample in a slab's middle (post), or all the way "
         "between the samples at its ends (pre-integrated).",
     )
+    borders: Literal["overlap", "split"] = Field(
+        default="overlap",
+        description="Of pre-integrated slabs that leave a brick: bricks hold a voxel more on every side (overlap), or "
+        "slabs are cut there (split): less to load and to hold, but pictures depend a little on cluster.brick.",
+    )
     jitter: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
         default=False,
         description="Begin each pixel's slabs up to one slab before its ray enters the volume, by a hash of the pixel: "

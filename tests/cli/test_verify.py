@@ -159,3 +159,13 @@ def test_a_launcher_that_is_named_starts_every_job(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("CLUSTERVIZ_LAUNCHER", "srun --mpi=pmix --label='a b'")
     for ranks in (1, 3):
         assert job_command(ranks, ["info"])[:5] == ["srun", "--mpi=pmix", "--label=a b", "-n", str(ranks)]
+
+
+def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = {8: np.full((4, 5, 4), 0.5, np.float32), 16: np.full((4, 5, 4), 0.6, np.float32)}
+    monkeypatch.setattr(
+        verify, "_render", lambda scene, overrides, configuration, folder: (made[configuration.brick], 1)
+    )
+    ways = [Configuration(ranks, "tree", brick) for brick in made for ranks in (1, 2)]
+    assert not any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0, splits=True))
+    assert any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0))

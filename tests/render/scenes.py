@@ -138,7 +138,8 @@ CAMERAS = (
 def prepare(scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16) -> Prepared:
     """Plan a completed scene; all bricks are read."""
     source = ArraySource(voxels, grid)
-    layout = BrickLayout(source.grid.shape_zyx, brick, margin_of(scene.volumes[0], scene.quality.classification))
+    margin = margin_of(scene.volumes[0], scene.quality.classification, scene.quality.borders)
+    layout = BrickLayout(source.grid.shape_zyx, brick, margin)
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     return Prepared(make_plan(scene, source.grid, source.dtype, layout, summary), bricks)

@@ -29,7 +29,7 @@ BRICK = 16
 # groups, the frame.
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
-PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered voxel_u8"
+PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit voxel_u8"
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
@@ -104,6 +104,13 @@ CASES = {
     "pre-integrated": Case(
         {"classification": "pre-integrated"}, "composite samples segment", "preintegrated", buffers=1, side=19
     ),
+    "pre-integrated, split": Case(
+        {"classification": "pre-integrated", "borders": "split"},
+        "composite samples segment unsplit",
+        "preintegrated split",
+        buffers=1,
+    ),
+    "midpoints, which need no split": Case({"borders": "split"}),
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated", "look": SHADE},
         "composite samples segment unlit gradient_none",

@@ -1,0 +1,118 @@
+// Slabs that are cut where they leave a brick, so that no brick samples the field beyond its own cells (M. Strengert, Parallel Visualization
+// and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.3). Along a ray, s counts slabs from where its lattice begins.
+// Where it meets the faces of bricks is found by one expression, which never falls from one face to the next: in every box the same pieces.
+
+double met(Ray ray, int axis, int face) {
+    return (double(face * BRICK) - ray.first[axis]) / ray.slab[axis] + 0.5LF;
+}
+
+// The brick at s along an axis, and where it ends; the volume's own faces are no ends.
+int brick_along(Ray ray, int axis, double s, out double end) {
+    double by = ray.slab[axis], position = fma(s - 0.5LF, by, ray.first[axis]);
+    int last = last_cell[axis] / BRICK, brick = clamp(int(floor(position * BRICKS_PER_CELL)), 0, last);
+    end = 1e300LF;
+    if (by == 0.0LF) return brick;
+    bool rises = by > 0.0LF;
+    // The guess is within one of the truth.
+    bool begins_inside = rises ? brick > 0 : brick < last, ends_inside = rises ? brick < last : brick > 0;
+    if (begins_inside && met(ray, axis, rises ? brick : brick + 1) > s) brick += rises ? -1 : 1;
+    else if (ends_inside && met(ray, axis, rises ? brick + 1 : brick) <= s) brick += rises ? 1 : -1;
+    if (rises ? brick < last : brick > 0) end = met(ray, axis, rises ? brick + 1 : brick);
+    return brick;
+}
+
+// The part of the ray in this box of bricks.
+dvec2 in_box(Ray ray) {
+    dvec2 found = dvec2(-1e300LF, 1e300LF);
+    for (int axis = 0; axis < 3; ++axis) {
+        int begin = bricks_begin[axis], end = begin + bricks_count[axis], last = last_cell[axis] / BRICK;
+        double by = ray.slab[axis], unused;
+        if (by == 0.0LF) {
+            int brick = brick_along(ray, axis, 0.0LF, unused);
+            if (brick < begin || brick >= end) found.y = -1e300LF;
+            continue;
+        }
+        bool rises = by > 0.0LF;
+        if (rises ? begin > 0 : end <= last) found.x = max(found.x, met(ray, axis, rises ? begin : end));
+        if (rises ? end <= last : begin > 0) found.y = min(found.y, met(ray, axis, rises ? end : begin));
+    }
+    return found;
+}
+
+// Whether there may be something to see just behind s, in a brick that begins at brick_begin; and where its group of cells ends.
+bool may_be_seen(Ray ray, int brick, double s, out double end) {
+    dvec3 ahead = fma(dvec3(s - 0.5LF + 1e-6LF), ray.slab, ray.first) - dvec3(brick_begin);
+    ivec3 group = clamp(ivec3(floor(ahead)) >> GROUP_SHIFT, ivec3(0), GROUPS - 1);
+    end = 1e300LF;
+    for (int axis = 0; axis < 3; ++axis) {
+        double by = ray.slab[axis];
+        if (by == 0.0LF) continue;
+        int face = brick_begin[axis] + ((group[axis] + (by > 0.0LF ? 1 : 0)) << GROUP_SHIFT);
+        end = min(end, (double(face) - ray.first[axis]) / by + 0.5LF);
+    }
+    int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
+    return (group_visible[brick * VISIBILITY_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
+}
+
+int first_slab(Ray ray) {
+    return ray.begin;
+}
+
+vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
+    Sum sum = Sum(before, vec4(0.0));
+    vec3 slab = vec3(ray.slab);
+    double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
+    dvec2 box = in_box(ray);
+    double s = max(max(double(k), shift), box.x);
+    double end = min((ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), min(double(ray.end), box.y));
+    int iterations = 0;
+    // A dispatch may end at a whole number only.
+    while (s < end && !is_done(sum) && !(iterations >= ITERATIONS && s == floor(s))) {
+        dvec3 ends;
+        ivec3 number = ivec3(brick_along(ray, 0, s, ends.x), brick_along(ray, 1, s, ends.y), brick_along(ray, 2, s, ends.z));
+        double leave = min(end, min(ends.x, min(ends.y, ends.z)));
+        ivec3 at = number - bricks_begin;
+        iterations += 2;
+        int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
+        int start = any(lessThan(at, ivec3(0))) || any(greaterThanEqual(at, bricks_count)) ? GAP : brick_offset[brick];
+        if (start < 0) {
+            s = leave;
+            continue;
+        }
+        brick_begin = number * BRICK;
+        // Groups of cells without anything visible are passed, but what is left of the last slab: pieces do not depend on groups.
+        double gap = s, group_end;
+        while (gap < leave && !may_be_seen(ray, brick, gap, group_end)) {
+            gap = min(max(group_end, gap + 1e-6LF), leave);
+            ++iterations;
+        }
+        gap = gap < leave ? floor(gap) : leave;
+        if (gap > s) {
+            s = gap;
+            continue;
+        }
+        dvec3 position = fma(dvec3(s - 0.5LF), ray.slab, ray.first);
+        ivec3 cell = clamp(ivec3(floor(position)), brick_begin, min(brick_begin + BRICK - 1, last_cell));
+        vec3 beyond = vec3(position - dvec3(cell));
+        Place place = Place(start, cell - brick_begin, beyond, 0);
+        int limit = iterations < ITERATIONS ? LONGEST_RUN : 1, passed = 0;
+        vec4 run = vec4(0.0);
+        double from = s;
+        Class front = class_at(scalar_at(start, place.cell, beyond));
+        while (from < leave && passed < limit) {
+            double to = min(floor(from) + 1.0LF, leave);
+            Class back = class_at(scalar_at(start, place.cell, beyond + float(to - s) * slab));
+            vec3 middle = beyond + float(0.5LF * (from + to) - s) * slab;
+            take_slab(run, front, back, frame.optics.x * float(to - from), place, middle);
+            front = back;
+            from = to;
+            if (to == floor(to)) ++passed;
+            ++samples;
+            iterations += 1 + SAMPLE_ITERATIONS;
+        }
+        add_run(sum, run);
+        s = from;
+    }
+    k = s < end && !is_done(sum) ? int(s) : ray.slabs;
+    return sum.high;
+}
