@@ -51,7 +51,7 @@ bool may_be_seen(Ray ray, int brick, double s, out double end) {
         end = min(end, (double(face) - ray.first[axis]) / by + 0.5LF);
     }
     int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
-    return (group_visible[brick * VISIBILITY_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
+    return (group_visible[brick * GROUP_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
 }
 
 int first_slab(Ray ray) {

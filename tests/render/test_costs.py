@@ -29,7 +29,9 @@ BRICK = 16
 # groups, the frame.
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
-PLAIN = "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit voxel_u8"
+PLAIN = (
+    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit even voxel_u8"
+)
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
 LAMP = {"lights": (Light(type="headlight"),)}
