@@ -9,10 +9,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
+from clusterviz.scene.clip import Clip
 from clusterviz.scene.complaints import Key, scene_error
 from clusterviz.scene.kinds import Section
 from clusterviz.scene.overrides import Override, apply_overrides, parse_overrides
-from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
+from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
     (("volumes", 0), Volume),

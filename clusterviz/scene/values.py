@@ -12,17 +12,16 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clusterviz.scene.checks import check_camera, check_gradient, check_grading, check_path, check_surfaces, plain
+from clusterviz.scene.clip import Clip
 from clusterviz.scene.cluster_checks import check_groups, check_sharing
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
-    Box,
     Clim,
     Cmap,
     Fraction,
     GradientOpacity,
     Isosurface,
-    Normal,
     Number,
     Opacity,
     Positive,
@@ -112,17 +111,6 @@ class Volume(Section):
             self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
         )
         return self
-
-
-class Clip(Section):
-    """What is cut away from all volumes; what is left is what every plane and the box keep."""
-
-    planes: tuple[Annotated[tuple[Vector, Normal], BeforeValidator(plain)], ...] = Field(
-        default=(), description="[[[x, y, z], [nx, ny, nz]], …]: a point of each plane, and the way to what is kept."
-    )
-    box: Annotated[Box, BeforeValidator(plain)] | None = Field(
-        default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of what is kept, in world units."
-    )
 
 
 class Camera(Section):
