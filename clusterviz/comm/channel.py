@@ -7,8 +7,8 @@ they were sent; only one receive at a time may be pending for a source and a tag
 until `wait_sends` returns. A message may be shorter than the buffer posted for it; a longer one is a MessageError.
 
 Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
-`window`, `counters`, `for_thread`) are made by every rank in the same order. They carry small Python objects, or few
-numbers; pixels travel point to point, or lie in a window that the ranks of a node share.
+`window`, `counters`, `for_thread`, `beside`, `close`) are made by every rank in the same order. They carry small Python
+objects, or few numbers; pixels travel point to point, or lie in a window that the ranks of a node share.
 """
 
 from __future__ import annotations
@@ -60,6 +60,16 @@ class Channel(Protocol):
         ------
         MessageError
             A message is longer than its buffer, or was lost.
+        """
+        ...
+
+    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        """What `wait_some` gives for the messages that are here by now, maybe none; it also forgets what was sent.
+
+        Raises
+        ------
+        MessageError
+            As `wait_some`.
         """
         ...
 
@@ -128,6 +138,14 @@ class Channel(Protocol):
 
         None, on every rank, where MPI was started for one thread at a time.
         """
+        ...
+
+    def beside(self) -> Channel:
+        """Another channel to the same ranks, for the same thread: `wait_sends` of one does not wait for the other's."""
+        ...
+
+    def close(self) -> None:
+        """Give back what `beside` made; nothing is under way any more."""
         ...
 
     def abort(self, status: int) -> None:

@@ -122,6 +122,15 @@ class LoopbackChannel:
             world.changed.notify_all()
         return done
 
+    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        """Copy every message that is here, and wait for none."""
+        world, receives = self._world, cast(Sequence[_Receive], pending)
+        with world.changed:
+            here = [i for i, r in enumerate(receives) if world.sent.get((r.source, self._rank, r.tag))]
+            done = [(index, self._take(receives[index])) for index in here]
+            world.changed.notify_all()
+        return done
+
     def _take(self, receive: _Receive) -> int:
         data = self._world.sent[receive.source, self._rank, receive.tag].popleft()
         if data.size > receive.buffer.size:
@@ -194,6 +203,13 @@ class LoopbackChannel:
     def for_thread(self) -> LoopbackChannel:
         """A channel of another world."""
         return LoopbackChannel(self.broadcast(self._world.beside() if self._rank == 0 else None), self._rank)
+
+    def beside(self) -> LoopbackChannel:
+        """A channel of another world."""
+        return self.for_thread()
+
+    def close(self) -> None:
+        """Nothing: there is only memory, which goes by itself."""
 
     def abort(self, status: int) -> None:
         """Nothing: the error itself ends the ranks, which share this process."""

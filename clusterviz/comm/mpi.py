@@ -146,26 +146,41 @@ class MpiChannel:
         receives = cast(Sequence[_Receive], pending)
         finished: list[tuple[int, int]] = []
         while receives and not finished:
-            for index, status in zip(self._arrived(receives), self._statuses, strict=False):
-                receive, count = receives[index], status.Get_count(self._byte)
-                receive.received += count
-                if count == self._chunk_bytes:
-                    self._receive_chunk(receive)
-                else:
-                    finished.append((index, receive.received))
+            finished = self._finished(receives, self._arrived(receives))
         return finished
+
+    def _finished(self, receives: Sequence[_Receive], arrived: Sequence[int]) -> list[tuple[int, int]]:
+        """Of the chunks that have arrived, those that end a message; the others have their next ones received."""
+        finished = []
+        for index, status in zip(arrived, self._statuses, strict=False):
+            receive, count = receives[index], status.Get_count(self._byte)
+            receive.received += count
+            if count == self._chunk_bytes:
+                self._receive_chunk(receive)
+            else:
+                finished.append((index, receive.received))
+        return finished
+
+    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        """Whole messages that are here; sends that are over are forgotten."""
+        self._sends = [request for request in self._sends if not request.Test()]
+        receives = cast(Sequence[_Receive], pending)
+        return self._finished(receives, self._tested(receives)) if receives else []
 
     def _arrived(self, receives: Sequence[_Receive]) -> list[int]:
         """Wait for a chunk: which have arrived; as many statuses tell of them."""
+        return self._tested(receives) or ask_until(lambda: self._tested(receives))
+
+    def _tested(self, receives: Sequence[_Receive]) -> list[int]:
+        """Which chunks have arrived by now."""
         requests, statuses = [receive.request for receive in receives], self._statuses
         while len(statuses) < len(requests):
             statuses.append(self._mpi.Status())
-        testsome = self._mpi.Request.Testsome
         try:
-            done = testsome(requests, statuses) or ask_until(lambda: testsome(requests, statuses))
+            done = self._mpi.Request.Testsome(requests, statuses)
         except self._mpi.Exception as error:
             raise self._message_error(receives, error) from None
-        return cast(list[int], done)
+        return cast(list[int], done or [])
 
     def _message_error(self, receives: Sequence[_Receive], error: Any) -> MessageError:
         """Which message went wrong, and how, in words without the library's own stack."""
@@ -263,6 +278,10 @@ class MpiChannel:
         if self._beside is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
             self._beside = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
         return self._beside
+
+    def beside(self) -> MpiChannel:
+        """A duplicate of the communicator."""
+        return MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
 
     def abort(self, status: int) -> None:
         """MPI_Abort: ends every process of the job, this one at once."""

@@ -108,6 +108,14 @@ class ThrottledChannel:
         self._notice(receives, wait=False)
         return [(i, r.size) for i, r in enumerate(receives) if r.passed is not None and r.passed <= now]
 
+    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        """What has passed the link by now."""
+        receives = cast(Sequence[_Receive], pending)
+        if receives:
+            self._notice(receives, wait=False)
+        now = self._clock()
+        return [(i, r.size) for i, r in enumerate(receives) if r.passed is not None and r.passed <= now]
+
     def _notice(self, receives: Sequence[_Receive], *, wait: bool) -> None:
         """Put what has arrived beneath in line for the link."""
         on_their_way = [receive for receive in receives if receive.passed is None]
@@ -179,6 +187,14 @@ class ThrottledChannel:
         if beneath is None:
             return None
         return ThrottledChannel(beneath, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+
+    def beside(self) -> ThrottledChannel:
+        """As beneath, through a link of its own that is as slow."""
+        return ThrottledChannel(self._channel.beside(), self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+
+    def close(self) -> None:
+        """As beneath."""
+        self._channel.close()
 
     def abort(self, status: int) -> None:
         """As beneath."""

@@ -31,7 +31,9 @@ from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.finishing import finish_frame, tell_costs
+from clusterviz.frame.moving import Moving
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
@@ -107,12 +109,15 @@ class FrameLoop:
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
         self._calibrated: tuple[Scene, Accuracy] | None = None
+        self._moving: Moving | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
             chosen = self._distribution = choose_distribution(run, self._opened, self.scene, several)
         self._turns = Turns(run, self._drawing, chosen) if isinstance(chosen, SharedScreen) else None
+        if several and isinstance(chosen, Dynamic):
+            self._moving = Moving(run, chosen, self._drawing)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
@@ -165,8 +170,11 @@ class FrameLoop:
             if accuracy and not self._run.options.keep_bricks:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
             share = self._turns.before(self._opened, share) if self._turns else share
+            if self._moving:
+                self._moving.depart(self._opened, share)
         partials, counts = self._drawing.draw(share)
         counts = self._turns.counted(counts) if self._turns else counts
+        counts = self._moving.counted(counts) if self._moving else counts
         if not self._several:
             self._drawing.release()
         return DrawnFrame(number, share, partials, counts, accuracy)
@@ -176,6 +184,8 @@ class FrameLoop:
             self._distribution.learn(share.plan, costs)
             if self._turns:
                 self._turns.after(share)
+            if self._moving:
+                self._moving.land()
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
         """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""
@@ -212,3 +222,5 @@ class FrameLoop:
             self._compositing.close()
             if self._turns:
                 self._turns.close()
+            if self._moving:
+                self._moving.close()

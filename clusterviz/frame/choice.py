@@ -6,6 +6,7 @@ from clusterviz.composite.model.network import default_network
 from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
+from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.interleaved import Interleaved
 from clusterviz.frame.mode import choose_groups
 from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
@@ -30,11 +31,14 @@ def choose_distribution(run: Run, opened: Opened | None, scene: Scene, several: 
     Raises
     ------
     InputError
-        On every rank: more groups than ranks.
+        On every rank: more groups than ranks; several volumes whose bricks shall move.
     """
     cluster, ranks = scene.cluster, run.channel.size
     with run.alone("plan", "plan"):
         groups = _groups(cluster, ranks)
+        if cluster.distribution == "dynamic" and len(scene.volumes) > 1:
+            text, allowed = "moves bricks of one volume only", "auto, coherent, interleaved, replicated"
+            raise InputError(text, where="cluster.distribution", found="dynamic", allowed=allowed)
     if opened is None or (groups == 1 and cluster.mode in ("auto", "sort-last")):
         return _of_data(cluster, ranks)
     with run.together("plan", "plan"):
@@ -80,6 +84,8 @@ def _of_data(cluster: Cluster, ranks: int) -> Distribution:
             return Interleaved(ranks, limit)
         case "replicated":
             return Replicated(ranks, cluster.copies, limit)
+        case "dynamic":
+            return Dynamic(ranks, limit, cluster.migration_bytes)
         case _:
             return Coherent(ranks, limit)
 

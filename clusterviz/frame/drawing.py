@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.source import Index
 from clusterviz.frame.opening import load_bricks
+from clusterviz.frame.parcel import stamp_of
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
@@ -19,8 +21,10 @@ from clusterviz.image.region import Rect
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
+    from clusterviz.plan.plan import Plan
     from clusterviz.render.drawn import Drawn
     from clusterviz.render.lasting import LastingCaster
+    from clusterviz.render.stored import Stored
 
 
 class Drawing:
@@ -39,6 +43,7 @@ class Drawing:
         self._run = run
         self._caster: LastingCaster | None = None
         self.work: list[tuple[Rect, NDArray[np.uint32]]] = []
+        self._taken: dict[Index, tuple[int, Stored]] = {}
 
     def bring(self, opened: Opened, share: Share) -> None:
         """Compile, read and upload what is not there; collective."""
@@ -48,9 +53,12 @@ class Drawing:
         if plan is None:
             return
         caster = self._caster = self._caster or LastingCaster()
-        missing = caster.missing(plan, holds)
+        caster.keep(holds)
+        taken = self._taken_for(plan, holds)
+        missing = caster.missing(plan, holds) - taken.keys()
         stale = bool(missing) or bool(holds and not caster.is_compiled(plan))
         if not run.channel.maximum(stale):
+            caster.put(plan, taken)
             return
         bricks = load_bricks(run, opened, plan, missing, holds)
         with run.together("context", "context"):
@@ -62,8 +70,16 @@ class Drawing:
             if holds:
                 caster.compile(plan)
         with run.alone("upload", "load"):
-            if missing:
-                caster.load(plan, holds, bricks)
+            caster.load(plan, bricks)
+            caster.put(plan, taken)
+
+    def take(self, bricks: Mapping[Index, tuple[int, Stored]]) -> None:
+        """Bricks that came from other ranks, with the stamps of how they are stored: for the next frame."""
+        self._taken.update(bricks)
+
+    def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
+        """Bricks that are here, as they lie in GPU memory."""
+        return self._caster.stored(bricks) if self._caster else {}
 
     def draw(self, share: Share) -> tuple[list[PartialImage], RankFrame]:
         """This rank's partial images, front to back."""
@@ -87,6 +103,12 @@ class Drawing:
         if self._caster is not None:
             self._caster.release()
             self._caster = None
+
+    def _taken_for(self, plan: Plan, holds: Set[Index]) -> dict[Index, Stored]:
+        """What came and is of use: stored as this plan asks for, and still to be held."""
+        taken, self._taken = self._taken, {}
+        asked = stamp_of(plan)
+        return {brick: stored for brick, (stamp, stored) in taken.items() if brick in holds and stamp == asked}
 
     def _counted(self, drawn: Sequence[Drawn]) -> RankFrame:
         held = self._caster.held if self._caster else {}

@@ -19,6 +19,7 @@ from clusterviz.render.choice import Device, egl_device, prefers_processor
 from clusterviz.render.drawn import Drawn
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import slot_of
+from clusterviz.render.stored import Stored
 from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.render.vectors.kernel import can_draw
 
@@ -62,14 +63,28 @@ class LastingCaster:
         elif not self._caster.can_draw(plan):
             self._caster.compile(plan)
 
-    def load(self, plan: Plan, wanted: Collection[Index], bricks: MutableMapping[Index, Any]) -> None:
-        """Keep of what is there what is wanted, and upload bricks, taken out as they are stored."""
-        if self._caster is None:
-            return
-        here = self._caster.pool.bricks
-        self._caster.drop(here - set(wanted) | here & bricks.keys())
-        self._caster.load(plan, bricks)
-        self._encodings = _encodings_of(plan)
+    def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
+        """Upload bricks, taken out as they are stored, in place of those of the same indices that are there."""
+        if self._caster is not None:
+            self._caster.drop(bricks)
+            self._caster.load(plan, bricks)
+            self._encodings = _encodings_of(plan)
+
+    def put(self, plan: Plan, bricks: MutableMapping[Index, Stored]) -> None:
+        """The same with bricks that another rank has stored for the same plan."""
+        if self._caster is not None:
+            self._caster.drop(bricks)
+            self._caster.pool.put(bricks, lambda stored: stored)
+            self._encodings = _encodings_of(plan)
+
+    def keep(self, wanted: Collection[Index]) -> None:
+        """Give up all other bricks."""
+        if self._caster is not None:
+            self._caster.drop(self._caster.pool.bricks - set(wanted))
+
+    def stored(self, bricks: Collection[Index]) -> dict[Index, Stored]:
+        """Bricks that are here, read back."""
+        return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
     def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
         """Draw a frame's pieces of this rank; blank ones where it never had a brick."""

@@ -16,8 +16,8 @@ from clusterviz.plan.cut import SLACK, Cut
 from clusterviz.plan.mixture import Ingredient, Mixture
 from clusterviz.plan.portions import Portions
 from clusterviz.render.emptiness import Ranges, group_ranges
-from clusterviz.render.residence import Stored
 from clusterviz.render.storage import GROUP, HEADER_WORDS, Slot
+from clusterviz.render.stored import Stored
 
 Words = NDArray[np.uint32]
 
@@ -38,7 +38,9 @@ def pack_portions(portions: Portions, mixture: Mixture, slot: Slot) -> Words:
         if samples is not None:
             row[0] = begin
             row[1:] = ingredient.cut.cell_box(portions.index_zyx)[0][::-1]
-            words[begin : begin + part.words] = part.pack(samples, ingredient.encoding).reshape(-1).view(np.uint32)
+            words[begin : begin + part.words] = (
+                part.pack(ingredient.encoding.encode(samples)).reshape(-1).view(np.uint32)
+            )
         begin += part.words
     return words
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from clusterviz.partition import NOBODY, Owners, bounding_box, visible_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.render.chunks import chunks_of
-from clusterviz.render.residence import Residence, Stored
+from clusterviz.render.residence import Residence
 from clusterviz.render.storage import Slot
+from clusterviz.render.stored import Stored
 
 Index = tuple[int, int, int]
 T = TypeVar("T")

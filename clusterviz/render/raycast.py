@@ -28,8 +28,9 @@ from clusterviz.render.frame_block import frame_block
 from clusterviz.render.ingredients import joined_segments, mixture_blocks
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.pool import BrickPool
-from clusterviz.render.residence import capacity, store
+from clusterviz.render.residence import capacity
 from clusterviz.render.storage import slot_of
+from clusterviz.render.stored import store
 from clusterviz.render.variant import Variant, variant_of
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl

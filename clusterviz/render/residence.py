@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import moderngl
@@ -11,42 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
-from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.bends import group_bends, stretch_bits
-from clusterviz.render.emptiness import group_ranges, visibility_bits
-from clusterviz.render.storage import Slot
+from clusterviz.render.bends import stretch_bits
+from clusterviz.render.emptiness import visibility_bits
+from clusterviz.render.storage import STORED_TYPE, Slot
+from clusterviz.render.stored import Stored
 from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; integers are normalised
 TEXTURE_BYTES = 1 << 30
-
-
-@dataclass(frozen=True, eq=False)
-class Stored:
-    """A brick as its slot keeps it.
-
-    Attributes
-    ----------
-    words : what the slot holds, as `Slot.pack` made it
-    low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
-    voxels : samples that it was made of
-    bend : of its groups of cells, see `bends.py`; None where slabs are not stretched
-    """
-
-    words: NDArray[Any]
-    low: NDArray[Any]
-    high: NDArray[Any]
-    voxels: int
-    bend: NDArray[np.float32] | None = None
-
-
-def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
-    """Make a brick's samples (z, y, x) ready for a slot."""
-    low, high = group_ranges(voxels, slot)
-    bend = group_bends(voxels, slot) if slot.stretched else None
-    return Stored(slot.pack(voxels, encoding), low, high, voxels.size, bend)
 
 
 class Residence:
@@ -93,10 +66,11 @@ class Residence:
         number = self._free.pop()
         self.slots[index] = number
         self._note(number, stored)
+        words = self._slot.pack(stored.samples)
         if isinstance(self._voxels, moderngl.Buffer):
-            self._voxels.write(stored.words, offset=number * self._slot.bytes)
+            self._voxels.write(words, offset=number * self._slot.bytes)
         else:
-            self._voxels.write(stored.words, viewport=self._viewport(number), alignment=1)
+            self._voxels.write(words, viewport=self._viewport(number), alignment=1)
 
     def drop(self, index: Index) -> None:
         """Free a brick's slot."""
@@ -119,7 +93,7 @@ class Residence:
             low, high = (side[number] for side in self._ranges or ())
             bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if texels is None else self._cut(texels, number)
-            yield index, Stored(words, low, high, int(self._counts[number]), bend)
+            yield index, Stored(self._slot.unpack(words), low, high, int(self._counts[number]), bend)
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Where bricks begin, and which of their groups of cells may show something, for all bricks of a box.
@@ -181,7 +155,7 @@ class Residence:
 
     def _texels(self, texture: moderngl.Texture3D) -> NDArray[Any]:
         """All texels, (z, y, x)."""
-        kind = {"u8": "u1", "u16": "<u2", "f32": "<f4"}[self._slot.kind]
+        kind = STORED_TYPE[self._slot.kind]
         return np.frombuffer(texture.read(alignment=1), kind).reshape(texture.depth, texture.height, texture.width)
 
     def _cut(self, texels: NDArray[Any], number: int) -> NDArray[Any]:

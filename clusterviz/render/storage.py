@@ -20,6 +20,7 @@ from clusterviz.plan.plan import March, Plan
 Index = tuple[int, int, int]
 HEADER_WORDS = 4  # a volume, in front of the parts of a brick of several; as in ingredient.glsl
 GROUP = 8  # cells along the side of a group, as in march.glsl
+STORED_TYPE: dict[VoxelKind, str] = {"u8": "u1", "u16": "<u2", "f32": "<f4"}
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
 
 
@@ -100,12 +101,14 @@ class Slot:
         """What undoes the texture unit's normalisation of integers to 0 … 1."""
         return TEXEL_SCALE[self.kind] if self.textured else 1.0
 
-    def pack(self, voxels: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
-        """A brick's samples, (z, y, x) of the source's dtype, as the slot keeps them; C order.
+    def pack(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """A brick's samples, (z, y, x) as `Encoding.encode` made them, as the slot keeps them; C order.
 
-        A brick at the volume's far side may be smaller than the slot: its last samples are repeated.
+        A brick at the volume's far side may be smaller than the slot: its last samples are repeated. Several volumes
+        are packed already.
         """
-        stored = encoding.encode(voxels)
+        if self.parts:
+            return stored
         z, y, x = self.samples_zyx
         row = x if self.textured else {"u8": 3 * self.row_words + 1, "u16": 2 * self.row_words, "f32": x}[self.kind]
         missing = [(0, n - have) for n, have in zip((z, y, row), stored.shape, strict=True)]
@@ -119,6 +122,19 @@ class Slot:
         # Words that begin at every third byte overlap by one voxel.
         words = np.ndarray((z, y, self.row_words), "<u4", stored, 0, (y * row, row, 3))
         return np.ascontiguousarray(words)
+
+    def unpack(self, words: NDArray[Any]) -> NDArray[Any]:
+        """The samples of all of a slot, (z, y, x), from what `pack` gave; of several volumes the same words."""
+        if self.parts:
+            return words
+        z, y, x = self.samples_zyx
+        if self.textured or self.kind == "f32":
+            return words.view(STORED_TYPE[self.kind]).reshape(z, y, x)
+        if self.kind == "u16":
+            return words.view("<u2").reshape(z, y, -1)[..., :x]
+        voxels = words.view(np.uint8).reshape(z, y, self.row_words, 4)
+        # Of each word but the last, the fourth voxel is the next one's first.
+        return np.concatenate([voxels[..., :3].reshape(z, y, -1), voxels[..., -1, 3:]], axis=2)[..., :x]
 
 
 def brick_bytes(plan: Plan) -> NDArray[np.int64]:

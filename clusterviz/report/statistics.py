@@ -74,6 +74,7 @@ class RankFrame:
     peak_memory_bytes : the largest resident size of the process so far
     renderer : OpenGL's name of what drew
     compositing : what was chosen, predicted and measured, stage by stage and peer by peer
+    balance : what was sent and received to even out the ranks, where the distribution is dynamic
     """
 
     seconds: dict[str, float]
@@ -90,6 +91,7 @@ class RankFrame:
     peak_memory_bytes: int = 0
     renderer: str = ""
     compositing: dict[str, Any] = field(default_factory=dict)
+    balance: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

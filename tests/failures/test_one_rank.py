@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -44,6 +45,26 @@ STAGES = [
 def test_a_rank_that_raises_ends_the_job(stage: str, rank: int, place: str, tmp_path: Path) -> None:
     job = failing(rank, place, "raise", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), "--check", *SMALL)
     check_failure(finish(job), 1, f"rank {rank}, frame 0, {stage}: ValueError: odd", tmp_path)
+
+
+MOVING = (
+    *("--orbit", "60", "--frames", "4", "--size", "24x18"),
+    *("-D", "cluster.distribution=dynamic", "-D", "cluster.brick=2"),
+    *("-D", "camera.position=[-1.8,-1.5,-1.7]", "-D", "camera.focal_point=[-0.5,-0.4,-0.5]"),
+)
+
+
+@pytest.mark.parametrize("place", ["Courier.post", "Courier.collect"])
+@pytest.mark.parametrize("how", ["raise", "kill"])
+def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, how: str, tmp_path: Path) -> None:
+    arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
+    ended = finish(failing(1, f"clusterviz.frame.courier:{place}", how, 3, *arguments), SECONDS)
+    assert ended.status != 0
+    assert "Traceback" not in ended.err + ended.out
+    if how == "raise":
+        messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
+        assert len(messages) == 1
+        assert re.search(r"rank 1, frame [123], migrate: ValueError: odd", messages[0])
 
 
 def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:

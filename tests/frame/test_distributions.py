@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from test_frame import check_frames, draw_all, scenes_of
+from frame.views import check, draw_all, looks, views
 
 from clusterviz.comm import run_loopback
 from clusterviz.errors import InputError
@@ -25,18 +25,16 @@ DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
 @pytest.mark.parametrize("keys", DISTRIBUTIONS, ids=str)
 def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     """Cameras jump, and transfer functions show nothing, little and all."""
-    scenes = [with_settings(scene, keys | {"brick": 4}) for scene in scenes_of({})]
-    frames = run_loopback(5, lambda channel: draw_all(scenes, channel))[0]
-    check_frames(frames, scenes)
+    scenes = [*views(12), *looks()]
+    frames = run_loopback(5, lambda channel: draw_all([with_settings(scene, keys) for scene in scenes], channel))[0]
+    check(frames, scenes)
 
 
 @pytest.mark.parametrize("distribution", ["coherent", "interleaved", "replicated"])
 def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
     distribution: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = with_settings(
-        scenes_of({})[0], {"brick": 4, "opacity": 0.5, "distribution": distribution, "memory_limit": 9000}
-    )
+    scene = with_settings(views(1)[0], {"brick": 4, "opacity": 0.5, "distribution": distribution, "memory_limit": 9000})
     monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
     loaded: list[int] = []
     monkeypatch.setattr("clusterviz.frame.drawing.load_bricks", lambda *_: loaded.append(1))
@@ -50,5 +48,5 @@ def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
 
 
 def test_copies_beyond_the_ranks_are_those_that_there_are() -> None:
-    scene = with_settings(scenes_of({})[0], {"distribution": "replicated", "copies": 9, "brick": 4})
-    check_frames(run_loopback(2, lambda channel: draw_all([scene], channel))[0], [scene])
+    scene = with_settings(views(1)[0], {"distribution": "replicated", "copies": 9, "brick": 4})
+    check(run_loopback(2, lambda channel: draw_all([scene], channel))[0], [scene])

@@ -27,6 +27,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.storage import make_slot
+from clusterviz.render.stored import store
 from clusterviz.render.vectors.kernel import Kernel, can_draw, compiled, kernel_of
 from clusterviz.render.vectors.leaps import leaps_of
 from clusterviz.render.vectors.memory import Memory
@@ -84,7 +85,7 @@ class VectorCaster:
     def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
         """Keep bricks beside those that are there: samples (z, y, x) by index, taken out as they are laid out."""
         self._leaps = {}
-        self.pool.put(bricks, plan.encoding)
+        self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
-from clusterviz.plan.encoding import Encoding
-from clusterviz.render.emptiness import Ranges, group_ranges
-from clusterviz.render.storage import Slot
+from clusterviz.render.emptiness import Ranges
+from clusterviz.render.storage import STORED_TYPE, Slot
+from clusterviz.render.stored import Stored
 
 Index = tuple[int, int, int]
+T = TypeVar("T")
 VOXEL_BYTES = 4
 BESIDE = {"u8": ((0, 0), (0, 1), (1, 0), (1, 1)), "u16": ((0, 0), (0, 1)), "f32": ((0, 0),)}
 """By stored type: the voxels that lie beside each one, (z, y) further on."""
@@ -64,12 +65,18 @@ class Memory:
         """Samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
-    def put(self, bricks: MutableMapping[Index, NDArray[Any]], encoding: Encoding) -> None:
-        """Keep bricks, samples (z, y, x), beside those that are here; each is taken out, so that none is held twice."""
+    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+        """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
         for index in list(bricks):
-            samples = bricks.pop(index)
-            low, high = group_ranges(samples, self._slot)
-            self._kept[index] = Kept(laid_out(encoding.encode(samples), self._slot), low, high, samples.size)
+            brick = stored(bricks.pop(index))
+            self._kept[index] = Kept(laid_out(brick.samples, self._slot), brick.low, brick.high, brick.voxels)
+
+    def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
+        """Bricks that are here, as every caster can take them."""
+        shape, kind = (*self._slot.samples_zyx, -1), STORED_TYPE[self._slot.kind]
+        for index in bricks:
+            kept = self._kept[index]
+            yield index, Stored(kept.words[:-1].view(kind).reshape(shape)[..., 0], kept.low, kept.high, kept.voxels)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks."""

@@ -1,0 +1,139 @@
+"""The dynamic distribution: bricks go from rank to rank until all take equally long, few bytes a frame.
+
+What frames cost is learnt in samples, which are the same in every run. `clusterviz.balance` decides; here its values go
+from frame to frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.balance import (
+    Balance,
+    Flight,
+    Policy,
+    begin,
+    check_memory,
+    dispatch,
+    expected_samples,
+    land,
+    learn,
+    predict,
+    rank_costs,
+    steer,
+    unmeasured,
+    withdraw,
+)
+from clusterviz.data.source import Index
+from clusterviz.errors import InputError
+from clusterviz.partition import NOBODY, Owners, Piece, owner_pieces, owners_of, search_tree
+from clusterviz.plan.plan import Plan, shows_more
+from clusterviz.render.storage import brick_bytes
+from clusterviz.report.statistics import RankFrame
+
+EVEN_SHARES = 3  # that a rank may hold where no limit is given: its own bricks, others to come, and a cache
+BUDGET, JUMP_BUDGET = 1 / 20, 1 / 4  # of all bricks a frame, where none is given: in general, and far from even
+FAR_FROM_EVEN = 1.25  # busiest over mean
+UNIT = 8  # longest side of what moves as one, in bricks
+
+
+class Dynamic:
+    """Planes follow the measured cost, and bricks the planes.
+
+    Parameters
+    ----------
+    ranks : how many there are
+    limit_bytes : of bricks that a rank may hold; None: thrice an even share
+    budget_bytes : of bricks that all ranks together may send in a frame; None: a share of all
+    """
+
+    def __init__(self, ranks: int, limit_bytes: int | None = None, budget_bytes: int | None = None) -> None:
+        self._ranks, self._limit_bytes, self._budget_bytes = ranks, limit_bytes, budget_bytes
+        self._balance: Balance | None = None
+        self._sizes: NDArray[np.int64] = np.zeros((1, 1, 1), np.int64)
+        self._policy = Policy(0, 0)
+        self.beginnings = 0
+        self.planned_imbalance = 1.0
+
+    def deal(self, plan: Plan) -> tuple[Piece, ...]:
+        """A piece for each group of bricks that one rank draws whole; what shall fly during the frame is planned.
+
+        Raises
+        ------
+        InputError
+            A share does not fit into the memory of a rank; the budget cannot carry a brick.
+        """
+        model = expected_samples(plan)
+        if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
+            balance = self._begin(plan, model)
+        elif model.any() and not self._planned:
+            balance = steer(self._balance, model, self._hurried(model))
+        else:
+            balance = self._balance
+        self._balance = balance
+        owner = np.where(plan.cost > 0, balance.migration.owners.owner, NOBODY).astype(np.int32)
+        owners = Owners(self._ranks, owner)
+        self.planned_imbalance = owners.imbalance(predict(balance.measured, model, self._sizes > 0))
+        return owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """What it draws, has received and caches."""
+        if self._balance is None:
+            return frozenset()
+        return frozenset(brick for brick in self._balance.migration.holds(rank) if self._sizes[brick])
+
+    def depart(self) -> tuple[Flight, ...]:
+        """The bricks that shall be sent now; they count as sent."""
+        planned = self._planned
+        if self._balance is not None:
+            sent = dispatch(self._balance.migration, [flight.brick for flight in planned])
+            self._balance = replace(self._balance, migration=sent)
+        return planned
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """What bricks cost, from what they cost together."""
+        if self._balance is not None:
+            self._balance = learn(self._balance, expected_samples(plan), rank_costs(costs), self._policy)
+
+    def land(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
+        """After a frame: these bricks have arrived, and those will not; what has arrived changes hands."""
+        if self._balance is not None:
+            stayed = replace(self._balance, migration=withdraw(self._balance.migration, lost))
+            self._balance = land(stayed, arrived)
+
+    @property
+    def _planned(self) -> tuple[Flight, ...]:
+        flights = self._balance.migration.flights if self._balance else ()
+        return tuple(flight for flight in flights if flight.stage == "planned")
+
+    def _begin(self, plan: Plan, model: NDArray[np.float64]) -> Balance:
+        """A tree by what is expected, and by what is known from frames before bricks were dealt anew."""
+        measured = self._balance.measured if self._balance else unmeasured(plan.layout.counts_zyx)
+        # Bricks that were shown once may be shown again.
+        sizes = self._sizes = np.maximum(self._sizes, brick_bytes(plan))
+        cost = predict(measured, model, sizes > 0)
+        if self._limit_bytes is not None:
+            check_memory(lambda n: owners_of(search_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
+        largest = int(owners_of(search_tree(cost, self._ranks)).sums(sizes).max())
+        limit = self._limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
+        if self._budget_bytes is not None and self._budget_bytes < sizes.max():
+            found, allowed = f"{self._budget_bytes} bytes", f"{sizes.max()} bytes or more, which a brick takes"
+            raise InputError("cannot carry one brick", where="cluster.migration_bytes", found=found, allowed=allowed)
+        self._policy = Policy(self._share(BUDGET), limit, unit=UNIT, refined=True)
+        self.beginnings += 1
+        return replace(begin(cost, self._ranks, sizes, self._policy), measured=measured)
+
+    def _hurried(self, model: NDArray[np.float64]) -> Policy:
+        """More may be sent where the view or the cost has jumped: uneven frames cost more than messages."""
+        assert self._balance, "steering follows the first frame"
+        cost = predict(self._balance.measured, model, self._sizes > 0)
+        far = self._balance.migration.landed.imbalance(cost) > FAR_FROM_EVEN
+        return replace(self._policy, budget_bytes=self._share(JUMP_BUDGET if far else BUDGET))
+
+    def _share(self, share: float) -> int:
+        """Bytes a frame, at least a brick."""
+        return self._budget_bytes or max(int(self._sizes.max()), int(share * int(self._sizes.sum())))

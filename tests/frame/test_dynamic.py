@@ -1,0 +1,196 @@
+"""Bricks that move while frames are drawn: the same pictures whatever moves, gets lost or comes late."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from frame.views import check, draw_all, looks, views
+
+from clusterviz.balance import Move, dynamic
+from clusterviz.comm import Channel, run_loopback
+from clusterviz.comm.mpi import MpiChannel
+from clusterviz.errors import InputError
+from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.frame.courier import Courier, Delivery
+from clusterviz.frame.parcel import Parcels
+from clusterviz.scene import Scene
+from clusterviz.scene.settings import with_settings
+
+pytestmark = pytest.mark.gl
+
+MOVES = 8  # at random, a frame
+
+
+def moving(scenes: list[Scene], **keys: Any) -> list[Scene]:
+    return [with_settings(scene, {"distribution": "dynamic", **keys}) for scene in scenes]
+
+
+def so_far(frames: list[Rendered], name: str) -> int:
+    """Of what is counted from the first frame to the last one's beginning."""
+    return sum(int(rank.balance[name]) for rank in frames[-1].statistics.per_rank)
+
+
+def total(frames: list[Rendered], name: str) -> int:
+    return sum(int(rank.balance[name]) for frame in frames for rank in frame.statistics.per_rank)
+
+
+def at_random(monkeypatch: pytest.MonkeyPatch) -> list[Move]:
+    """Have bricks move for no reason; the moves as they are planned on every rank."""
+    made: list[Move] = []
+
+    def moves(present: Any, wish: Any, free: Any, budget: int, busy: Any) -> tuple[Move, ...]:
+        rng = np.random.default_rng(int(present.owner.sum()) + int(busy.sum()))
+        able = np.argwhere(~busy & (wish.held_bytes > 0))
+        found = []
+        for z, y, x in able[rng.permutation(len(able))[:MOVES]].tolist():
+            source = int(present.owner[z, y, x])
+            found.append(Move((z, y, x), source, (source + 1) % present.ranks, 1))
+        made.extend(found)
+        return tuple(found)
+
+    monkeypatch.setattr(dynamic, "rebalance", moves)
+    return made
+
+
+@pytest.mark.parametrize("ranks", [3, 5])
+def test_two_hundred_random_moves_change_no_frame(ranks: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes = views(30)
+    made = at_random(monkeypatch)
+    frames = run_loopback(ranks, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert len(made) >= 200 * ranks, "every rank plans all of them"
+    assert so_far(frames, "bricks_received") > 50
+    assert so_far(frames, "bricks_lost") == 0
+
+
+def test_transfer_functions_that_show_hidden_bricks_and_new_ranges_change_no_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A float field is stored anew for another range: what is under way then is of no use."""
+    scenes = looks()
+    at_random(monkeypatch)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert so_far(frames, "bricks_received") > 50
+
+
+@pytest.mark.mpi(ranks=[3, 5, 7], timeout=120)
+def test_bricks_move_over_mpi(mpi_ranks: int) -> None:
+    channel = MpiChannel()
+    scenes = views(8)
+    frames = draw_all(moving(scenes), channel)
+    if channel.rank == 0:
+        check(frames, scenes)
+        assert len(frames[0].statistics.per_rank) == mpi_ranks
+        assert so_far(frames, "bricks_received") > 0
+    channel.close()
+
+
+def test_damaged_messages_are_found_and_their_senders_draw_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrap, calls = Parcels.wrap, []
+
+    def damaged(parcels: Parcels, *args: Any) -> Any:
+        parcel = wrap(parcels, *args).copy()
+        calls.append(1)
+        if len(calls) % 3 == 0:
+            parcel[len(calls) * 37 % parcel.size] ^= 0x10
+        return parcel
+
+    scenes = views(12)
+    at_random(monkeypatch)
+    monkeypatch.setattr(Parcels, "wrap", damaged)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    # What came after the last frame was drawn is in no frame's counts.
+    assert 5 < so_far(frames, "bricks_lost") <= len(calls) // 3
+    assert 2 * MOVES < so_far(frames, "bricks_received") <= len(calls) - len(calls) // 3
+
+
+def test_messages_that_come_late_hold_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    collect, asked = Courier.collect, dict[int, int]()
+
+    def late(courier: Courier) -> Delivery:
+        asked[id(courier)] = asked.get(id(courier), 0) + 1
+        return Delivery({}, [], []) if asked[id(courier)] % 3 else collect(courier)
+
+    scenes = views(12)
+    at_random(monkeypatch)
+    monkeypatch.setattr(Courier, "collect", late)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert 0 < so_far(frames, "bricks_received") <= total(frames, "bricks_sent")
+
+
+def uneven(ranks: int, count: int, **keys: Any) -> list[Rendered]:
+    """A camera near a corner, for some frames."""
+    place = {"position": (-1.8, -1.5, -1.7), "focal_point": (-0.5, -0.4, -0.5), "view_angle": 40.0}
+    scene = views(1, 2, **keys)[0]
+    scenes = moving([with_settings(scene, place)] * count)
+
+    def draw(channel: Channel) -> list[Rendered]:
+        whole = with_settings(scenes[0], {"position": (6.0, 6.0, 6.0), "view_angle": 30.0})
+        with FrameLoop(scenes[0], channel) as loop:
+            return [loop.frame(scene, number) for number, scene in enumerate([whole, *scenes])]
+
+    return run_loopback(ranks, draw)[0]
+
+
+def test_ranks_become_even_and_messages_stay_within_the_budget() -> None:
+    budget = 40_000
+    frames = uneven(4, 6, migration_bytes=budget)
+    samples = [[rank.samples for rank in frame.statistics.per_rank] for frame in frames]
+    imbalance = [max(each) * len(each) / sum(each) for each in samples]
+    assert imbalance[1] > 1.25
+    assert min(imbalance[-3:]) <= 1.15
+    for frame in frames:
+        # A message is its words, and some hundred bytes at most of ranges and header.
+        sent = sum(rank.balance["bytes_sent"] - 500 * rank.balance["bricks_sent"] for rank in frame.statistics.per_rank)
+        assert sent <= budget
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"migration_bytes": 100}, r"cluster.migration_bytes.*cannot carry one brick.*found 100 bytes"),
+        ({"memory_limit": 8000}, r"cluster.memory_limit.*share of 3 ranks.*found 8000 bytes a rank.*allowed \d+ ranks"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_first_frame(keys: dict[str, int], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        run_loopback(3, lambda channel: draw_all(moving(views(2), **keys), channel))
+
+
+def test_a_memory_limit_is_kept_while_bricks_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caches give way, the oldest bricks first."""
+    scenes, limit = views(15), 500 * 30
+    at_random(monkeypatch)
+    monkeypatch.setattr(dynamic, "rebalance", within(dynamic.rebalance))
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes, memory_limit=limit), channel))[0]
+    check(frames, scenes)
+    assert max(rank.bricks for frame in frames for rank in frame.statistics.per_rank) * 500 <= limit
+
+
+def within(moves: Callable[..., tuple[Move, ...]]) -> Callable[..., tuple[Move, ...]]:
+    """Only those moves for which there is memory."""
+
+    def fitting(present: Any, wish: Any, free: Any, *args: Any) -> tuple[Move, ...]:
+        free, found = free.copy(), []
+        for move in moves(present, wish, free, *args):
+            free[move.target] -= wish.held_bytes[move.brick]
+            if free[move.target] < 0:
+                free[move.target] += wish.held_bytes[move.brick]
+            else:
+                found.append(move)
+        return tuple(found)
+
+    return fitting
+
+
+def test_bricks_of_several_volumes_are_refused() -> None:
+    scene = moving(views(1))[0]
+    both = scene.model_copy(update={"volumes": scene.volumes * 2})
+    with pytest.raises(InputError, match=r"cluster.distribution: moves bricks of one volume only; found dynamic"):
+        run_loopback(2, lambda channel: draw_all([both], channel))
