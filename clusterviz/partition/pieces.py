@@ -37,6 +37,10 @@ class Piece:
     bricks: NDArray[np.bool_] | None = None
     window: Rect | None = None
 
+    def shows_bricks_of(self, other: Piece) -> bool:
+        """Whether another piece is the same but for its window, as those of a shared screen are."""
+        return self.box == other.box and self.bricks is other.bricks
+
     def members(self, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Those of its bricks that are shown, int64 (m, 3), indices (z, y, x); `shown` is bool over all bricks."""
         inside = shown[self.box.slices]

@@ -141,7 +141,7 @@ class Raycaster:
             for piece in pieces:
                 started = perf_counter()
                 rect = footprint(plan, piece)
-                if tables is None or not tables.are_for(piece):
+                if tables is None or not piece.shows_bricks_of(tables.piece):
                     last.close()
                     tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
                 blank_piece = tables.bricks == 0 or rect.pixels == 0
@@ -190,7 +190,7 @@ class _Tables:
     """Where the bricks of a piece are, and what they may show, in GPU buffers."""
 
     def __init__(self, context: moderngl.Context, pool: BrickPool, plan: Plan, piece: Piece) -> None:
-        self._piece, self._buffers = piece, _Buffers(context)
+        self.piece, self._buffers = piece, _Buffers(context)
         members = piece.members(plan.cost > 0)
         self.bricks = len(members)
         self._parts = []
@@ -198,10 +198,6 @@ class _Tables:
             box = bounding_box(part)
             offsets, visible = map(self._buffers.make, residence.tables(plan, box, part))
             self._parts.append((residence, box, offsets, visible))
-
-    def are_for(self, piece: Piece) -> bool:
-        """Whether another piece shows the same bricks, in whatever window."""
-        return piece.box == self._piece.box and piece.bricks is self._piece.bricks
 
     def bind_each(self) -> Iterator[BrickBox]:
         """The boxes of bricks from front to back, each bound for drawing as it comes."""

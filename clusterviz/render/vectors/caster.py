@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, MutableMapping
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
 from typing import Any
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.place import kernel_threads
 from clusterviz.image.partial import PartialImage, blank
+from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
@@ -38,6 +40,16 @@ from clusterviz.render.vectors.width import Width, host_width, processor_name
 Index = tuple[int, int, int]
 BLOCK = 4  # the output's sides are multiples of it, so that every packet's pixels have a place
 MOST_LEAPS = 64  # tables that are kept
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """The bricks that a piece shows in any window: how many, in which box, and the tables of both."""
+
+    piece: Piece
+    bricks: int
+    box: BrickBox
+    tables: dict[str, Any]
 
 
 class VectorCaster:
@@ -102,7 +114,16 @@ class VectorCaster:
         -------
         drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
         """
-        return [self._draw_piece(plan, piece) for piece in pieces]
+        drawn: list[Drawn] = []
+        shown: _Shown | None = None
+        for piece in pieces:
+            started, rect = perf_counter(), footprint(plan, piece)
+            # Windows of the same bricks share their tables.
+            if shown is None or not piece.shows_bricks_of(shown.piece):
+                shown = self._shown_by(plan, piece)
+            blank_piece = shown.bricks == 0 or rect.pixels == 0
+            drawn.append(Drawn(blank()) if blank_piece else self._draw_piece(plan, rect, shown, started))
+        return drawn
 
     def release(self) -> None:
         """Forget the bricks."""
@@ -118,22 +139,24 @@ class VectorCaster:
             self._pieces = (*known, piece_table(plan))
         return self._pieces[2]
 
-    def _draw_piece(self, plan: Plan, piece: Piece) -> Drawn:
-        started, bricks, rect = perf_counter(), piece.members(plan.cost > 0), footprint(plan, piece)
-        if len(bricks) == 0 or rect.pixels == 0:
-            return Drawn(blank())
+    def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
+        """The bricks of a piece, as its windows are drawn of them."""
+        bricks = piece.members(plan.cost > 0)
+        if len(bricks) == 0:
+            return _Shown(piece, 0, piece.box, {})
         box = bounding_box(bricks)
-        pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
-        work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
         pieces = self._pieces_of(plan)
-        if pieces is not None:
-            tables["pieces"] = pieces
-        job = job_of(plan, box, rect, self.slot, tables | {"pixels": pixels, "work": work})
+        return _Shown(piece, len(bricks), box, tables if pieces is None else tables | {"pieces": pieces})
+
+    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
+        pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
+        work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
+        job = job_of(plan, shown.box, rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
         self._run(job)
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
-        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), len(bricks), seconds, 0.0, work)
+        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work)
 
     def _run(self, job: NDArray[np.void]) -> None:
         """Let all threads draw tiles until there are none."""
