@@ -26,6 +26,7 @@ from clusterviz.comm.place import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.report.pages.folder import check_folder, replacing_folder
+from clusterviz.report.pages.scale.balance import DEGREES, FRAMES
 from clusterviz.report.pages.scale.forecast import Expected, Machine, Rates, find_rates, forecast, rank_numbers
 from clusterviz.report.pages.scale.measure import Image, Measured, measure, measured_from_json
 from clusterviz.report.pages.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
@@ -41,6 +42,9 @@ def command(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,4",
     weak: Annotated[bool, typer.Option("--weak/--no-weak", help="Weak scaling too: step / n on n ranks.")] = True,
+    balance: Annotated[
+        bool, typer.Option("--balance/--no-balance", help="Imbalance over an orbit, with bricks that stay or move.")
+    ] = True,
     define: Define = None,
     size: Size = None,
     frames: Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")] = 5,
@@ -68,10 +72,10 @@ def command(
     threads = threads_per_rank(counts)
     with (
         tempfile.TemporaryDirectory(prefix="clusterviz-scale-") as folder,
-        show_progress(steps_of(counts, weak)) as progress,
+        show_progress(steps_of(counts, weak, balance)) as progress,
     ):
         job = MpirunJob(frames, threads, Path(folder))
-        found = run_survey(opened, counts, weak, job, progress)
+        found = run_survey(opened, counts, weak, balance, job, progress)
         drawn = Scene.model_validate(json.loads((Path(folder) / RESULT).read_text())["scene"])
     shown = opened.model_copy(update={"camera": drawn.camera, "volumes": drawn.volumes, "image": drawn.image})
     report = make_report(Path(scene).name, shown, frames, threads, found, machine)
@@ -155,9 +159,10 @@ class MpirunJob:
     threads: str
     folder: Path
 
-    def __call__(self, scene: Scene, ranks: int) -> tuple[Measured, Image]:
+    def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]:
         """Draw one scene; raises what `run_job` raises."""
-        order = {"scene": scene.model_dump(mode="json"), "frames": self.frames}
+        frames = {"frames": FRAMES, "warm_up": 0, "orbit": DEGREES} if orbit else {"frames": self.frames}
+        order = {"scene": scene.model_dump(mode="json"), **frames}
         task = self.folder / "job.json"
         task.write_text(json.dumps(order))
         limits = dict.fromkeys(THREAD_VARIABLES, self.threads) if self.threads else {}
@@ -179,7 +184,8 @@ def measure_job(task: Path, folder: Path) -> None:
         np.save(folder / PICTURE, image)
         drawn.append(scene)
 
-    measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], write)
+    how = {name: order[name] for name in ("warm_up", "orbit") if name in order}
+    measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], write, **how)
     with agree(channel, 0, "result"):
         if drawn:
             found = {"measured": measured.as_json(), "scene": drawn[0].model_dump(mode="json")}

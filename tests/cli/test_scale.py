@@ -26,7 +26,7 @@ FIELD = "field:gaussian:12"
 SMALL = ("--size", "32x24", "--frames", "1", "-D", "cluster.brick=4")
 KEYS = {
     *("clusterviz", "scene", "size", "frames", "threads_per_rank", "verdict", "strong", "weak", "failed"),
-    *("prediction", "environment"),
+    *("prediction", "environment", "balance"),
 }
 
 
@@ -55,7 +55,13 @@ def test_page_and_numbers(cli: Callable[..., Any], tmp_path: Path) -> None:
     outcome = cli("scale", FIELD, "-o", str(out), "--ranks", "3,1", *SMALL)
     assert (outcome.status, outcome.err) == (0, "")
     assert outcome.out.startswith("The bottleneck is ")
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["index.html", "out", "scale.csv", "scale.json"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == [
+        "balance.csv",
+        "index.html",
+        "out",
+        "scale.csv",
+        "scale.json",
+    ]
     numbers = json.loads((out / "scale.json").read_text())
     assert set(numbers) == KEYS
     assert [point["ranks"] for point in numbers["strong"]] == [point["ranks"] for point in numbers["weak"]] == [1, 3]
@@ -79,7 +85,15 @@ def test_page_and_numbers(cli: Callable[..., Any], tmp_path: Path) -> None:
     parser.feed(page)
     assert (parser.sources, parser.open) == ([], [])
     assert not re.search(r"(src|href)=.https?:|@import|url\(http", page)
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 5
+    assert [(one["distribution"], one["ranks"]) for one in numbers["balance"]] == [("coherent", 3), ("dynamic", 3)]
+    assert "After 12 frames of an orbit, the busiest of 3 ranks takes" in outcome.out
+    lines = list(csv.DictReader((out / "balance.csv").open()))
+    assert [line["frame"] for line in lines] == [str(number) for number in range(12)] * 2
+    for one in numbers["balance"]:
+        assert all(1 <= each <= 3 for each in one["imbalance_samples"])
+        told = [line["imbalance_samples"] for line in lines if line["distribution"] == one["distribution"]]
+        assert told == [str(each) for each in one["imbalance_samples"]]
 
 
 def measured(ranks: int, step: float, seconds: float) -> Measured:
@@ -99,8 +113,9 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, int]]:
     """Steps and ranks of the jobs that were asked for; three ranks fail, and two make another picture."""
     asked: list[tuple[float, int]] = []
 
-    def draw(self: scale.MpirunJob, scene: Scene, ranks: int) -> tuple[Measured, Any]:
-        asked.append((scene.quality.step, ranks))
+    def draw(self: scale.MpirunJob, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Any]:
+        if not orbit:
+            asked.append((scene.quality.step, ranks))
         (self.folder / scale.RESULT).write_text(json.dumps({"scene": scene.model_dump(mode="json")}))
         if ranks == 3:
             raise ClustervizError("on 3 ranks: rank 2 was killed <here>")
@@ -126,7 +141,7 @@ def test_a_count_that_fails_is_told_and_takes_no_other_along(
     assert "rank 2 was killed &lt;here&gt;" in page
     assert reason in outcome.out
     assert "THE PICTURES DISAGREE: by up to 1.0e-01 (2 ranks)" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 5
 
 
 def test_where_every_count_fails_nothing_is_left(

@@ -6,6 +6,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from clusterviz.report.pages.scale.balance import Balance
 from clusterviz.report.pages.scale.forecast import Expected
 from clusterviz.report.pages.scale.points import Point
 from clusterviz.report.pages.scale.survey import Found
@@ -91,6 +92,21 @@ def balance_chart(found: Found) -> str:
         _count_ticks(axes, counts)
         _plain(axes)
         axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def orbit_chart(balance: Sequence[Balance]) -> str:
+    """Imbalance over the frames of an orbit, a colour a distribution; SVG text."""
+    figure = _figure(9.5, 3.3)
+    axes = figure.subplots()
+    for one, colour in zip(balance, (STRONG_COLOUR, WEAK_COLOUR), strict=False):
+        frames = range(len(one.imbalance_samples))
+        axes.plot(frames, one.imbalance_samples, "o-", color=colour, lw=1.6, ms=4, label=f"{one.distribution}: samples")
+        axes.plot(frames, one.imbalance, color=colour, lw=0.8, alpha=0.5, label=f"{one.distribution}: drawing times")
+    axes.axhline(1, color=IDEAL, linewidth=1, linestyle="--")
+    axes.set(xlabel="frame", ylabel="largest over mean")
+    _plain(axes)
+    axes.legend(frameon=False, ncols=2)
     return _svg(figure)
 
 

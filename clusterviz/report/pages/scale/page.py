@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from clusterviz.report.pages.scale.balance import DEGREES, FRAMES
 from clusterviz.report.pages.scale.forecast import Expected, Machine, Rates
 from clusterviz.report.pages.scale.points import Point, as_json
 from clusterviz.report.pages.scale.survey import Found
@@ -17,7 +18,7 @@ from clusterviz.report.pages.scale.verdict import verdict
 from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Scene, dump_scene
 
-PAGE, NUMBERS, TABLE = "index.html", "scale.json", "scale.csv"
+PAGE, NUMBERS, TABLE, BALANCE_TABLE = "index.html", "scale.json", "scale.csv", "balance.csv"
 TEMPLATE = Path(__file__).with_name("page.html")
 
 
@@ -65,8 +66,13 @@ def write_report(folder: Path, report: Report) -> None:
     """Write the page, the numbers and the table into a folder."""
     (folder / NUMBERS).write_text(json.dumps(numbers(report), indent=2) + "\n")
     (folder / PAGE).write_text(html(report), encoding="utf-8")
-    rows = [row(point) for point in report.points]
-    with (folder / TABLE).open("w", newline="") as file:
+    _write_table(folder / TABLE, [row(point) for point in report.points])
+    if report.found.balance:
+        _write_table(folder / BALANCE_TABLE, [line for one in report.found.balance for line in one.rows()])
+
+
+def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
@@ -84,6 +90,7 @@ def numbers(report: Report) -> dict[str, Any]:
         "verdict": report.verdict,
         "strong": [as_json(point) for point in report.found.strong],
         "weak": [as_json(point) for point in report.found.weak],
+        "balance": [asdict(one) for one in report.found.balance],
         "failed": [asdict(one) for one in report.found.failed],
         "prediction": {
             "rates": asdict(report.rates),
@@ -149,6 +156,8 @@ def html(report: Report) -> str:
         frame_chart=charts.frame_chart(found),
         stage_chart=charts.stage_chart(found),
         balance_chart=charts.balance_chart(found),
+        orbit_chart=charts.orbit_chart(found.balance) if found.balance else "",
+        orbit=f"{DEGREES:g} degrees in {FRAMES} frames",
         forecast_chart=charts.forecast_chart(found, report.strong, report.weak, report.others),
         far=report.machine.far,
         expected=[one for one in report.strong if one.ranks in (1, 4, 16, 64, 256, 1024, 4096, 16384, 65536)],
@@ -158,6 +167,7 @@ def html(report: Report) -> str:
         environment_text=json.dumps(report.environment, indent=2),
         json_name=NUMBERS,
         csv_name=TABLE,
+        balance_name=BALANCE_TABLE,
         scene=dump_scene(report.scene),
     )
 

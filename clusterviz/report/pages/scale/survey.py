@@ -13,6 +13,7 @@ from typing import Protocol
 
 from clusterviz.errors import ClustervizError
 from clusterviz.image.compare import Difference, compare
+from clusterviz.report.pages.scale.balance import DISTRIBUTIONS, Balance, make_balance
 from clusterviz.report.pages.scale.measure import Image, Measured
 from clusterviz.report.pages.scale.points import STRONG, WEAK, Point, make_point, with_efficiency
 from clusterviz.scene import Scene
@@ -32,11 +33,12 @@ class Failed:
 
 @dataclass(frozen=True)
 class Found:
-    """What was measured: points by rank count, and what failed."""
+    """What was measured: points by rank count, what failed, and distributions over the frames of an orbit."""
 
     strong: tuple[Point, ...]
     weak: tuple[Point, ...]
     failed: tuple[Failed, ...]
+    balance: tuple[Balance, ...] = ()
 
     @property
     def points(self) -> tuple[Point, ...]:
@@ -45,23 +47,27 @@ class Found:
 
 
 class Job(Protocol):
-    """Draws a scene on so many ranks, and gives what it cost and the picture."""
+    """Draws a scene on so many ranks, and gives what it cost and the last picture; all frames of an orbit, if asked."""
 
-    def __call__(self, scene: Scene, ranks: int) -> tuple[Measured, Image]: ...
+    def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]: ...
 
 
-def steps_of(counts: Sequence[int], weak: bool) -> list[str]:
+def steps_of(counts: Sequence[int], weak: bool, balance: bool) -> list[str]:
     """The names of what is done, in order."""
-    return [_step(scaling, ranks) for scaling, ranks in _jobs(counts, weak)]
+    orbits = [_orbit(name, max(counts)) for name in DISTRIBUTIONS] if balance and max(counts) > 1 else []
+    return [*orbits, *(_step(scaling, ranks) for scaling, ranks in _jobs(counts, weak))]
 
 
-def run_survey(scene: Scene, counts: Sequence[int], weak: bool, job: Job, progress: Callable[[str], None]) -> Found:
+def run_survey(
+    scene: Scene, counts: Sequence[int], weak: bool, balance: bool, job: Job, progress: Callable[[str], None]
+) -> Found:
     """Measure every rank count; one that fails takes no other along.
 
     Parameters
     ----------
     counts : of ranks, ascending
     weak : whether to measure weak scaling too
+    balance : whether to compare distributions, on the largest count
     progress : told each of `steps_of` as it begins
 
     Raises
@@ -70,7 +76,7 @@ def run_survey(scene: Scene, counts: Sequence[int], weak: bool, job: Job, progre
         Every count failed: the reason of the first.
     """
     points: dict[str, list[Point]] = {STRONG: [], WEAK: []}
-    failed: list[Failed] = []
+    orbits, failed = _run_orbits(scene, max(counts), job, progress) if balance and max(counts) > 1 else ([], [])
     first: Image | None = None
     for scaling, ranks in _jobs(counts, weak):
         progress(_step(scaling, ranks))
@@ -91,12 +97,32 @@ def run_survey(scene: Scene, counts: Sequence[int], weak: bool, job: Job, progre
         # On one rank both are the same job.
         alone = [replace(point, scaling=WEAK, difference=None) for point in points[STRONG] if point.ranks == 1]
         points[WEAK] = [*alone, *points[WEAK]]
-    return Found(tuple(with_efficiency(points[STRONG])), tuple(with_efficiency(points[WEAK])), tuple(failed))
+    strong, more = (tuple(with_efficiency(points[scaling])) for scaling in (STRONG, WEAK))
+    return Found(strong, more, tuple(failed), tuple(orbits))
+
+
+def _run_orbits(
+    scene: Scene, ranks: int, job: Job, progress: Callable[[str], None]
+) -> tuple[list[Balance], list[Failed]]:
+    """One orbit by each distribution, and what failed."""
+    found, failed = list[Balance](), list[Failed]()
+    for name in DISTRIBUTIONS:
+        progress(_orbit(name, ranks))
+        try:
+            measured, _ = job(with_settings(scene, {"distribution": name}), ranks, orbit=True)
+            found.append(make_balance(name, measured))
+        except ClustervizError as error:
+            failed.append(Failed(f"{name} distribution", ranks, str(error)))
+    return found, failed
 
 
 def _jobs(counts: Sequence[int], weak: bool) -> list[tuple[str, int]]:
     strong = [(STRONG, ranks) for ranks in counts]
     return [*strong, *((WEAK, ranks) for ranks in counts if ranks > 1)] if weak else strong
+
+
+def _orbit(distribution: str, ranks: int) -> str:
+    return f"{distribution} distribution, {ranks} ranks"
 
 
 def _step(scaling: str, ranks: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from clusterviz.report.pages.scale.balance import Balance
 from clusterviz.report.pages.scale.forecast import Expected, crossing, enough
 from clusterviz.report.pages.scale.points import COMPOSITING, STRONG, Point
 from clusterviz.report.pages.scale.survey import TOLERANCE, Found
@@ -24,6 +25,7 @@ def verdict(found: Found, expected: Sequence[Expected], network: str) -> list[st
         _bottleneck(judged, base),
         *_busy(own, judged, base),
         *_crowded(points, judged),
+        *_balance(found.balance),
         *_beyond(expected, network),
         _pictures(found),
     ]
@@ -50,10 +52,12 @@ def _bottleneck(point: Point, base: Point) -> str:
 
 
 def _parts(point: Point) -> dict[str, float]:
-    """Seconds of a frame by what a person can change."""
+    """Seconds of a frame by what a person can change; imbalance by samples, which other programs do not disturb."""
     compositing = sum(point.seconds[stage] for stage in COMPOSITING)
+    uneven = point.render_seconds * (1 - 1 / point.imbalance_samples)
     parts = {
-        "drawing": point.seconds["render"],
+        "drawing": point.render_seconds - uneven,
+        "imbalance": uneven,
         "reading back": point.seconds["readback"],
         "compositing": min(compositing, point.total_seconds),
     }
@@ -105,6 +109,17 @@ def _crowded(points: Sequence[Point], judged: Point) -> list[str]:
         return [f"Every count is oversubscribed ({judged.crowded}): no efficiency can be told from these times."]
     which = ", ".join(f"{_ranks(point)} ({point.crowded})" for point in crowded)
     return [f"Oversubscribed, and not used for efficiency: {which}."]
+
+
+def _balance(balance: Sequence[Balance]) -> list[str]:
+    """What moving bricks does, at the end of an orbit."""
+    told = " and ".join(f"{one.imbalance_samples[-1]:.2f} ({one.distribution})" for one in balance)
+    if not told:
+        return []
+    ranks, frames = balance[0].ranks, len(balance[0].imbalance_samples)
+    return [
+        f"After {frames} frames of an orbit, the busiest of {ranks} ranks takes so many times the mean samples: {told}."
+    ]
 
 
 def _beyond(expected: Sequence[Expected], network: str) -> list[str]:

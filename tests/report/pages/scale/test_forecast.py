@@ -154,7 +154,7 @@ def said(*points: Point, failed: tuple[Failed, ...] = (), weak: tuple[Point, ...
 
 def test_the_first_sentence_names_the_bottleneck_and_the_loss() -> None:
     first, *_ = said(ONE, TWO)
-    assert first.startswith("The bottleneck is drawing: 100% of a frame of 600 ms on 2 ranks")
+    assert first.startswith("The bottleneck is drawing: 83% of a frame of 600 ms on 2 ranks")
     assert "parallel efficiency is 50%, lost mostly to imbalance (100 ms a frame)." in first
     assert "The bottleneck is compositing: 67%" in said(ONE, point(2, [0.5, 0.5], [500, 500], collect=1.0))[0]
     hidden = said(ONE, point(2, [0.8, 0.8], [800, 800]))[0]
