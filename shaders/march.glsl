@@ -112,7 +112,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     }
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
-        if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs) {
+        if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {
             add_run(sum, last_of(ray, place, slab, ray.last_share));
             ++samples;
         }

@@ -54,7 +54,11 @@ void main() {
         bool begins = frame.first_dispatch != 0;
         vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
         int slab = begins ? first_slab(ray) : progress[pixel];
-        pixels[pixel] = marched(ray, before, slab, samples);
+        if (frame.first_dispatch == 2) {
+            if (is_done(Sum(before, vec4(0.0)))) slab = ray.slabs;
+        } else {
+            pixels[pixel] = marched(ray, before, slab, samples);
+        }
         progress[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;
         atomicAdd(samples_of_group, samples);

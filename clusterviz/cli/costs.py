@@ -40,9 +40,11 @@ def summary(statistics: FrameStatistics) -> str:
     drawn, held = sum(rank.bricks_drawn for rank in ranks), sum(rank.bricks for rank in ranks)
     names = dict.fromkeys(rank.renderer for rank in ranks if rank.renderer)
     sent, messages = sum(rank.bytes_sent for rank in ranks), sum(rank.messages_sent for rank in ranks)
+    occluded = sum(rank.bricks_occluded for rank in ranks)
+    hidden = f", {occluded} behind what is opaque" if occluded else ""
     lines = [
         f"ranks      {len(ranks)}, imbalance {statistics.imbalance:.2f} (1 is even)",
-        f"samples    {samples:,}{speed}, {drawn} of {held} bricks drawn",
+        f"samples    {samples:,}{speed}, {drawn} of {held} bricks drawn{hidden}",
         f"sent       {sent / 2**20:.2f} MiB in {messages} messages",
         f"memory     {max(rank.peak_memory_bytes for rank in ranks) / 2**20:.0f} MiB at most on a rank",
         f"renderer   {'; '.join(names) or 'none: no rank had anything to draw'}",

@@ -112,5 +112,6 @@ class Drawing:
 
     def _counted(self, drawn: Sequence[Drawn]) -> RankFrame:
         held = self._caster.held if self._caster else {}
+        occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
-        return RankFrame({}, **held, bricks_drawn=bricks, samples=samples)
+        return RankFrame({}, **held, bricks_drawn=bricks, bricks_occluded=occluded, samples=samples)

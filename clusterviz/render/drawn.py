@@ -25,6 +25,7 @@ class Drawn:
     samples : field samples taken
     bricks : bricks drawn
     seconds_render, seconds_readback : until the pixels were done, and until they were here
+    occluded : bricks not drawn, since all rays ended in front of them
     work : uint32 (rows, columns), the samples of each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -34,6 +35,7 @@ class Drawn:
     seconds_render: float = 0.0
     seconds_readback: float = 0.0
     work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
+    occluded: int = 0
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:

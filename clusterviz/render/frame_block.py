@@ -32,9 +32,10 @@ FRAME = np.dtype(
         ("last_segment", "i4"),
         ("base", "i4"),  # integer taken off 16-bit voxels
         ("first_box", "i4"),  # 1: no pixel holds anything yet
-        ("first_dispatch", "i4"),  # 1: no ray has begun in this box
+        ("first_dispatch", "i4"),  # 1: no ray has begun in this box; 2: likewise, and the question is whether one must
     ]
 )
+ASK = 2
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 

@@ -8,6 +8,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from functools import partial
 from typing import TypeVar
 
 import moderngl
@@ -39,11 +40,12 @@ class BrickPool:
     def __init__(self, context: moderngl.Context, slot: Slot, capacity: int) -> None:
         self._context, self._slot, self._capacity = context, slot, capacity
         self._residences: list[Residence] = []
+        self._waiting: dict[Index, Callable[[], Stored]] = {}
 
     @property
     def bricks(self) -> set[Index]:
-        """Those that are here."""
-        return {index for residence in self._residences for index in residence.slots}
+        """Those that are here, be it that they wait."""
+        return {index for residence in self._residences for index in residence.slots} | self._waiting.keys()
 
     @property
     def bytes(self) -> int:
@@ -65,15 +67,23 @@ class BrickPool:
             for index in chunk:
                 residence.put(index, stored(bricks.pop(index)))
 
+    def put_later(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+        """Keep bricks, taken out, in this process's memory until they are asked for."""
+        for index in list(bricks):
+            self._waiting[index] = partial(stored, bricks.pop(index))
+
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Bricks read back from the GPU."""
         wanted = set(bricks)
+        self._fetch(wanted)
         for residence in self._residences:
             yield from residence.stored(sorted(wanted & residence.slots.keys()))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks."""
         wanted = set(bricks)
+        for index in wanted & self._waiting.keys():
+            del self._waiting[index]
         for residence in self._residences:
             for index in wanted & residence.slots.keys():
                 residence.drop(index)
@@ -90,6 +100,7 @@ class BrickPool:
         KeyError
             One of them is not here.
         """
+        self._fetch({(z, y, x) for z, y, x in bricks.tolist()})
         if len(self._residences) == 1:
             yield self._residences[0], bricks
             return
@@ -106,7 +117,11 @@ class BrickPool:
         """Give everything back to the driver."""
         for residence in self._residences:
             residence.release()
-        self._residences = []
+        self._residences, self._waiting = [], {}
+
+    def _fetch(self, bricks: set[Index]) -> None:
+        """Put those of them that wait."""
+        self.put({index: self._waiting.pop(index) for index in bricks & self._waiting.keys()}, lambda make: make())
 
     def _with_room(self, bricks: int) -> Residence:
         """A residence with free slots: the last one, grown, or another."""

@@ -8,8 +8,9 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -17,15 +18,16 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
+from clusterviz.render.dispatch import Buffers, March
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.ingredients import joined_segments, mixture_blocks
+from clusterviz.render.layers import layers_of
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.pool import BrickPool
 from clusterviz.render.residence import capacity
@@ -84,14 +86,17 @@ class Raycaster:
         old.release()
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
-        """Upload bricks beside those that are there, taken out as they are stored.
+        """Take over bricks beside those that are there, and upload them, at the latest when they are drawn.
 
         Parameters
         ----------
         bricks : samples (z, y, x), or the `Portions` of several volumes, by index
         """
         if plan.mixture is None:
-            self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+            # Where rays end early, no brick is stored before one comes to it.
+            later = plan.march.residual > 0 and plan.look.operator == "over"
+            put = self.pool.put_later if later else self.pool.put
+            put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
         else:
             mixture = plan.mixture
             self.pool.put(bricks, lambda portions: store_portions(portions, mixture, self.slot))
@@ -111,7 +116,7 @@ class Raycaster:
         -------
         drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
         """
-        with _Buffers(self._context) as buffers:
+        with Buffers(self._context) as buffers:
             segments = plan.segments
             table = joined_segments(plan.mixture) if plan.mixture else (segments.buckets, segments.records)
             buffers.bind(4, table[0])
@@ -139,58 +144,64 @@ class Raycaster:
         with ExitStack() as last:
             tables: _Tables | None = None
             for piece in pieces:
-                started = perf_counter()
-                rect = footprint(plan, piece)
-                if tables is None or not piece.shows_bricks_of(tables.piece):
-                    last.close()
-                    tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                blank_piece = tables.bricks == 0 or rect.pixels == 0
-                drawn.append(Drawn(blank()) if blank_piece else self._draw_piece(plan, rect, tables, started))
+                started, rect, layers = perf_counter(), footprint(plan, piece), layers_of(plan, piece)
+                if not layers or not rect.pixels:
+                    drawn.append(Drawn(blank()))
+                elif len(layers) > 1:
+                    drawn.append(self._draw_layers(plan, rect, layers, started))
+                else:
+                    if tables is None or not piece.shows_bricks_of(tables.piece):
+                        last.close()
+                        tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
+                    drawn.append(self._draw_piece(plan, rect, _only(tables), started))
         return drawn
 
-    def _draw_piece(self, plan: Plan, rect: Rect, tables: _Tables, started: float) -> Drawn:
-        groups = (-(-rect.width // TILE), -(-rect.height // TILE))
-        with _Buffers(self._context) as buffers:
+    def _draw_layers(self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float) -> Drawn:
+        """Layers that no ray reaches are left out, and where their bricks are not stored yet, they are not."""
+
+        def reached(march: March) -> Iterator[_Tables]:
+            for number, layer in enumerate(layers):
+                if number == 0 or march.reaches(frame_block(plan, layer.box, rect, self.slot)):
+                    with _Tables(self._context, self.pool, plan, layer) as tables:
+                        yield tables
+
+        drawn = self._draw_piece(plan, rect, reached, started)
+        shown = sum(len(layer.members(plan.cost > 0)) for layer in layers)
+        return replace(drawn, occluded=shown - drawn.bricks)
+
+    def _draw_piece(
+        self, plan: Plan, rect: Rect, layers: Callable[[March], Iterator[_Tables]], started: float
+    ) -> Drawn:
+        """Front to back: each part adds behind what the pixels hold."""
+        groups, bricks, first = (-(-rect.width // TILE), -(-rect.height // TILE)), 0, True
+        with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 16 * rect.pixels)
             progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
-            # Front to back: each part adds behind what the pixels hold.
-            for number, box in enumerate(tables.bind_each()):
-                block = frame_block(plan, box, rect, self.slot)
-                block["first_box"] = number == 0
-                self._march(buffers, block, progress, groups)
+            march = March(self._context, self._program, buffers, progress, groups)
+            for tables in layers(march):
+                bricks += tables.bricks
+                for box in tables.bind_each():
+                    block = frame_block(plan, box, rect, self.slot)
+                    block["first_box"], first = first, False
+                    march.through(block)
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
             work = np.frombuffer(progress.read(offset=4 + 4 * rect.pixels), np.uint32).reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
         seconds = rendered - started, perf_counter() - rendered
-        return Drawn(PartialImage(rect, rgba), taken, tables.bricks, *seconds, work)
+        return Drawn(PartialImage(rect, rgba), taken, bricks, *seconds, work)
 
     def release(self) -> None:
         """Give everything back to the driver."""
         self.pool.release()
         self._program.release()
 
-    def _march(
-        self, buffers: _Buffers, block: NDArray[np.void], progress: moderngl.Buffer, groups: tuple[int, int]
-    ) -> None:
-        """Dispatch until every ray has ended; rays of more than some thousand slabs take several dispatches."""
-        frame = buffers.make(block)
-        frame.bind_to_uniform_block(0)
-        unfinished, block["first_dispatch"] = 1, 1
-        while unfinished:
-            frame.write(block)
-            progress.write(b"\0\0\0\0")
-            run_compute(self._program, groups)
-            self._context.memory_barrier()
-            unfinished = int(np.frombuffer(progress.read(4), np.uint32)[0])
-            block["first_dispatch"] = 0
-
 
 class _Tables:
     """Where the bricks of a piece are, and what they may show, in GPU buffers."""
 
     def __init__(self, context: moderngl.Context, pool: BrickPool, plan: Plan, piece: Piece) -> None:
-        self.piece, self._buffers = piece, _Buffers(context)
+        self.piece, self._buffers = piece, Buffers(context)
         members = piece.members(plan.cost > 0)
         self.bricks = len(members)
         self._parts = []
@@ -214,42 +225,9 @@ class _Tables:
         self._buffers.__exit__(*error)
 
 
-class _Buffers:
-    """Buffers and textures that live for one draw or one piece."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
-        self._made: list[moderngl.Buffer | moderngl.Texture] = []
-
-    def bind(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
-        buffer = self.make(data)
-        buffer.bind_to_storage_buffer(binding)
-        return buffer
-
-    def reserve(self, binding: int, size: int) -> moderngl.Buffer:
-        buffer = self._context.buffer(reserve=size)
-        buffer.bind_to_storage_buffer(binding)
-        self._made.append(buffer)
-        return buffer
-
-    def make(self, data: NDArray[Any]) -> moderngl.Buffer:
-        buffer = self._context.buffer(data.tobytes())
-        self._made.append(buffer)
-        return buffer
-
-    def table(self, texels: NDArray[np.float32]) -> moderngl.Texture:
-        """A texture of float32 (h, w, 4)."""
-        texture = self._context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._made.append(texture)
-        return texture
-
-    def __enter__(self) -> _Buffers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for buffer in self._made:
-            buffer.release()
+def _only(tables: _Tables) -> Callable[[March], Iterator[_Tables]]:
+    """A piece in one layer."""
+    return lambda march: iter([tables])
 
 
 def _padded(records: NDArray[np.void], size: int) -> NDArray[np.uint8]:

@@ -65,6 +65,7 @@ class RankFrame:
     ----------
     seconds : by stage, and `total`
     bricks, bricks_drawn : held, and drawn
+    bricks_occluded : not drawn, since all rays ended in front of them
     voxels : samples held in memory, overlap included
     voxel_bytes : GPU memory that they take
     samples : field samples that rays took
@@ -80,6 +81,7 @@ class RankFrame:
     seconds: dict[str, float]
     bricks: int = 0
     bricks_drawn: int = 0
+    bricks_occluded: int = 0
     voxels: int = 0
     voxel_bytes: int = 0
     samples: int = 0

@@ -103,6 +103,7 @@ CASES = {
         buffers=3,
         side=19 + 2,
     ),
+    "adaptive": Case({"adaptive": 0.01}, "even", "stretched"),
     "pre-integrated": Case(
         {"classification": "pre-integrated"}, "composite samples segment", "preintegrated", buffers=1, side=19
     ),

@@ -1,0 +1,98 @@
+"""Bricks behind what is opaque: neither drawn nor stored, and not missed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.data import open_source
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.summary import summarise
+from clusterviz.gl.context import open_context
+from clusterviz.partition import build_tree, leaf_pieces
+from clusterviz.partition.pieces import Piece
+from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.render import raycast
+from clusterviz.render.drawn import Drawn
+from clusterviz.render.layers import MOST_LAYERS, layers_of
+from clusterviz.render.raycast import Raycaster
+from clusterviz.scene import VolumeFacts, complete_scene, scene_of_data
+
+OPAQUE, FAINT = "[[0.0, 0.9], [1.0, 1.0]]", "[[0.0, 0.001], [1.0, 0.001]]"
+
+
+def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, Any]]:
+    """A view along the volume's longest way, so that most bricks lie behind others."""
+    keys = ["image.size=[24,24]", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
+    camera = ["camera.position=[0.1,0.2,-6]", "camera.focal_point=[0,0,0]", "camera.view_up=[0,1,0]"]
+    scene = scene_of_data("field:ramp:41", [*keys, *camera, f"quality.early_termination={residual}"])
+    source = open_source("field:ramp:41", None)
+    layout = BrickLayout(source.grid.shape_zyx, 8)
+    bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
+    summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
+    facts = VolumeFacts(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
+    return make_plan(complete_scene(scene, facts), source.grid, source.dtype, layout, summary), bricks
+
+
+def whole(plan: Plan) -> Piece:
+    (piece,) = leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, 8)
+    return piece
+
+
+def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[Drawn, Raycaster]:
+    caster = Raycaster(open_context(), plan)
+    caster.load(plan, dict(bricks))
+    (found,) = caster.draw(plan, [whole(plan)])
+    return found, caster
+
+
+@pytest.mark.gl
+def test_occluded_bricks_are_neither_drawn_nor_stored_and_the_picture_is_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plan, bricks = planned(OPAQUE)
+    found, caster = drawn(plan, bricks)
+    assert found.bricks + found.occluded == len(bricks) == len(caster.pool.bricks)
+    assert found.occluded > len(bricks) / 2
+    assert caster.pool.voxels <= found.bricks * 9**3 < 125 * 9**3
+    monkeypatch.setattr(raycast.March, "reaches", lambda *_: True)
+    all_drawn, _ = drawn(plan, bricks)
+    assert (all_drawn.bricks, all_drawn.occluded) == (len(bricks), 0)
+    assert found.samples == all_drawn.samples
+    assert np.array_equal(found.partial.rgba, all_drawn.partial.rgba)
+
+
+@pytest.mark.gl
+def test_what_can_be_seen_through_hides_nothing() -> None:
+    plan, bricks = planned(FAINT)
+    found, _ = drawn(plan, bricks)
+    assert (found.bricks, found.occluded) == (len(bricks), 0)
+    plain, _ = drawn(*planned(FAINT, 0.0))
+    assert np.abs(found.partial.rgba - plain.partial.rgba).max() < 1e-6
+
+
+@pytest.mark.gl
+def test_a_brick_that_waits_is_stored_when_another_view_reaches_it() -> None:
+    plan, bricks = planned(OPAQUE)
+    found, caster = drawn(plan, bricks)
+    back, _ = planned(FAINT)
+    (again,) = caster.draw(back, [whole(back)])
+    assert (again.bricks, again.occluded) == (len(bricks), 0)
+    assert caster.pool.voxels > 2 * found.bricks
+    caster.drop(list(bricks)[:5])
+    assert len(caster.pool.bricks) == len(bricks) - 5
+
+
+def test_layers_are_disjoint_hold_every_brick_and_come_from_front_to_back() -> None:
+    plan, bricks = planned(OPAQUE)
+    layers = layers_of(plan, whole(plan))
+    assert 2 <= len(layers) <= MOST_LAYERS
+    members = [tuple(index) for layer in layers for index in layer.members(plan.cost > 0).tolist()]
+    assert sorted(members) == sorted(bricks)
+    nearest = [layer.box.begin_zyx[0] for layer in layers]
+    assert nearest[0] == 0
+    assert nearest[-1] > 0
+    never, _ = planned(OPAQUE, 0.0)
+    assert len(layers_of(never, whole(never))) == 1
