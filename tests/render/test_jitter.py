@@ -16,7 +16,7 @@ from render.test_shading import LIT, smooth
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import pixel_shifts
-from clusterviz.render.projection import project
+from clusterviz.render.projection import finish_projection
 from clusterviz.scene.values import Quality
 
 pytestmark = pytest.mark.gl
@@ -43,7 +43,7 @@ def test_pictures_are_those_of_the_witness(context: moderngl.Context, name: str)
         changes = np.abs(expected - render_reference(straight, GRID, voxels)).max()
         assert changes > 0.01, "the jitter changes nothing"
         prepared = prepare(scene, voxels, brick=7)
-        found = project(prepared.plan, [draw(context, prepared).partial])
+        found = finish_projection(prepared.plan, whole(draw(context, prepared).partial, (24, 20)))
         assert np.abs(found - expected).max() <= BOUND * (4 if name == "lit" else 1)
 
 

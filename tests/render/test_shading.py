@@ -59,7 +59,7 @@ def test_smooth_gradients_are_those_of_the_witness(context: moderngl.Context, dt
     keys: dict[str, Any] = {"look": {"gradient": "smooth"}}
     if dtype == "float32":
         voxels[np.random.default_rng(1).random(SHAPE) < 0.02] = np.nan
-        keys |= {"clim": (0.1, 0.9), "classification": "pre-integrated"}
+        keys |= {"clim": (0.1, 0.9), "classification": "pre-integrated", "size": (12, 10)}
     scene = lit_scene(voxels, "outside", **keys)
     expected = render_reference(scene, GRID, voxels)
     central = lit_scene(voxels, "outside", **keys | {"look": {}})

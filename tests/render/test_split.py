@@ -71,7 +71,7 @@ def test_boxes_of_the_same_bricks_make_the_same_picture(context: moderngl.Contex
 def test_long_rays_go_on_where_they_stopped(context: moderngl.Context) -> None:
     voxels = noise((9, 8, 11))
     grid = Grid(voxels.shape)
-    keys: dict[str, Any] = {"opacity": 0.3, "unit": 3.0, "step": 8e-3, "size": (2, 2)}
+    keys: dict[str, Any] = {"opacity": 0.3, "unit": 3.0, "step": 8e-3, "size": (1, 1)}
     scene = split_scene(voxels, "outside", 3, grid=grid, **keys)
     found = picture(context, scene, voxels, grid, brick=3)
     assert np.abs(found - render_reference(scene, grid, voxels)).max() <= BOUND
