@@ -79,7 +79,7 @@ def test_every_algorithm_by_messages(algorithm: str, operator: Operator) -> None
 
 
 @pytest.mark.parametrize("operator", OPERATORS)
-@pytest.mark.parametrize("codec", ["raw", "active", "active+delta+shuffle+lz4"])
+@pytest.mark.parametrize("codec", ["raw", "active+delta+shuffle+lz4"])
 @pytest.mark.parametrize("transport", ["shared", "hierarchical", "messages"])
 def test_every_transport(transport: str, codec: str, operator: Operator) -> None:
     for ranks in range(2, 10):

@@ -54,8 +54,16 @@ def check_alike(overlapped: list[Rendered], alone: list[Rendered]) -> None:
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("settings", [{}, {"blending": "average", "transport": "messages"}], ids=str)
-@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize(
+    ("ranks", "settings"),
+    [
+        (1, {}),
+        (3, {}),
+        (3, {"blending": "average", "transport": "messages"}),
+        (3, {"distribution": "dynamic", "opacity": [[0.3, 0.0], [1.0, 0.5]]}),
+    ],
+    ids=str,
+)
 def test_pictures_and_counts_are_those_without_overlap(ranks: int, settings: dict[str, Any]) -> None:
     written: list[int] = []
 
