@@ -46,7 +46,7 @@ from clusterviz.scene.path import orbit
 from clusterviz.scene.settings import with_settings
 
 WAYS: dict[str, dict[str, Any]] = {
-    "sort-last": {"mode": "sort-last"},
+    "sort-last": {"mode": "sort-last", "transport": "messages"},
     "interleaved, 64": {"mode": "sort-first", "tiling": "interleaved", "tile": 64},
     "interleaved, 32": {"mode": "sort-first", "tiling": "interleaved", "tile": 32},
     "interleaved, 16": {"mode": "sort-first", "tiling": "interleaved", "tile": 16},
@@ -57,8 +57,10 @@ WAYS: dict[str, dict[str, Any]] = {
     "scheduled, 32": {"mode": "sort-first", "tiling": "scheduled", "tile": 32},
     "temporal": {"mode": "sort-first", "tiling": "temporal"},
     "estimated": {"mode": "sort-first", "tiling": "estimated"},
-    "hybrid, 2 groups": {"groups": 2},
-    "hybrid, 4 groups": {"groups": 4},
+    "hybrid, 2 groups": {"groups": 2, "transport": "messages"},
+    "hybrid, 4 groups": {"groups": 4, "transport": "messages"},
+    "hybrid, 2 groups, cuts": {"groups": 2, "transport": "messages", "tiling": "temporal"},
+    "hybrid, 4 groups, cuts": {"groups": 4, "transport": "messages", "tiling": "temporal"},
 }
 STILL_DEGREES = 4.0  # between two frames
 
@@ -99,7 +101,7 @@ def figure(name: str, size: int) -> list[dict[str, Any]]:
             drawn = [loop.frame(with_settings(each, settings), n) for n, each in enumerate(scenes)]
         table.append({"way": way, **_row(drawn[-1])})
         if channel.rank == 0:
-            print(f"{way:18} {_text(table[-1])}", flush=True)
+            print(f"{way:22} {_text(table[-1])}", flush=True)
     return table if channel.rank == 0 else []
 
 

@@ -47,7 +47,7 @@ def choose_distribution(run: Run, opened: Opened | None, scene: Scene, several: 
         groups = _fastest(run, opened, scene, limit) if several and _leaves_open(scene) else 1
         if groups == 1:
             return _of_data(cluster, ranks)
-    settings = TileSettings(_strategy(cluster, groups, ranks, several), cluster.tile, cluster.repetitions)
+    settings = TileSettings(_strategy(cluster, several), cluster.tile, cluster.repetitions)
     return SharedScreen(rank_groups(ranks, groups), settings, limit, several)
 
 
@@ -104,11 +104,8 @@ def _groups(cluster: Cluster, ranks: int) -> int | None:
     return ranks // 2 if cluster.mode == "hybrid" else None
 
 
-def _strategy(cluster: Cluster, groups: int, ranks: int, several: bool) -> str:
-    """Frames that follow each other tell of each other; a single one is dealt as evenly as it can be unseen.
-
-    In a hybrid the data of a group stay where they are only if its windows lie everywhere.
-    """
+def _strategy(cluster: Cluster, several: bool) -> str:
+    """Frames that follow each other tell of each other; a single one is dealt as evenly as it can be unseen."""
     if cluster.tiling != "auto":
         return cluster.tiling
-    return "temporal" if several and groups == ranks else "interleaved"
+    return "temporal" if several else "interleaved"
