@@ -59,7 +59,7 @@ def complaints(report: MachineReport) -> list[str]:
             problems.setdefault(machine.problem, []).append(machine.rank)
     for problem, ranks in problems.items():
         who = "no rank" if len(ranks) == report.size else f"not all ranks (not {', '.join(map(str, ranks))})"
-        found.append(f"{who} can draw: {problem}")
+        found.append(f"{who} can draw with OpenGL: {problem}")
     return found
 
 

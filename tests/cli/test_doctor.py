@@ -47,7 +47,7 @@ def test_no_egl_prints_the_rest_then_names_the_packages(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hide_egl(monkeypatch)
-    with pytest.raises(DeviceError, match=r"no rank can draw: .*libegl1") as raised:
+    with pytest.raises(DeviceError, match=r"no rank can draw with OpenGL: .*libegl1") as raised:
         command(json=True)
     assert raised.value.exit_status == 1
     (machine,) = json.loads(capsys.readouterr().out)["ranks"]
