@@ -8,6 +8,7 @@ Stages are functions from values to values, and only this room calls them:
 - several.py       several volumes as one domain
 - dealing.py       a scene to a plan, and the plan to pieces, by a distribution
 - distribution.py  what a distribution is; coherent.py and the others are one each
+- companion.py     what some of them need around drawing: moving.py, turns.py
 - drawing.py       pieces to partial images
 - compositing.py   partial images to the picture; finishing.py: and the rest of a frame
 - behind.py        compositing while the next frame is drawn
@@ -28,17 +29,14 @@ from clusterviz.errors import SceneError
 from clusterviz.frame.behind import open_behind
 from clusterviz.frame.calibration import calibrate, chosen
 from clusterviz.frame.choice import choose_distribution
+from clusterviz.frame.companion import companion_of
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.finishing import finish_frame, tell_costs
-from clusterviz.frame.moving import Moving
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
-from clusterviz.frame.shared_screen import SharedScreen
-from clusterviz.frame.turns import Turns
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
@@ -109,15 +107,12 @@ class FrameLoop:
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
         self._calibrated: tuple[Scene, Accuracy] | None = None
-        self._moving: Moving | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
             chosen = self._distribution = choose_distribution(run, self._opened, self.scene, several)
-        self._turns = Turns(run, self._drawing, chosen) if isinstance(chosen, SharedScreen) else None
-        if several and isinstance(chosen, Dynamic):
-            self._moving = Moving(run, chosen, self._drawing)
+        self._companion = companion_of(run, self._drawing, chosen, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
@@ -169,12 +164,9 @@ class FrameLoop:
             self._drawing.bring(self._opened, share)
             if accuracy and not self._run.options.keep_bricks:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
-            share = self._turns.before(self._opened, share) if self._turns else share
-            if self._moving:
-                self._moving.depart(self._opened, share)
+            share = self._companion.before(self._opened, share) if self._companion else share
         partials, counts = self._drawing.draw(share)
-        counts = self._turns.counted(counts) if self._turns else counts
-        counts = self._moving.counted(counts) if self._moving else counts
+        counts = self._companion.counted(counts) if self._companion else counts
         if not self._several:
             self._drawing.release()
         return DrawnFrame(number, share, partials, counts, accuracy)
@@ -182,10 +174,8 @@ class FrameLoop:
     def _learn(self, share: Share, costs: Sequence[RankFrame]) -> None:
         if share.plan is not None:
             self._distribution.learn(share.plan, costs)
-            if self._turns:
-                self._turns.after(share)
-            if self._moving:
-                self._moving.land()
+            if self._companion:
+                self._companion.after(share)
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
         """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""
@@ -220,7 +210,5 @@ class FrameLoop:
         # After a failure the others may not come to a collective call.
         if kind is None:
             self._compositing.close()
-            if self._turns:
-                self._turns.close()
-            if self._moving:
-                self._moving.close()
+            if self._companion:
+                self._companion.close()

@@ -36,8 +36,27 @@ class Moving:
         self._counts: dict[str, Any] = {}
         self._received, self._lost = 0, 0
 
-    def depart(self, opened: Opened, share: Share) -> None:
-        """Before a frame is drawn: send what shall fly."""
+    def before(self, opened: Opened, share: Share) -> Share:
+        """Send what shall fly; what is drawn stays as it was dealt."""
+        self._depart(opened, share)
+        return share
+
+    def counted(self, counts: RankFrame) -> RankFrame:
+        """A frame's counts with what was sent in it, and what has been received so far."""
+        so_far = {"bricks_received": self._received, "bricks_lost": self._lost}
+        return replace(counts, balance=self._counts | so_far)
+
+    def after(self, share: Share) -> None:
+        """What has come by now changes hands; of damaged messages all ranks hear."""
+        if share.plan is not None:
+            self._land()
+
+    def close(self) -> None:
+        """Let what is under way arrive, and give the channel back."""
+        if self._courier is not None:
+            self._courier.close()
+
+    def _depart(self, opened: Opened, share: Share) -> None:
         distribution, rank = self._distribution, self._run.channel.rank
         if self._beginnings != distribution.beginnings:
             # What still flies was planned for bricks that have been dealt anew.
@@ -62,8 +81,7 @@ class Moving:
         self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
         self._under_way.update(numbers)
 
-    def land(self) -> None:
-        """After it was drawn: what has come by now changes hands; of damaged messages all ranks hear."""
+    def _land(self) -> None:
         if self._courier is None or not self._under_way:
             self._distribution.land([], [])
             return
@@ -82,13 +100,3 @@ class Moving:
     def _known(self, numbers: list[int]) -> list[Index]:
         """The bricks of flights that are still of use."""
         return [self._flying.pop(number) for number in numbers if number in self._flying]
-
-    def counted(self, counts: RankFrame) -> RankFrame:
-        """A frame's counts with what was sent in it, and what has been received so far."""
-        so_far = {"bricks_received": self._received, "bricks_lost": self._lost}
-        return replace(counts, balance=self._counts | so_far)
-
-    def close(self) -> None:
-        """Let what is under way arrive, and give the channel back."""
-        if self._courier is not None:
-            self._courier.close()

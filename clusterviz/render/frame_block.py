@@ -28,7 +28,7 @@ FRAME = np.dtype(
         ("rect", "i4", 4),  # footprint: first pixel in x, y; width, height
         ("scalar", "f4", 4),  # scale and bias from a stored voxel to units of clim
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
-        ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray; threshold of a stretch
+        ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a stretch
         ("last_segment", "i4"),
         ("base", "i4"),  # integer taken off 16-bit voxels
         ("first_box", "i4"),  # 1: no pixel holds anything yet
@@ -63,5 +63,6 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     bias = encoding.bias - encoding.scale * encoding.base if slot.textured else encoding.bias
     record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
-    record["optics"][0, :3] = plan.march.slab_units, plan.march.residual, plan.look.threshold
+    # No ray ends where nothing is left out: ranks that do not know what is in front of them count the same samples.
+    record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.look.threshold
     return record

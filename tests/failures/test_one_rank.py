@@ -26,7 +26,7 @@ STAGES = [
     ("open", 1, "clusterviz.frame.opening:open_source"),
     ("read", 1, "clusterviz.frame.opening:read_bricks"),
     ("summarise", 1, "clusterviz.frame.opening:summarise"),
-    ("plan", 1, "clusterviz.frame.dealing:make_plan"),
+    ("plan", 1, "clusterviz.frame.share:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
