@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,8 +42,14 @@ def start(ranks: int, *arguments: str, environment: dict[str, str] | None = None
 
 
 def finish(job: subprocess.Popen[str], seconds: float = SECONDS) -> Ended:
-    """Wait for its end."""
-    out, err = job.communicate(timeout=seconds)
+    """Wait for its end; one that hangs is killed, with all its ranks: no later test shares the cores with it."""
+    try:
+        out, err = job.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        for signalled in (signal.SIGTERM, signal.SIGKILL):  # mpirun ends ranks that are not of its process group
+            os.killpg(job.pid, signalled)
+            time.sleep(1)
+        raise
     return Ended(job.returncode, out, err)
 
 
