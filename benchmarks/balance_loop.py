@@ -2,7 +2,7 @@
 
 Ranks are threads of this process, so times mean nothing here; samples are the same as on a cluster. The MNI head is
 seen from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one
-frame from afar (*near*).
+frame from afar (*near*). "Recalled" are bricks that came back to a rank which still had them: nobody sent them again.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ def row_of(keys: dict[str, Any], drawn: list[Rendered]) -> dict[str, Any]:
         "last": float(imbalance[-1]),
         "most images": max(images) or "",
         "flights": sum(int(frame.statistics.per_rank[0].balance.get("flights", 0)) for frame in drawn),
+        "recalled": sum(rank.balance.get("bricks_recalled", 0) for rank in per_rank),
         "MB sent": sum(rank.balance.get("bytes_sent", 0) for rank in per_rank) / 1e6,
     }
 

@@ -105,6 +105,11 @@ class Dynamic:
             stayed = replace(self._balance, migration=withdraw(self._balance.migration, lost))
             self._balance = land(stayed, arrived)
 
+    def recalled(self, rank: int) -> int:
+        """How many bricks of the last deal a rank gets back from its own cache, and nobody has to send."""
+        flights = self._balance.migration.flights if self._balance else ()
+        return sum(flight.stage == "held" and flight.target == rank for flight in flights)
+
     @property
     def _planned(self) -> tuple[Flight, ...]:
         flights = self._balance.migration.flights if self._balance else ()

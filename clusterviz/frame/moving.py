@@ -69,6 +69,7 @@ class Moving:
             "flights": len(flights),
             "bricks_sent": sum(flight.source == rank for flight in flights),
             "bytes_sent": 0,
+            "bricks_recalled": distribution.recalled(rank),
         }
         if not flights or share.plan is None or not isinstance(opened, OpenedVolume):
             return

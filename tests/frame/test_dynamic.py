@@ -64,6 +64,9 @@ def test_two_hundred_random_moves_change_no_frame(ranks: int, monkeypatch: pytes
     assert len(made) >= 200 * ranks, "every rank plans all of them"
     assert so_far(frames, "bricks_received") > 50
     assert so_far(frames, "bricks_lost") == 0
+    assert total(frames, "bricks_recalled") > 0
+    sent_or_recalled = total(frames, "bricks_sent") + total(frames, "bricks_recalled")
+    assert sent_or_recalled == len(made) // ranks, "what a rank still has is not sent again"
 
 
 def test_transfer_functions_that_show_hidden_bricks_and_new_ranges_change_no_frame(
