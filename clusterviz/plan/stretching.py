@@ -100,7 +100,7 @@ def make_stretching(volume: Volume, quality: Quality, grid: Grid, transfer: Tran
     """
     if not quality.adaptive:
         return None
-    problem = _problem(volume, quality)
+    problem = what_has_no_bound(volume, quality)
     if problem:
         told = f"there is no bound with {problem}"
         raise SceneError(told, where="quality.adaptive", found=quality.adaptive, allowed=0)
@@ -109,7 +109,7 @@ def make_stretching(volume: Volume, quality: Quality, grid: Grid, transfer: Tran
     return Stretching(quality.adaptive, quality.step, quality.step * spacing / unit, diagonal / unit)
 
 
-def _problem(volume: Volume, quality: Quality) -> str:
+def what_has_no_bound(volume: Volume, quality: Quality) -> str:
     """What of a scene keeps slabs from being stretched; "" where nothing does."""
     problems = {
         f"blending {volume.blending}": volume.blending != "composite",

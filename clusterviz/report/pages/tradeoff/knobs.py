@@ -12,6 +12,8 @@ from itertools import product
 from typing import Any, get_args
 
 from clusterviz.errors import InputError
+from clusterviz.plan.look import is_preintegrated
+from clusterviz.plan.stretching import what_has_no_bound
 from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
 from clusterviz.scene.values import Scene
 
@@ -55,6 +57,8 @@ KNOBS = (
     Knob(
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
     ),
+    Knob("adaptive", "error within which slabs are longer where little changes", (1 / 1024, 1 / 255), (1 / 255,), 0.0),
+    Knob("borders", "what becomes of pre-integrated slabs that leave a brick", exact="overlap"),
     Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), apart=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
     Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
@@ -100,9 +104,11 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
     for knob in knobs:
         kind = "control" if knob.control else "alone"
         found += [Setting({knob.name: value}, kind) for value in _others(scene, knob, knob.choices)]
+    found[1:] = [setting for setting in found[1:] if _is_possible(changed(scene, setting))]
     room = max(len(found), most)
     combined = sorted(_combinations(scene, knobs), key=lambda changes: len(changes))
-    found += [Setting(changes, "together") for changes in combined]
+    together = (Setting(changes, "together") for changes in combined)
+    found += [setting for setting in together if _is_possible(changed(scene, setting))]
     return found[:room], max(0, len(found) - room)
 
 
@@ -144,6 +150,14 @@ def changed(scene: Scene, setting: Setting) -> Scene:
         The scene cannot have it.
     """
     return with_settings(scene, setting.changes)
+
+
+def _is_possible(scene: Scene) -> bool:
+    """Whether the scene is drawn, and not refused, and nothing is asked of slabs that it does not have."""
+    quality, volume = scene.quality, scene.volumes[0]
+    if quality.adaptive and what_has_no_bound(volume, quality):
+        return False
+    return quality.borders == "overlap" or is_preintegrated(volume, quality.classification)
 
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
