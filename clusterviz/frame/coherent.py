@@ -37,10 +37,7 @@ class Coherent:
         """
         if self._tree is None or shows_more(plan, self._dealt):
             cost, sizes = plan.cost, brick_bytes(plan)
-            if self._limit_bytes is not None:
-                check_memory(
-                    lambda n: owners_of(build_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes
-                )
+            check_memory(lambda n: owners_of(build_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
             self._tree, self._dealt = build_tree(cost, self._ranks), cost
         return leaf_pieces(self._tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 

@@ -121,8 +121,7 @@ class Dynamic:
         # Bricks that were shown once may be shown again.
         sizes = self._sizes = np.maximum(self._sizes, brick_bytes(plan))
         cost = predict(measured, model, sizes > 0)
-        if self._limit_bytes is not None:
-            check_memory(lambda n: owners_of(search_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
+        check_memory(lambda n: owners_of(search_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
         largest = int(owners_of(search_tree(cost, self._ranks)).sums(sizes).max())
         limit = self._limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
         if self._budget_bytes is not None and self._budget_bytes < sizes.max():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -177,16 +176,6 @@ def test_threads_stay_the_same_at_every_count(counts: list[int], threads: str, m
     assert threads_per_rank(counts) == ""
 
 
-@pytest.mark.parametrize("library", ["jinja2", "matplotlib"])
-def test_a_missing_library_is_named(
-    library: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
-    outcome = cli("scale", FIELD, "-o", str(tmp_path / "out"))
-    assert outcome.status == 1
-    assert f"reports need {library}: pip install 'clusterviz[report]'" in outcome.err
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -200,15 +189,3 @@ def test_a_missing_library_is_named(
 def test_wrong_options(options: tuple[str, ...], said: str, cli: Callable[..., Any], tmp_path: Path) -> None:
     outcome = cli("scale", FIELD, "-o", str(tmp_path / "out"), *options)
     assert (outcome.status, said in outcome.err, list(tmp_path.iterdir())) == (2, True, []), outcome.err
-
-
-def test_a_folder_with_other_files_is_kept(cli: Callable[..., Any], tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("")
-    outcome = cli("scale", FIELD, "-o", str(tmp_path))
-    assert (outcome.status, "would overwrite other files" in outcome.err) == (2, True)
-
-
-def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    outcome = cli("scale", FIELD, "-o", str(tmp_path / "out"))
-    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)

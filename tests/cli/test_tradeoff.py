@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -157,16 +156,6 @@ def test_a_scene_that_cannot_be_drawn_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("library", ["jinja2", "matplotlib"])
-def test_a_missing_library_is_named(
-    library: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
-    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"))
-    assert outcome.status == 1
-    assert f"reports need {library}: pip install 'clusterviz[report]'" in outcome.err
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -178,18 +167,6 @@ def test_a_missing_library_is_named(
 def test_wrong_options(options: tuple[str, ...], said: str, cli: Callable[..., Any], tmp_path: Path) -> None:
     outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"), *options)
     assert (outcome.status, said in outcome.err, list(tmp_path.iterdir())) == (2, True, []), outcome.err
-
-
-def test_a_folder_with_other_files_is_kept(cli: Callable[..., Any], tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("")
-    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path))
-    assert (outcome.status, "would overwrite other files" in outcome.err) == (2, True)
-
-
-def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"))
-    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)
 
 
 def test_costs_come_back_from_json() -> None:
