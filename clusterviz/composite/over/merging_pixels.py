@@ -20,42 +20,35 @@ def _stepper(merge: Callable[[Any, Any, Any], Any], pixels: int) -> Any:
     return instruction(3, emit)
 
 
-# 64 bytes, and one pixel.
-_maximum_4, _maximum_1 = _stepper(merge_code.maximum, 4), _stepper(merge_code.maximum, 1)
-_minimum_4, _minimum_1 = _stepper(merge_code.minimum, 4), _stepper(merge_code.minimum, 1)
-_total_4, _total_1 = _stepper(merge_code.total, 4), _stepper(merge_code.total, 1)
-_stretch_4, _stretch_1 = _stepper(merge_code.stretch, 4), _stepper(merge_code.stretch, 1)
+def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
+    """A loop over pixels: 64 bytes at a time, then one by one."""
+    four, one = _stepper(merge, 4), _stepper(merge, 1)
+
+    @compiled
+    def merge_all(target, front, behind, count):  # type: ignore[no-untyped-def]
+        i, size = 0, 16 * count
+        while i < size - 63:
+            four(target + i, front + i, behind + i)
+            i += 64
+        while i < size:
+            one(target + i, front + i, behind + i)
+            i += 16
+
+    return merge_all
+
+
+_maximum, _minimum = _merger(merge_code.maximum), _merger(merge_code.minimum)
+_total, _stretch = _merger(merge_code.total), _merger(merge_code.stretch)
 
 
 @compiled
 def merge_pixels(operator, target, front, behind, count):  # type: ignore[no-untyped-def]
     """target = front merged with behind, addresses of so many pixels of floats; the target may be either of them."""
-    i, size = 0, 16 * count
     if operator == MAXIMUM:
-        while i < size - 63:
-            _maximum_4(target + i, front + i, behind + i)
-            i += 64
-        while i < size:
-            _maximum_1(target + i, front + i, behind + i)
-            i += 16
+        _maximum(target, front, behind, count)
     elif operator == MINIMUM:
-        while i < size - 63:
-            _minimum_4(target + i, front + i, behind + i)
-            i += 64
-        while i < size:
-            _minimum_1(target + i, front + i, behind + i)
-            i += 16
+        _minimum(target, front, behind, count)
     elif operator == SUM:
-        while i < size - 63:
-            _total_4(target + i, front + i, behind + i)
-            i += 64
-        while i < size:
-            _total_1(target + i, front + i, behind + i)
-            i += 16
+        _total(target, front, behind, count)
     else:
-        while i < size - 63:
-            _stretch_4(target + i, front + i, behind + i)
-            i += 64
-        while i < size:
-            _stretch_1(target + i, front + i, behind + i)
-            i += 16
+        _stretch(target, front, behind, count)
