@@ -20,5 +20,8 @@
 - opacity.py    opacities of slabs
 - samples.py    the samples of runs
 - composite.py  emission and absorption
+- preintegrated.py  the same for slabs that are classified between their ends
+- ramps.py      what the transfer function gives those
+- over.py       how runs of either are put behind others
 - projections.py  maximum, minimum, average and sum
 """

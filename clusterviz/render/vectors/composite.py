@@ -1,4 +1,4 @@
-"""Emission and absorption, front to back: the twin of composite.glsl and over.glsl."""
+"""Emission and absorption, front to back: the twin of composite.glsl."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from clusterviz.render.vectors.classify import Class, Classifier
 from clusterviz.render.vectors.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import Four, Variables
-from clusterviz.render.vectors.samples import Samples, add_exactly, four, zeros
+from clusterviz.render.vectors.over import put_behind, too_little_left
+from clusterviz.render.vectors.samples import Samples, four, zeros
 
 
 class Composite:
@@ -43,13 +44,11 @@ class Composite:
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
         """Behind what is there."""
-        rest = 1.0 - kept[3].now
-        r, g, b, a = (rest * part for part in run)
-        add_exactly(self._code, kept, (r, g, b, a), drawn)
+        put_behind(self._code, kept, run, drawn)
 
     def is_done(self, kept: Variables) -> Value:
         """Where so little light is left that the scene allows to stop."""
-        return 1.0 - kept[3].now <= self._residual
+        return too_little_left(kept, self._residual)
 
     def _take(self, sums: Variables, seen: Value, slab: Class) -> None:
         code = self._code

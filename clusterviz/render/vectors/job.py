@@ -41,6 +41,7 @@ JOB = np.dtype(
         ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope
         ("pieces", "i8"),  # float32 (ROWS, MOST) as in pieces.py
         ("record_rows", "i8"),  # the plan's own
+        ("sums", "i8"),  # float64 (segments, 8) as in plan/preintegration.py
         ("clip", "i8"),
     ],
     align=True,

@@ -21,7 +21,9 @@ from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import Look, March
 from clusterviz.render.vectors.pieces import MOST, PieceClassifier
 from clusterviz.render.vectors.place import Places
+from clusterviz.render.vectors.preintegrated import Preintegrated
 from clusterviz.render.vectors.projections import Extreme, Sum
+from clusterviz.render.vectors.ramps import Ramps
 from clusterviz.render.vectors.samples import Samples
 from clusterviz.render.vectors.tile import Tile
 
@@ -39,6 +41,7 @@ class Kernel:
     blending : what becomes of samples; sums are averages, too
     few : the transfer function's pieces are held in registers
     lanes : pixels of a packet
+    preintegrated : slabs are classified between their ends
     """
 
     kind: VoxelKind
@@ -46,6 +49,7 @@ class Kernel:
     blending: Blending
     few: bool
     lanes: int
+    preintegrated: bool = False
 
     @property
     def name(self) -> str:
@@ -56,6 +60,7 @@ class Kernel:
             self.blending,
             "few" if self.few else "many",
             str(self.lanes),
+            *(["preintegrated"] if self.preintegrated else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -66,8 +71,7 @@ class Kernel:
         tile = Variable(code.number(I64, 0))
         samples = Variable(code.number(I64, 0))
         field = Field(code, job, self.kind, self.nearest)
-        classifier = (PieceClassifier if self.few else Classifier)(code, job)
-        look = self._look(code, job, Samples(code, job, field), classifier)
+        look = self._look(code, job, Samples(code, job, field))
         places = Places(code, job, self.nearest)
         tiles = Tile(code, job, March(code, job, places, look))
 
@@ -80,9 +84,12 @@ class Kernel:
         code.add_atomically(job.address("taken"), samples.now)
         return code.text()
 
-    def _look(self, code: Code, job: Job, samples: Samples, classifier: Classifier) -> Look:
+    def _look(self, code: Code, job: Job, samples: Samples) -> Look:
+        if self.preintegrated:
+            return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
         if self.blending in ("maximum", "minimum"):
             return Extreme(code, samples, self.blending == "maximum")
+        classifier = (PieceClassifier if self.few else Classifier)(code, job)
         if self.blending == "average":
             return Sum(code, samples, classifier)
         return Composite(code, job, samples, classifier)
@@ -96,16 +103,17 @@ def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
     few : whether the transfer function has few pieces
     """
     blending = plan.look.blending
-    few = few and lanes == MOST and blending == "composite"
+    preintegrated = plan.march.preintegrated
+    few = few and lanes == MOST and blending == "composite" and not preintegrated
     blending = "average" if blending == "additive" else blending
-    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", blending, few, lanes)
+    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", blending, few, lanes, preintegrated)
 
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
-    special = plan.mixture or look.surfaces or look.shading or look.grading or march.preintegrated or march.jittered
-    stretched = march.stretching is not None
+    special = plan.mixture or look.surfaces or look.shading or look.grading or march.jittered
+    stretched = march.stretching is not None or march.split
     blending = look.blending == "composite" or look.blending in PROJECTIONS
     return blending and not (special or stretched) and march.filter in ("linear", "nearest")
 

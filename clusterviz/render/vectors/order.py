@@ -27,14 +27,15 @@ Tables = dict[str, NDArray[Any]]
 
 def tables_of(plan: Plan, addresses: NDArray[np.int64], leaps: NDArray[np.int32]) -> Tables:
     """The arrays that a kernel reads, by the names of the job's addresses; they must outlive the draw."""
-    return {
+    segments = plan.segments
+    tables: Tables = {
         "bricks": addresses,
         "leaps": leaps,
-        "bucket_rows": bucket_rows(plan.segments),
-        "colour_rows": colour_rows(plan.segments),
-        "record_rows": plan.segments.records,
+        "bucket_rows": bucket_rows(segments),
+        "record_rows": segments.records,
         "clip": np.ascontiguousarray(plan.clip),
     }
+    return tables | ({"colour_rows": colour_rows(segments)} if segments.sums is None else {"sums": segments.sums})
 
 
 def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:

@@ -27,9 +27,9 @@ class Samples:
         code, number = self._code, Variable(self._code.number(I32, 0))
         with code.loop(lambda: number.now < most.now):
             along = code.splat(number.now.to(F32))
-            s = self._field.at(self._moved(spot, slab, along))
+            s = self._field.at(self.moved(spot, slab, along))
             with code.when(self._far):
-                self._field.ask_for(self._moved(spot, slab, along + AHEAD))
+                self._field.ask_for(self.moved(spot, slab, along + AHEAD))
             yield s, number.now
             number.set(number.now + 1)
 
@@ -37,8 +37,8 @@ class Samples:
         """The scalars at spots."""
         return self._field.at(spot)
 
-    def _moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
-        """A spot so many slabs on."""
+    def moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
+        """Spots so many slabs on."""
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
         return Spot(spot.voxel, spot.low, spot.high, (x, y, z))
 

@@ -5,25 +5,28 @@ A gathering load for each float would take several times as long.
 
 from __future__ import annotations
 
+from typing import Any
+
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import BYTES, F32, I64, Value
 
 WIDTH = 4  # floats of a load
 
 
-def rows(code: Code, address: Value, row: Value, floats: int) -> list[Value]:
+def rows(code: Code, address: Value, row: Value, floats: int, element: Any = F32) -> list[Value]:
     """The floats of a row of a table for each lane.
 
     Parameters
     ----------
     row : int32, which one
     floats : in a row; a multiple of four
+    element : F32 or F64
     """
-    numbers = row.to(I64) * (BYTES[F32] * floats)
+    numbers = row.to(I64) * (BYTES[element] * floats)
     places = [address + numbers.lane(lane) for lane in range(code.lanes)]
     columns: list[Value] = []
     for part in range(0, floats, WIDTH):
-        quads = [code.load(F32, place + BYTES[F32] * part, WIDTH) for place in places]
+        quads = [code.load(element, place + BYTES[element] * part, WIDTH) for place in places]
         # Column j of a group holds rows j, j + 4, ... so that each quarter of the lanes is turned by itself.
         groups = [quads[start::WIDTH] for start in range(WIDTH)]
         columns += _turned(code, [_joined(code, group) for group in groups])

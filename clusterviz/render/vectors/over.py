@@ -1,0 +1,20 @@
+"""Front to back: how runs of what emits and absorbs are put behind what is there; the twin of over.glsl."""
+
+from __future__ import annotations
+
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import Value
+from clusterviz.render.vectors.march import Four, Variables
+from clusterviz.render.vectors.samples import add_exactly
+
+
+def put_behind(code: Code, kept: Variables, run: Four, drawn: Value) -> None:
+    """Add a run behind what is kept, where it is drawn."""
+    rest = 1.0 - kept[3].now
+    r, g, b, a = (rest * part for part in run)
+    add_exactly(code, kept, (r, g, b, a), drawn)
+
+
+def too_little_left(kept: Variables, residual: Value) -> Value:
+    """Where so little light is left that the scene allows to stop."""
+    return 1.0 - kept[3].now <= residual

@@ -1,0 +1,132 @@
+"""Pre-integrated classification: the twin of preintegrated.glsl.
+
+The field is sampled where slabs meet, once for both. Most slabs have nothing visible at either end; their transfer
+function is not looked up.
+"""
+
+from __future__ import annotations
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, I32, Value, Vector
+from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.march import Four, Variables
+from clusterviz.render.vectors.over import put_behind, too_little_left
+from clusterviz.render.vectors.ramps import RECORD_FLOATS, End, Ramps
+from clusterviz.render.vectors.samples import LARGEST, Samples, four, zeros
+
+# Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.
+WITHIN = 0.5 - 1e-6
+
+
+class Preintegrated:
+    """Slabs that are classified between their ends; a `Look`.
+
+    Parameters
+    ----------
+    may_be_invalid : voxels may be NaN
+    """
+
+    def __init__(self, code: Code, job: Job, samples: Samples, ramps: Ramps, may_be_invalid: bool) -> None:
+        self._code, self._samples, self._ramps, self._may_be_invalid = code, samples, ramps, may_be_invalid
+        self._stops = job.part("optics", 1) > 0.0
+        self._units, self._residual = (code.splat(job.part("optics", k)) for k in range(2))
+
+    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+        """The sum of the run's slabs."""
+        code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
+        sums, most = zeros(code), Variable(code.largest(slabs))
+        begin = code.select(first, code.same(F32, -WITHIN), -0.5)
+        front = _Front(code, self._ramps, self._samples.at(self._samples.moved(spot, slab, begin)))
+        half_on = self._samples.moved(spot, slab, code.same(F32, 0.5))
+        with self._samples.along(half_on, slab, most) as (s, number):
+            middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
+            seen = self._take(sums, front, s, self._units, number < end.now, middle)
+            with code.when(self._stops):
+                # A ray ends with the slab that leaves too little light, not with its run.
+                ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
+                end.set(code.select(ended, number + 1, end.now))
+                most.set(code.largest(end.now))
+        return four(sums), end.now
+
+    def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
+        """A share of a slab, around its midpoint."""
+        code, sums = self._code, zeros(self._code)
+        away = WITHIN * share
+        ends = (self._samples.at(self._samples.moved(spot, slab, along)) for along in (-away, away))
+        front = _Front(code, self._ramps, next(ends))
+        self._take(sums, front, next(ends), self._units * share, drawn, spot)
+        return four(sums)
+
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
+        """Behind what is there."""
+        put_behind(self._code, kept, run, drawn)
+
+    def is_done(self, kept: Variables) -> Value:
+        """Where so little light is left that the scene allows to stop."""
+        return too_little_left(kept, self._residual)
+
+    def _take(self, sums: Variables, front: _Front, s: Value, units: Value, drawn: Value, middle: Spot) -> Value:
+        """Add slabs from the front to a back whose scalar is known, which then is the front; where they were seen."""
+        code = self._code
+        begin, end, some = Variable(front.s.now), Variable(s), Variable(drawn.to(I32))
+        replaced = Variable(code.number(I32, 0))
+        if self._may_be_invalid:
+            self._without_invalid(begin, end, some, replaced, middle)
+        seen = (some.now > 0) & (code.most(begin.now, end.now) >= self._ramps.visible_from)
+        known = Variable(code.number(I32, 0))
+        with code.when(code.any(seen)):
+            with code.when((front.known.now.equals(0)) | (replaced.now > 0)):
+                front.keep(self._ramps.end_at(begin.now))
+            back = self._ramps.end_at(end.now)
+            slab = self._ramps.integrated(front.end, back, units, seen)
+            rest = code.select(seen, 1.0 - sums[3].now, 0.0)
+            for place, part in zip(sums, slab, strict=True):
+                place.set(code.select(seen, code.fma(rest, part, place.now), place.now))
+            front.keep(back)
+            known.set(1 - replaced.now)
+        front.s.set(s)
+        front.known.set(known.now)
+        return seen
+
+    def _without_invalid(
+        self, begin: Variable, end: Variable, some: Variable, replaced: Variable, middle: Spot
+    ) -> None:
+        """An end next to an invalid voxel counts as the midpoint; if that is invalid, too, a slab is transparent."""
+        code = self._code
+        fine = [code.size(side.now) <= LARGEST for side in (begin, end)]
+        missing = (some.now > 0) & ~(fine[0] & fine[1])
+        with code.when(code.any(missing)):
+            between = self._samples.at(middle)
+            for side, valid in zip((begin, end), fine, strict=True):
+                side.set(code.select(valid, side.now, between))
+            known = ~missing | (code.size(between) <= LARGEST)
+            some.set(code.select(known, some.now, 0))
+            replaced.set(code.number(I32, 1))
+
+
+class _Front:
+    """The front of the slabs that come next.
+
+    Attributes
+    ----------
+    s : the scalar there
+    known : 1: `end` is what it comes to
+    """
+
+    def __init__(self, code: Code, ramps: Ramps, s: Value) -> None:
+        self.s, self.known = Variable(s), Variable(code.number(I32, 0))
+        self._of, self._segment = Variable(s), Variable(code.same(I32, 0))
+        self._record = [Variable(code.same(F32, 0.0)) for _ in range(RECORD_FLOATS)]
+
+    @property
+    def end(self) -> End:
+        """What was kept."""
+        return End(self._of.now, self._segment.now, tuple(part.now for part in self._record))
+
+    def keep(self, end: End) -> None:
+        """Keep what the scalar comes to."""
+        self._of.set(end.s)
+        self._segment.set(end.segment)
+        for place, part in zip(self._record, end.record, strict=True):
+            place.set(part)
