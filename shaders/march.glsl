@@ -76,7 +76,7 @@ int run_iterations; // of loops, that a run has counted
 // The look's: what a run of whole slabs inside a brick comes to, as if nothing were in front; the same for the last slab, which the exit
 // may have cut to a share, and for a first one that the entry has cut; how a run is added behind what the ray has gathered; and whether nothing behind can matter.
 vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs);
-vec4 last_of(Ray ray, Place place, vec3 slab, float share);
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share);
 void add_run(inout Sum sum, vec4 run);
 bool is_done(Sum sum);
 
@@ -88,7 +88,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     if (JITTERED && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
         if (place.brick >= 0) {
-            add_run(sum, last_of(ray, place, slab, ray.first_share));
+            add_run(sum, last_of(ray, 0, place, slab, ray.first_share));
             ++samples;
         }
         k = 1;
@@ -113,7 +113,7 @@ vec4 march(Ray ray, vec4 before, inout int k, inout uint samples) {
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
         if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {
-            add_run(sum, last_of(ray, place, slab, ray.last_share));
+            add_run(sum, last_of(ray, k, place, slab, ray.last_share));
             ++samples;
         }
         k = ray.slabs;

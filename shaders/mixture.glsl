@@ -20,7 +20,7 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     return sum;
 }
 
-vec4 last_of(Ray ray, Place place, vec3 slab, float share) {
-    begin_all(ray.last, place.brick);
-    return mixed(ray.slabs - 1, 0, share);
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
+    begin_all(midpoint(ray, k), place.brick);
+    return mixed(k, 0, share);
 }

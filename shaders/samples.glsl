@@ -13,7 +13,7 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     return sum;
 }
 
-vec4 last_of(Ray ray, Place place, vec3 slab, float share) {
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     vec4 sum = vec4(0.0);
     take_share(sum, scalar_at(place.brick, place.cell, place.beyond), place, place.beyond, share);
     return sum;

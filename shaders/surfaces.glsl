@@ -96,6 +96,6 @@ vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     return sum;
 }
 
-vec4 last_of(Ray ray, Place place, vec3 slab, float share) {
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     return vec4(0.0); // runs hold the last slab
 }

@@ -53,9 +53,6 @@ def command(
     opened = open_scene(scene, overrides_of(define, size))
     if not opened.volumes:
         raise SceneError("nothing to trade", where=f"{scene}: volumes", allowed="a scene with a volume")
-    if len(opened.volumes) > 1:
-        where = f"{scene}: volumes"
-        raise SceneError("several volumes leave little to trade", where=where, found=len(opened.volumes), allowed=1)
     check_folder(output, NUMBERS)
     survey = Survey(*settings_of(opened, ranks, names, most), ranks, frames, rounds, budget)
     with (

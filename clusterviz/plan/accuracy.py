@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from clusterviz.plan.look import Classification, is_preintegrated
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.values import Quality, Scene
+from clusterviz.scene.values import Quality, Scene, Volume
 
 COARSEST, FINEST = -1, 6
 """Levels: a step is 2^-level voxels."""
@@ -118,11 +118,17 @@ def make_aim(scene: Scene) -> Aim:
     """What a completed scene with a volume and `quality.max_error` asks for."""
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    both = is_preintegrated(scene.volumes[0], "pre-integrated")
-    transfer = transfer_function(scene.volumes[0])
-    jumps = np.diff(transfer.opacities)[np.diff(transfer.opacity_values) == 0]
+    # Several volumes are classified at midpoints.
+    both = len(scene.volumes) == 1 and is_preintegrated(scene.volumes[0], "pre-integrated")
     ways: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
-    return Aim(bound, math.prod(scene.image.size), ways, bool(np.any(jumps != 0)))
+    return Aim(bound, math.prod(scene.image.size), ways, any(map(_jumps, scene.volumes)))
+
+
+def _jumps(volume: Volume) -> bool:
+    """Whether its opacity jumps."""
+    transfer = transfer_function(volume)
+    jumps = np.diff(transfer.opacities)[np.diff(transfer.opacity_values) == 0]
+    return bool(np.any(jumps != 0))
 
 
 def classification_of(quality: Quality) -> Classification:

@@ -188,7 +188,15 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
     planes = clip_planes(scene.clip, grid)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
-        March(step_world, first.slab_units, "linear", scene.quality.early_termination, 0, 0),
+        March(
+            step_world,
+            first.slab_units,
+            "linear",
+            scene.quality.early_termination,
+            reach=0,
+            spread=0,
+            jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes),
+        ),
         Look("composite"),
         planes,
         first.encoding,

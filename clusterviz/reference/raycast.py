@@ -116,10 +116,10 @@ def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArra
             )
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
-    rays = camera_rays(scene.camera, (width, height))
+    rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
     for begin in range(0, len(rgba) if bodies else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
-        some = Rays(rays.start[part], rays.direction[part])
+        some = Rays(rays.start[part], rays.direction[part], shifts[part] if scene.quality.jitter else 0.0)
         rgba[part] = march_mixture(some, bodies, scene.quality.step if step is None else step, scene)
     return rgba.reshape(height, width, 4)
 

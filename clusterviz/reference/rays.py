@@ -84,7 +84,7 @@ def to_index_space(rays: Rays, grid: Grid) -> Rays:
     if np.linalg.matrix_rank(world_from_index / np.linalg.norm(world_from_index, axis=0)) < 3:
         raise InputError("the grid's axes lie in one plane", where="grid: direction", found=grid.direction)
     index_from_world = np.linalg.inv(world_from_index)
-    return Rays((rays.start - grid.origin) @ index_from_world.T, rays.direction @ index_from_world.T)
+    return Rays((rays.start - grid.origin) @ index_from_world.T, rays.direction @ index_from_world.T, rays.shift)
 
 
 def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""What several volumes in one scene can be asked for: emission and absorption at midpoints of slabs, nothing else."""
+"""What several volumes in one scene can be asked for: emission and absorption at midpoints of slabs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from clusterviz.scene.checks import UnusableError
 
 LOOKS = ("blending", "isosurfaces", "gradient_opacity", "transfer_2d")
-QUALITIES = ("classification", "filter", "jitter", "max_error", "adaptive")
+QUALITIES = ("classification", "filter", "adaptive")
 MIXED = ("composite", "post", "exact")
 
 

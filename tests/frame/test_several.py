@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.data import open_source
 from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError
@@ -15,7 +16,7 @@ from clusterviz.frame import FrameLoop, render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.scene import Camera, Scene
-from clusterviz.scene.values import Cluster, ImageSettings, Volume
+from clusterviz.scene.values import Cluster, ImageSettings, Quality, Volume
 
 TURN = ((0.6, -0.8, 0.0), (0.8, 0.6, 0.0), (0.0, 0.0, 1.0))
 GRIDS = Grid((18, 20, 22)), Grid((12, 14, 10), (1.2, 0.9, 1.5), (9.0, 1.0, -4.0), TURN)
@@ -74,3 +75,19 @@ def test_every_frame_is_what_is_drawn_alone() -> None:
 def test_sources_that_are_not_one_for_each_are_refused() -> None:
     with pytest.raises(InputError, match="not one for each volume; found 1; allowed 2"):
         render_frame(scene_of(), LoopbackChannel(), SOURCES[:1])
+
+
+@pytest.mark.gl
+def test_a_bound_on_the_error_is_held_and_chosen_alike_on_any_number_of_ranks() -> None:
+    sources = [open_source(f"field:{name}:10", None) for name in ("gaussian", "ramp")]
+    volumes = tuple(Volume(path="a", **POINTS, cmap=cmap) for cmap in ("plasma", "viridis"))
+    quality, image = Quality(max_error=8 / 255), ImageSettings(size=(16, 12))
+    scene = Scene(volumes=volumes, quality=quality, image=image, cluster=Cluster(brick=5))
+    one, three = (run_loopback(ranks, lambda channel: render_frame(scene, channel, sources))[0] for ranks in (1, 3))
+    assert one.statistics.accuracy is not None
+    assert one.statistics.accuracy.reached
+    assert one.scene.quality.step == three.scene.quality.step
+    grids = [source.grid for source in sources]
+    voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
+    truth = render_reference(one.scene, grids, voxels, 1 / 32)
+    assert compare(one.image, truth).max <= one.statistics.accuracy.error <= 8 / 255

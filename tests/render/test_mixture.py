@@ -70,6 +70,7 @@ SCENES: dict[str, tuple[tuple[Part, ...], dict[str, Any]]] = {
         {"lights": LIGHTS, "clip": Clip(planes=(((5, 5, 5), (1, 1, 0.5)),))},
     ),
     "one within another": ((BYTES, WITHIN), {}),
+    "jittered": ((BYTES, FLOATS), {"quality": {"jitter": True}, "clip": Clip(planes=(((9, 9, 9), (0.2, 1, 1)),))}),
     "coarse and fine": ((COARSE, WITHIN), {"lights": (Light(position=(30, 20, 60), positional=True),)}),
 }
 
@@ -79,7 +80,7 @@ def scene_of(parts: tuple[Part, ...], camera: str = "outside", brick: int = 16, 
         volumes=tuple(part[0] for part in parts),
         camera=CAMERAS[camera],
         image=ImageSettings(size=(40, 30)),
-        quality=Quality(step=sections.pop("step", 0.7)),
+        quality=Quality(step=sections.pop("step", 0.7), **sections.pop("quality", {})),
         cluster=Cluster(brick=brick),
         **sections,
     )
@@ -113,7 +114,7 @@ def expected(scene: Scene, parts: tuple[Part, ...]) -> np.ndarray:
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_are_the_witness_s(context: moderngl.Context, name: str, camera: str) -> None:
     parts, sections = SCENES[name]
-    scene = scene_of(parts, camera, **sections)
+    scene = scene_of(parts, camera, **dict(sections))
     picture, _ = drawn(context, scene, parts)
     assert picture[..., 3].max() > 0.3
     assert np.abs(picture - expected(scene, parts)).max() <= BOUND

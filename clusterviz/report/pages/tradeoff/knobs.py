@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, get_args
 
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.look import is_preintegrated
 from clusterviz.plan.stretching import what_has_no_bound
 from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
@@ -104,11 +104,11 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
     for knob in knobs:
         kind = "control" if knob.control else "alone"
         found += [Setting({knob.name: value}, kind) for value in _others(scene, knob, knob.choices)]
-    found[1:] = [setting for setting in found[1:] if _is_possible(changed(scene, setting))]
+    found[1:] = [setting for setting in found[1:] if _is_possible(scene, setting)]
     room = max(len(found), most)
     combined = sorted(_combinations(scene, knobs), key=lambda changes: len(changes))
     together = (Setting(changes, "together") for changes in combined)
-    found += [setting for setting in together if _is_possible(changed(scene, setting))]
+    found += [setting for setting in together if _is_possible(scene, setting)]
     return found[:room], max(0, len(found) - room)
 
 
@@ -152,12 +152,16 @@ def changed(scene: Scene, setting: Setting) -> Scene:
     return with_settings(scene, setting.changes)
 
 
-def _is_possible(scene: Scene) -> bool:
-    """Whether the scene is drawn, and not refused, and nothing is asked of slabs that it does not have."""
-    quality, volume = scene.quality, scene.volumes[0]
-    if quality.adaptive and what_has_no_bound(volume, quality):
+def _is_possible(scene: Scene, setting: Setting) -> bool:
+    """Whether a setting is drawn, and not refused, and nothing is asked of slabs that the scene does not have."""
+    try:
+        other = changed(scene, setting)
+    except SceneError:
         return False
-    return quality.borders == "overlap" or is_preintegrated(volume, quality.classification)
+    quality, volumes = other.quality, other.volumes
+    if quality.adaptive and any(what_has_no_bound(volume, quality) for volume in volumes):
+        return False
+    return quality.borders == "overlap" or any(is_preintegrated(one, quality.classification) for one in volumes)
 
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:

@@ -146,14 +146,14 @@ def _checked(truth: Truth, renderer: Draw, witness: Draw, small: Scene, step: fl
 
 def _witness(scene: Scene) -> tuple[Draw | None, str]:
     """The float64 reference of the scene as a function of scene and step, or why there is none."""
-    source = open_source(scene.volumes[0].path, scene.volumes[0].array)
-    shape = source.grid.shape_zyx
-    if math.prod(shape) * source.dtype.itemsize > MOST_BYTES:
+    sources = [open_source(volume.path, volume.array) for volume in scene.volumes]
+    if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MOST_BYTES:
         return None, f"the reference holds no more than {MOST_BYTES >> 30} GiB of voxels in memory"
-    voxels = source.read((0, 0, 0), shape)
+    grids = [one.grid for one in sources]
+    voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
 
     def witness(of: Scene, step: float) -> Floats:
-        return render_reference(of, source.grid, voxels, step)
+        return render_reference(of, grids, voxels, step)
 
     try:
         witness(_resized(scene, 2), 8.0)

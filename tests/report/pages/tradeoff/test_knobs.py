@@ -83,3 +83,11 @@ def test_unknown_knobs() -> None:
     assert parse_knobs(None) == ALL
     with pytest.raises(InputError, match="--knobs: unknown knob; found stepp; allowed step"):
         parse_knobs("stepp")
+
+
+def test_what_several_volumes_refuse_is_not_tried() -> None:
+    scene = SCENE.model_copy(update={"volumes": SCENE.volumes * 2})
+    tried = [setting.changes for setting in settings_of(scene, 1, ALL, 1000)[0]]
+    assert {"step": 0.5} in tried
+    assert {"jitter": True} in tried
+    assert not [changes for changes in tried if changes.get("filter") == "hardware"]
