@@ -196,11 +196,25 @@ def pictures(
     context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16
 ) -> list[np.ndarray]:
     """The same from every ray caster that can draw it."""
-    prepared = prepare(scene, voxels, grid, brick)
-    found = [draw(context, prepared)]
-    if can_draw(prepared.plan):
-        found.append(draw_on_processor(prepared))
-    return [whole(drawn.partial, scene.image.size) for drawn in found]
+    drawn = drawn_by_each(context, prepare(scene, voxels, grid, brick))
+    return [whole(one.partial, scene.image.size) for one in drawn]
+
+
+def drawn_by_each(context: moderngl.Context, prepared: Prepared) -> list[Drawn]:
+    """A scene by OpenGL, and by the processor where it can."""
+    return [draw(context, prepared), *([draw_on_processor(prepared)] if can_draw(prepared.plan) else [])]
+
+
+def error(
+    context: moderngl.Context,
+    expected: np.ndarray,
+    scene: Scene,
+    voxels: np.ndarray,
+    grid: Grid | None = None,
+    brick: int = 16,
+) -> float:
+    """Largest difference of every caster's picture from what is expected."""
+    return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick))
 
 
 def rotation(axis: tuple[float, float, float], angle_degrees: float) -> tuple[tuple[float, float, float], ...]:

@@ -7,7 +7,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, drawn_by_each, error, noise, picture, pictures, prepare, scene_of, whole
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 
@@ -50,7 +50,7 @@ def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: st
         expected = render_reference(scene, GRID, voxels)
         dark = render_reference(scene_of(voxels, camera_at(camera, GRID)), GRID, voxels)
         assert np.abs(expected - dark).max() > 0.05, "the light changes nothing"
-        assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND, camera
+        assert error(context, expected, scene, voxels, brick=7) <= BOUND, camera
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
@@ -64,10 +64,9 @@ def test_smooth_gradients_are_those_of_the_witness(context: moderngl.Context, dt
     expected = render_reference(scene, GRID, voxels)
     central = lit_scene(voxels, "outside", **keys | {"look": {}})
     assert np.abs(expected - render_reference(central, GRID, voxels)).max() > 0.01
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= BOUND
     if dtype == "float32":
-        found = picture(context, central, voxels, brick=7)
-        assert np.abs(found - render_reference(central, GRID, voxels)).max() <= BOUND
+        assert error(context, render_reference(central, GRID, voxels), central, voxels, brick=7) <= BOUND
     else:
         texture = lit_scene(voxels, "outside", filter="hardware", **keys)
         assert np.abs(picture(context, texture, voxels, brick=7) - expected).max() <= 0.05
@@ -95,16 +94,17 @@ def test_lights_shine_from_their_places(context: moderngl.Context, name: str) ->
     expected = render_reference(scene, grid, voxels)
     far = tuple(light.model_copy(update={"positional": False}) for light in places(grid))
     assert np.abs(expected - render_reference(scene.model_copy(update={"lights": far}), grid, voxels)).max() > 0.05
-    assert np.abs(picture(context, scene, voxels, grid, brick=7) - expected).max() <= BOUND
+    assert error(context, expected, scene, voxels, grid, brick=7) <= BOUND
 
 
 def test_a_cone_ends_at_its_edge(context: moderngl.Context) -> None:
     voxels = smooth(dtype=np.uint8)
     lamp = Light(position=(-20, 11, 9), focal_point=(12, 11, 9), positional=True, cone_angle=12.0)
     scene = lit_scene(voxels, "parallel", lights=(lamp,), size=(48, 40), classification="pre-integrated")
-    found, expected = picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)
-    # To float32, samples on the edge itself fall on either side.
-    assert np.count_nonzero(np.abs(found - expected).max(axis=2) > BOUND) <= 4
+    expected = render_reference(scene, GRID, voxels)
+    for found in pictures(context, scene, voxels, brick=7):
+        # To float32, samples on the edge itself fall on either side.
+        assert np.count_nonzero(np.abs(found - expected).max(axis=2) > BOUND) <= 4
     dark = lit_scene(voxels, "parallel", lights=(Light(intensity=0, position=(1, 0, 0)),), size=(48, 40))
     unlit_share = np.mean(np.abs(found - picture(context, dark, voxels)).max(axis=2) < 0.02)
     assert 0.1 < unlit_share < 0.9
@@ -114,26 +114,26 @@ def test_a_cone_ends_at_its_edge(context: moderngl.Context) -> None:
 def test_every_power_of_the_highlight(context: moderngl.Context, power: float) -> None:
     voxels = smooth()
     scene = lit_scene(voxels, "outside", look={"specular_power": power, "specular": 1.0})
-    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= BOUND
+    assert error(context, render_reference(scene, GRID, voxels), scene, voxels) <= BOUND
 
 
 @pytest.mark.parametrize("name", GRIDS)
 def test_normals_are_those_of_the_world(context: moderngl.Context, name: str) -> None:
     voxels, grid = smooth(dtype=np.uint16), GRIDS[name]
     scene = lit_scene(voxels, "outside", grid, LIGHTS, unit=8 * min(grid.spacing))
-    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= BOUND
+    assert error(context, render_reference(scene, grid, voxels), scene, voxels, grid) <= BOUND
 
 
 def test_nearest_voxels_are_lit_by_their_own_gradient(context: moderngl.Context) -> None:
     voxels = smooth()
     scene = lit_scene(voxels, "outside", interpolation="nearest", step=0.7)
-    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= BOUND
+    assert error(context, render_reference(scene, GRID, voxels), scene, voxels) <= BOUND
 
 
 def test_texture_filter_lights_as_far_as_its_weights_go(context: moderngl.Context) -> None:
     voxels = smooth()
     scene = lit_scene(voxels, "outside", filter="hardware")
-    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= 0.05
+    assert error(context, render_reference(scene, GRID, voxels), scene, voxels) <= 0.05
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
@@ -143,7 +143,7 @@ def test_invalid_voxels_do_not_bend_the_normals_beside_them(context: moderngl.Co
     scene = lit_scene(voxels, "outside", clim=(0.1, 0.9), interpolation=interpolation, step=0.7, unit=3.0)
     expected = render_reference(scene, GRID, voxels)
     assert np.isfinite(expected).all()
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= BOUND
 
 
 @pytest.mark.parametrize("value", [7, 250])
@@ -160,7 +160,7 @@ def test_steep_fields_have_normals(context: moderngl.Context) -> None:
     voxels = smooth(dtype=np.float64)
     for low, high in ((0.5, 0.5 + 1e-12), (0.5, 0.5 + 1e-25 * 2**40)):
         scene = lit_scene(voxels, "outside", clim=(low, high), opacity=0.5)
-        assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= 1e-3
+        assert error(context, render_reference(scene, GRID, voxels), scene, voxels) <= 1e-3
 
 
 @pytest.mark.parametrize("brick", [5, 16, 33, 64])
@@ -168,20 +168,22 @@ def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
     voxels = smooth((40, 35, 70), np.uint8)
     grid = Grid(voxels.shape)
     scene = lit_scene(voxels, "outside", grid)
-    one, other = (draw(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
-    assert other.samples == one.samples
-    assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= 1e-5
+    for one, other in zip(
+        *(drawn_by_each(context, prepare(scene, voxels, grid, side)) for side in (70, brick)), strict=True
+    ):
+        assert other.samples == one.samples
+        assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= 1e-5
 
 
 def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
     voxels = smooth(dtype=np.uint8)
     scene = lit_scene(voxels, "outside")
     prepared = prepare(scene, voxels, brick=7)
-    drawn = draw(context, prepared)
-    for parts in (2, 5):
-        found, samples = in_parts(context, scene, prepared, parts)
-        assert samples == drawn.samples
-        assert np.abs(found - whole(drawn.partial, SIZE)).max() <= 1e-5
+    for where, drawn in zip((context, None), drawn_by_each(context, prepared), strict=True):
+        for parts in (3, 5):
+            found, samples = in_parts(where, scene, prepared, parts)
+            assert samples == drawn.samples
+            assert np.abs(found - whole(drawn.partial, SIZE)).max() <= 1e-5
 
 
 @pytest.mark.parametrize(("interpolation", "lights"), [("linear", LIGHTS * 5), ("cubic", ())])
@@ -191,4 +193,4 @@ def test_no_ray_is_cut_short_by_the_loops_of_light(context: moderngl.Context, in
     grid = Grid(voxels.shape)
     keys: dict[str, Any] = {"opacity": 0.3, "unit": 3.0, "step": 8e-3, "size": (4, 4), "interpolation": interpolation}
     scene = lit_scene(voxels, "outside", grid, lights, **keys)
-    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= BOUND
+    assert error(context, render_reference(scene, grid, voxels), scene, voxels, grid) <= BOUND

@@ -18,6 +18,10 @@
 - classify.py   what the transfer function gives
 - pieces.py     the same where pieces are few, in registers
 - opacity.py    opacities of slabs
+- gradient.py   gradients of the field
+- cubic.py      cubic B-splines
+- light.py      lights on a volume
+- optics.py     what samples come to, all in all
 - samples.py    the samples of runs
 - composite.py  emission and absorption
 - preintegrated.py  the same for slabs that are classified between their ends

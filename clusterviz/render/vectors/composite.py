@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import Value, Vector
-from clusterviz.render.vectors.classify import Class, Classifier
+from clusterviz.render.vectors.classify import Class
 from clusterviz.render.vectors.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import Four, Variables
+from clusterviz.render.vectors.optics import Optics
 from clusterviz.render.vectors.over import put_behind, too_little_left
 from clusterviz.render.vectors.samples import Samples, four, zeros
 
@@ -15,8 +16,8 @@ from clusterviz.render.vectors.samples import Samples, four, zeros
 class Composite:
     """Samples at midpoints, classified one by one; a `Look`."""
 
-    def __init__(self, code: Code, job: Job, samples: Samples, classifier: Classifier) -> None:
-        self._code, self._samples, self._classifier = code, samples, classifier
+    def __init__(self, code: Code, job: Job, samples: Samples, optics: Optics) -> None:
+        self._code, self._samples, self._optics = code, samples, optics
         self._stops = job.part("optics", 1) > 0.0
         self._residual = code.splat(job.part("optics", 1))
 
@@ -24,11 +25,11 @@ class Composite:
         """The sum of the run's samples."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
         sums, most = zeros(code), Variable(code.largest(slabs))
-        with self._samples.along(spot, slab, most) as (s, number):
+        with self._samples.along(spot, slab, most) as (s, number, here):
             # NaN compares false.
-            seen = (s >= self._classifier.visible_from) & (number < end.now)
+            seen = (s >= self._optics.visible_from) & (number < end.now)
             with code.when(code.any(seen)):
-                self._take(sums, seen, self._classifier.of_slab(s))
+                self._take(sums, seen, self._optics.of_slab(s, here, slab))
                 with code.when(self._stops):
                     # A ray ends with the sample that leaves too little light, not with its run.
                     ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
@@ -39,7 +40,8 @@ class Composite:
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, sampled at its midpoint."""
         s, sums = self._samples.at(spot), zeros(self._code)
-        self._take(sums, drawn & (s >= self._classifier.visible_from), self._classifier.of_share(s, share))
+        seen = drawn & (s >= self._optics.visible_from)
+        self._take(sums, seen, self._optics.of_share(s, share, spot, slab))
         return four(sums)
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:

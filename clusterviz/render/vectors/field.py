@@ -29,12 +29,14 @@ class Spot:
     voxel : int64, address of the cell's first corner
     low, high : float32, how far the cell may move along x, y, z before it leaves the brick
     beyond : float32, from the cell's corner to the place
+    cell : int32, the cell's number in the volume along x, y, z
     """
 
     voxel: Value
     low: Vector
     high: Vector
     beyond: Vector
+    cell: Vector
 
 
 class Field:
@@ -56,14 +58,36 @@ class Field:
     def at(self, spot: Spot) -> Value:
         """The scalar, in units of clim; NaN where an invalid voxel takes part."""
         code = self._code
-        cell, voxel = self._cell(spot)
+        (x, y, z), voxel = self.within(spot)
         if self._nearest:
-            return self._scalar(self._corners(voxel)[0])
-        x, y, z = (at - whole for at, whole in zip(spot.beyond, cell, strict=True))
-        c = self._corners(voxel)
+            return self.scalar(self.corners(voxel)[0])
+        c = self.corners(voxel)
         along = [code.fma(c[k + 1] - c[k], x, c[k]) for k in (0, 2, 4, 6)]
         near, far = (code.fma(along[k + 1] - along[k], y, along[k]) for k in (0, 2))
-        return self._scalar(code.fma(far - near, z, near))
+        return self.scalar(code.fma(far - near, z, near))
+
+    def within(self, spot: Spot) -> tuple[Vector, Value]:
+        """How far places lie in their cells, and the address of the cell's first corner, or of the nearest voxel."""
+        cell, voxel = self._cell(spot)
+        x, y, z = (at - whole for at, whole in zip(spot.beyond, cell, strict=True))
+        return (x, y, z), voxel
+
+    def beside(self, voxel: Value, x: int, y: int, z: int) -> Value:
+        """The address of the voxel so many further on along each axis."""
+        away = voxel + (x << 2)
+        for steps, bytes_ in ((y, self._row_bytes), (z, self._layer_bytes)):
+            away = away + bytes_ * steps if steps else away
+        return away
+
+    @property
+    def scale(self) -> Value:
+        """What differences of stored voxels are multiplied by to be in units of clim."""
+        return self._code.same(F32, 1.0) if self._kind == "f32" else self._scale
+
+    @property
+    def may_be_invalid(self) -> bool:
+        """Whether a voxel may be NaN."""
+        return self._kind == "f32"
 
     def ask_for(self, spot: Spot) -> None:
         """Let the processor bring the voxels of a later sample nearer; half of the lanes tell of their neighbours."""
@@ -81,11 +105,12 @@ class Field:
         away = code.fma(cell[2], self._layer_real, code.fma(cell[1], self._row_real, cell[0]))
         return cell, spot.voxel + (away.to(I32) << 2).to(I64)
 
-    def _scalar(self, stored: Value) -> Value:
+    def scalar(self, stored: Value) -> Value:
+        """Stored voxels, or what lies between some, in units of clim."""
         return stored if self._kind == "f32" else self._code.fma(stored, self._scale, self._bias)
 
-    def _corners(self, voxel: Value) -> Corners:
-        """The cell's corners, float32, x fastest, then y."""
+    def corners(self, voxel: Value) -> Corners:
+        """The corners of the cell whose first one lies at an address, as stored, float32; x fastest, then y."""
         if self._kind == "u8":
             words = self._pair(voxel)
             return tuple(

@@ -21,6 +21,7 @@ JOB = np.dtype(
         ("further_starts", "i4"),  # of the plan's segments
         ("record_floats", "i4"),  # in a row of the records
         ("planes", "i4"),  # how many clip the volume
+        ("lights", "i4"),  # how many shine on it
         ("slack", "f4"),  # voxels that float32 may have rounded away
         ("tiles_across", "i4"),
         ("tiles", "i4"),
@@ -43,6 +44,7 @@ JOB = np.dtype(
         ("record_rows", "i8"),  # the plan's own
         ("sums", "i8"),  # float64 (segments, 8) as in plan/preintegration.py
         ("clip", "i8"),
+        ("lighting", "i8"),  # float32 (7 + rows · lights, 4), see plan/shading.py
     ],
     align=True,
 )

@@ -16,9 +16,13 @@ from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Plan
 from clusterviz.render.vectors.classify import Classifier
 from clusterviz.render.vectors.composite import Composite
+from clusterviz.render.vectors.cubic import CubicGradient
 from clusterviz.render.vectors.field import Field
+from clusterviz.render.vectors.gradient import CentralGradient, Gradient, NearestGradient
 from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.light import Light, Lights
 from clusterviz.render.vectors.march import Look, March
+from clusterviz.render.vectors.optics import Optics
 from clusterviz.render.vectors.pieces import MOST, PieceClassifier
 from clusterviz.render.vectors.place import Places
 from clusterviz.render.vectors.preintegrated import Preintegrated
@@ -42,6 +46,8 @@ class Kernel:
     few : the transfer function's pieces are held in registers
     lanes : pixels of a packet
     preintegrated : slabs are classified between their ends
+    light : what shines on the volume
+    smooth : gradients are those of cubic B-splines, whatever the field is
     """
 
     kind: VoxelKind
@@ -50,6 +56,8 @@ class Kernel:
     few: bool
     lanes: int
     preintegrated: bool = False
+    light: Light = ""
+    smooth: bool = False
 
     @property
     def name(self) -> str:
@@ -61,6 +69,8 @@ class Kernel:
             "few" if self.few else "many",
             str(self.lanes),
             *(["preintegrated"] if self.preintegrated else []),
+            *([self.light] if self.light else []),
+            *(["smooth"] if self.smooth else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -71,7 +81,7 @@ class Kernel:
         tile = Variable(code.number(I64, 0))
         samples = Variable(code.number(I64, 0))
         field = Field(code, job, self.kind, self.nearest)
-        look = self._look(code, job, Samples(code, job, field))
+        look = self._look(code, job, field)
         places = Places(code, job, self.nearest)
         tiles = Tile(code, job, March(code, job, places, look))
 
@@ -84,7 +94,8 @@ class Kernel:
         code.add_atomically(job.address("taken"), samples.now)
         return code.text()
 
-    def _look(self, code: Code, job: Job, samples: Samples) -> Look:
+    def _look(self, code: Code, job: Job, field: Field) -> Look:
+        samples = Samples(code, job, field)
         if self.preintegrated:
             return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
         if self.blending in ("maximum", "minimum"):
@@ -92,7 +103,17 @@ class Kernel:
         classifier = (PieceClassifier if self.few else Classifier)(code, job)
         if self.blending == "average":
             return Sum(code, samples, classifier)
-        return Composite(code, job, samples, classifier)
+        return Composite(code, job, samples, self._optics(code, job, field, classifier))
+
+    def _optics(self, code: Code, job: Job, field: Field, classifier: Classifier) -> Optics:
+        if not self.light:
+            return Optics(classifier)
+        return Optics(classifier, self._gradient(code, field), Lights(code, job, self.light == "near"))
+
+    def _gradient(self, code: Code, field: Field) -> Gradient:
+        if self.smooth:
+            return CubicGradient(code, field)
+        return (NearestGradient if self.nearest else CentralGradient)(code, field)
 
 
 def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
@@ -106,13 +127,15 @@ def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
     preintegrated = plan.march.preintegrated
     few = few and lanes == MOST and blending == "composite" and not preintegrated
     blending = "average" if blending == "additive" else blending
-    return Kernel(plan.encoding.kind, plan.march.filter == "nearest", blending, few, lanes, preintegrated)
+    nearest, shading = plan.march.filter == "nearest", plan.look.shading
+    light: Light = ("near" if shading.has_places else "far") if shading else ""
+    return Kernel(plan.encoding.kind, nearest, blending, few, lanes, preintegrated, light, plan.look.smooth)
 
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
-    special = plan.mixture or look.surfaces or look.shading or look.grading or march.jittered
+    special = plan.mixture or look.surfaces or look.grading or march.jittered or (look.shading and march.preintegrated)
     stretched = march.stretching is not None or march.split
     blending = look.blending == "composite" or look.blending in PROJECTIONS
     return blending and not (special or stretched) and march.filter in ("linear", "nearest")

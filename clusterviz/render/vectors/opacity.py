@@ -11,14 +11,28 @@ EXPONENTIAL = (0.000198412698, 0.00138888889, 0.00833333333, 0.0416666667, 0.166
 
 def optical_depth(code: Code, a: Value) -> Value:
     """−log(1 − a) for a in [0, 1 − 2⁻²⁴]: the exponent apart, and atanh's series for the mantissa."""
-    rest = 1.0 - a
-    exponent = (rest.bits(I32) - 0x3F3504F3).shifted(23)
+    exponent, mantissa = _split(1.0 - a)
     exponent = code.select(a < 0.29, 0, exponent)
-    mantissa = (rest.bits(I32) - (exponent << 23)).bits(F32) - 1.0
     # Where the exponent is 0 the mantissa less one is -a itself, with all of its digits.
-    above = code.select(exponent.equals(0), -a, mantissa)
-    f = above / (above + 2.0)
-    return -code.fma(exponent.to(F32), 0.693147181, f * polynomial(code, f * f, OPTICAL))
+    return -_logarithm(code, exponent, code.select(exponent.equals(0), -a, mantissa))
+
+
+def power(code: Code, x: Value, y: Value) -> Value:
+    """x^y to 2e-7 of 1, for x in [0, 1] and y ≥ 0; 0^0 is 1."""
+    depth = -_logarithm(code, *_split(code.most(x, 1e-37)))
+    found = 1.0 - absorbed(code, depth * y)
+    return code.select((x > 0.0) | y.equals(0.0), found, 0.0)
+
+
+def _split(x: Value) -> tuple[Value, Value]:
+    """The exponent of normal numbers, and their mantissa less one: x = (1 + mantissa) · 2^exponent."""
+    exponent = (x.bits(I32) - 0x3F3504F3).shifted(23)
+    return exponent, (x.bits(I32) - (exponent << 23)).bits(F32) - 1.0
+
+
+def _logarithm(code: Code, exponent: Value, mantissa: Value) -> Value:
+    f = mantissa / (mantissa + 2.0)
+    return code.fma(exponent.to(F32), 0.693147181, f * polynomial(code, f * f, OPTICAL))
 
 
 def absorbed(code: Code, depth: Value) -> Value:

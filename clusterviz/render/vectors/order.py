@@ -35,7 +35,14 @@ def tables_of(plan: Plan, addresses: NDArray[np.int64], leaps: NDArray[np.int32]
         "record_rows": segments.records,
         "clip": np.ascontiguousarray(plan.clip),
     }
-    return tables | ({"colour_rows": colour_rows(segments)} if segments.sums is None else {"sums": segments.sums})
+    classes = {"colour_rows": colour_rows(segments)} if segments.sums is None else {"sums": segments.sums}
+    return tables | classes | _look_tables(plan)
+
+
+def _look_tables(plan: Plan) -> Tables:
+    """Those that only some looks have."""
+    look = plan.look
+    return {"lighting": look.shading.block()} if look.shading else {}
 
 
 def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:
@@ -52,6 +59,7 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     job["row"], job["layer"] = x, x * y
     job["brick"], job["per_brick"] = plan.layout.brick, 1 / plan.layout.brick
     job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
+    job["lights"] = len(plan.look.shading.lights) if plan.look.shading else 0
     job["record_floats"] = plan.segments.records.itemsize // 4
     job["longest_run"] = _longest_run(plan, slot)
     memory = np.count_nonzero(tables["bricks"]) * np.prod(slot.samples_zyx) * VOXEL_BYTES

@@ -81,7 +81,7 @@ class Places:
         voxel = start + (self._voxel(local) << VOXEL_SHIFT).to(I64)
         low = _each(lambda at, _: (self._first - at).to(F32), local, local)
         high = _each(lambda last, at: (last - at).to(F32), self._last, local)
-        return Place(leap.equals(0), slabs, Spot(voxel, low, high, beyond))
+        return Place(leap.equals(0), slabs, Spot(voxel, low, high, beyond, cell))
 
     def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector], limit: Value) -> Value:
         """How many midpoints from here on lie in the box that shares the answer, for certain: one to `limit`.

@@ -19,7 +19,7 @@ class Extreme:
     def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """The extreme of the run's samples, and whether there is any."""
         found = zeros(self._code)
-        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number):
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number, _):
             self._take(found, s, (number < slabs) & (self._code.size(s) <= LARGEST))
         return four(found), slabs
 
@@ -54,7 +54,7 @@ class Sum:
     def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """Of whole slabs."""
         sums = zeros(self._code)
-        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number):
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number, _):
             self._take(sums, s, number < slabs, self._code.same(F32, 1.0))
         return four(sums), slabs
 

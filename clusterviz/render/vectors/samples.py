@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
@@ -22,15 +23,16 @@ class Samples:
         self._code, self._field, self._far = code, field, job["far"].equals(1)
 
     @contextmanager
-    def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value]]:
-        """For each slab of a run, `most` of them: the scalars at its midpoints, and its number."""
+    def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value, Spot]]:
+        """For each slab of a run, `most` of them: the scalars at its midpoints, its number, and these midpoints."""
         code, number = self._code, Variable(self._code.number(I32, 0))
         with code.loop(lambda: number.now < most.now):
             along = code.splat(number.now.to(F32))
-            s = self._field.at(self.moved(spot, slab, along))
+            here = self.moved(spot, slab, along)
+            s = self._field.at(here)
             with code.when(self._far):
                 self._field.ask_for(self.moved(spot, slab, along + AHEAD))
-            yield s, number.now
+            yield s, number.now, here
             number.set(number.now + 1)
 
     def at(self, spot: Spot) -> Value:
@@ -40,7 +42,7 @@ class Samples:
     def moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
         """Spots so many slabs on."""
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
-        return Spot(spot.voxel, spot.low, spot.high, (x, y, z))
+        return replace(spot, beyond=(x, y, z))
 
 
 def zeros(code: Code) -> Variables:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from render.scenes import SHAPE, camera_at, draw_on_processor, noise, prepare, scene_of, shown, whole
+from render.test_shading import LIT
 
 from clusterviz.data.grid import Grid
 from clusterviz.image.region import Rect
@@ -21,19 +23,25 @@ OTHERS = [width for width in WIDTHS if width.lanes != 16]
 
 
 @pytest.mark.parametrize("width", OTHERS, ids=lambda width: width.lanes)
-@pytest.mark.parametrize(("dtype", "interpolation"), [("uint8", "linear"), ("float32", "nearest")])
-def test_narrower_vectors_give_the_same_picture(width: Width, dtype: str, interpolation: str) -> None:
+@pytest.mark.parametrize(
+    ("dtype", "interpolation", "look"),
+    [("uint8", "linear", {}), ("float32", "nearest", {}), ("int16", "linear", LIT)],
+    ids=["u8", "nearest", "lit"],
+)
+def test_narrower_vectors_give_the_same_picture(width: Width, dtype: str, interpolation: str, look: Any) -> None:
     voxels = noise(dtype=dtype)
     for camera in ("outside", "inside"):
-        scene = scene_of(voxels, camera_at(camera, GRID), interpolation=interpolation, step=0.7, size=(23, 19))
+        keys: dict[str, Any] = {"interpolation": interpolation, "look": look}
+        scene = scene_of(voxels, camera_at(camera, GRID), step=0.7, size=(23, 19), **keys)
         prepared = prepare(scene, voxels, brick=7)
         found = whole(draw_on_processor(prepared, width=width).partial, scene.image.size)
         assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
 
 
-def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("look", [{}, LIT], ids=["plain", "lit"])
+def test_threads_change_nothing(look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     voxels = noise(dtype="uint8")
-    scene = scene_of(voxels, camera_at("outside", GRID), step=0.3, size=(97, 83))
+    scene = scene_of(voxels, camera_at("outside", GRID), step=0.3, size=(97, 83), look=look)
     drawn = []
     for threads in ("1", "2", "5"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
