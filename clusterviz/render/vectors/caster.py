@@ -34,7 +34,7 @@ from clusterviz.render.vectors.kernel import Kernel, can_draw, compiled, kernel_
 from clusterviz.render.vectors.leaps import leaps_of
 from clusterviz.render.vectors.memory import Memory
 from clusterviz.render.vectors.order import job_of, tables_of
-from clusterviz.render.vectors.pieces import piece_table
+from clusterviz.render.vectors.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
 Index = tuple[int, int, int]
@@ -71,7 +71,7 @@ class VectorCaster:
         self.slot = make_slot(plan.layout, plan.encoding, plan.march)
         self.pool = Memory(self.slot)
         self._leaps: dict[Any, NDArray[np.int32]] = {}
-        self._pieces: tuple[Any, float, NDArray[np.float32] | None] | None = None
+        self._pieces: tuple[Any, float, Pieces | None] | None = None
         self._shown: tuple[Any, Any] | None = None
         self.compile(plan)
 
@@ -130,13 +130,13 @@ class VectorCaster:
         self._leaps, self.pool = {}, Memory(self.slot)
 
     def _kernel_of(self, plan: Plan) -> Kernel:
-        return kernel_of(plan, self._width.lanes, self._pieces_of(plan) is not None)
+        return kernel_of(plan, self._width.lanes, self._pieces_of(plan))
 
-    def _pieces_of(self, plan: Plan) -> NDArray[np.float32] | None:
+    def _pieces_of(self, plan: Plan) -> Pieces | None:
         """The transfer function's pieces, where they are few: kept until it changes."""
         known = plan.transfer, plan.march.slab_units
         if self._pieces is None or self._pieces[0] is not known[0] or self._pieces[1] != known[1]:
-            self._pieces = (*known, piece_table(plan))
+            self._pieces = (*known, pieces_of(plan))
         return self._pieces[2]
 
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
@@ -147,7 +147,7 @@ class VectorCaster:
         box = bounding_box(bricks)
         tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
         pieces = self._pieces_of(plan)
-        return _Shown(piece, len(bricks), box, tables if pieces is None else tables | {"pieces": pieces})
+        return _Shown(piece, len(bricks), box, tables if pieces is None else tables | {"pieces": pieces.table})
 
     def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value
@@ -23,7 +24,7 @@ from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.light import Light, Lights
 from clusterviz.render.vectors.march import Look, March
 from clusterviz.render.vectors.optics import Optics
-from clusterviz.render.vectors.pieces import MOST, PieceClassifier
+from clusterviz.render.vectors.pieces import MOST, PieceClassifier, Pieces
 from clusterviz.render.vectors.place import Places
 from clusterviz.render.vectors.preintegrated import Preintegrated
 from clusterviz.render.vectors.projections import Extreme, Sum
@@ -31,6 +32,7 @@ from clusterviz.render.vectors.ramps import Ramps
 from clusterviz.render.vectors.samples import Samples
 from clusterviz.render.vectors.tile import Tile
 
+Held = Literal["many", "few", "fitted"]
 PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "average", "additive")
 
 
@@ -43,7 +45,7 @@ class Kernel:
     kind : how voxels are stored
     nearest : the nearest voxel is taken
     blending : what becomes of samples; sums are averages, too
-    few : the transfer function's pieces are held in registers
+    pieces : the transfer function's are many; or few, held in registers; or few, and fitted by polynomials
     lanes : pixels of a packet
     preintegrated : slabs are classified between their ends
     light : what shines on the volume
@@ -53,7 +55,7 @@ class Kernel:
     kind: VoxelKind
     nearest: bool
     blending: Blending
-    few: bool
+    pieces: Held
     lanes: int
     preintegrated: bool = False
     light: Light = ""
@@ -66,7 +68,7 @@ class Kernel:
             self.kind,
             "nearest" if self.nearest else "linear",
             self.blending,
-            "few" if self.few else "many",
+            self.pieces,
             str(self.lanes),
             *(["preintegrated"] if self.preintegrated else []),
             *([self.light] if self.light else []),
@@ -100,7 +102,8 @@ class Kernel:
             return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
         if self.blending in ("maximum", "minimum"):
             return Extreme(code, samples, self.blending == "maximum")
-        classifier = (PieceClassifier if self.few else Classifier)(code, job)
+        many = self.pieces == "many"
+        classifier = Classifier(code, job) if many else PieceClassifier(code, job, self.pieces == "fitted")
         if self.blending == "average":
             return Sum(code, samples, classifier)
         return Composite(code, job, samples, self._optics(code, job, field, classifier))
@@ -116,20 +119,21 @@ class Kernel:
         return (NearestGradient if self.nearest else CentralGradient)(code, field)
 
 
-def kernel_of(plan: Plan, lanes: int, few: bool) -> Kernel:
+def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     """The kernel that a plan needs.
 
     Parameters
     ----------
-    few : whether the transfer function has few pieces
+    pieces : the transfer function's, where they are few
     """
     blending = plan.look.blending
     preintegrated = plan.march.preintegrated
-    few = few and lanes == MOST and blending == "composite" and not preintegrated
+    few = pieces is not None and lanes == MOST and blending == "composite" and not preintegrated
+    held: Held = "many" if pieces is None or not few else "fitted" if pieces.fitted else "few"
     blending = "average" if blending == "additive" else blending
     nearest, shading = plan.march.filter == "nearest", plan.look.shading
     light: Light = ("near" if shading.has_places else "far") if shading else ""
-    return Kernel(plan.encoding.kind, nearest, blending, few, lanes, preintegrated, light, plan.look.smooth)
+    return Kernel(plan.encoding.kind, nearest, blending, held, lanes, preintegrated, light, plan.look.smooth)
 
 
 def can_draw(plan: Plan) -> bool:

@@ -1,10 +1,13 @@
 """Transfer functions of few pieces, which fit in registers: a look-up is then a permutation, not a load.
 
 A slab's opacity is a polynomial on each piece, so that pieces are few where chords (plan/segments.py) would be
-hundreds. Pieces are cut until polynomials are as good as those chords.
+hundreds. Pieces are cut until polynomials are as good as those chords. Where that takes too many, as it does near an
+opacity of 1, pieces stay as they are and a slab's opacity is computed from that of a unit length.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +16,9 @@ from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, I32, Value
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
-from clusterviz.render.vectors.classify import Class, Classifier
+from clusterviz.render.vectors.classify import BELOW_ONE, Class, Classifier
 from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.opacity import slab_opacity
 from clusterviz.scene.transfer import OPAQUE
 
 MOST = 16  # floats in a register of AVX-512
@@ -30,17 +34,42 @@ _CHECKED = (np.arange(24) + 0.5) / 24
 Floats = NDArray[np.float64]
 
 
-def piece_table(plan: Plan) -> NDArray[np.float32] | None:
-    """The plan's transfer function for whole slabs, (ROWS, MOST); None where it has more pieces."""
-    records, _ = outline(plan.transfer)
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A transfer function of few pieces.
+
+    Attributes
+    ----------
+    table : float32 (ROWS, MOST)
+    fitted : coefficients give the opacity of a slab; else the first two give that of a unit length
+    """
+
+    table: NDArray[np.float32]
+    fitted: bool
+
+
+def pieces_of(plan: Plan) -> Pieces | None:
+    """The plan's transfer function for whole slabs; None where it has more pieces than a register holds."""
+    uncut, _ = outline(plan.transfer)
+    if len(uncut) > MOST:
+        return None
+    units, records = plan.march.slab_units, uncut
     while len(records) <= MOST:
-        lengths = np.append(np.diff(records["start"]), 0.0)
-        lengths[0] = 0.0
-        cut = _misses(records, lengths, plan.march.slab_units)
+        lengths = _lengths(records)
+        cut = _misses(records, lengths, units)
         if not cut.any():
-            return _table(records, lengths, plan.march.slab_units)
+            return Pieces(_table(records, lengths, _COEFFICIENTS @ _slab(records, lengths, units, _NODES).T), True)
         records = halved(records, cut)
-    return None
+    lengths = _lengths(uncut)
+    linear = np.array([uncut["unit_opacity"], uncut["unit_slope"] * lengths])
+    return Pieces(_table(uncut, lengths, linear), False)
+
+
+def _lengths(records: NDArray[np.void]) -> Floats:
+    """Of all pieces; the outer ones are constant."""
+    lengths = np.append(np.diff(records["start"]), 0.0)
+    lengths[0] = 0.0
+    return lengths
 
 
 def _slab(records: NDArray[np.void], lengths: Floats, units: float, share: float | Floats) -> Floats:
@@ -63,7 +92,7 @@ def _misses(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray
     return np.asarray((error.max(axis=1) > allowed) & (middles.astype("f4") > records["start"].astype("f4")))
 
 
-def _table(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray[np.float32]:
+def _table(records: NDArray[np.void], lengths: Floats, coefficients: Floats) -> NDArray[np.float32]:
     count = len(records)
     table = np.zeros((ROWS, MOST))
     table[START, count:] = FAR
@@ -71,17 +100,23 @@ def _table(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray[
     table[PER_LENGTH, :count] = np.where(lengths > 0, 1 / np.maximum(lengths, 1 / FAR), 0.0)
     # The outer pieces are constant.
     table[START, 0] = 0.0
-    table[OPACITY:COLOUR, :count] = _COEFFICIENTS @ _slab(records, lengths, units, _NODES).T
+    table[OPACITY : OPACITY + len(coefficients), :count] = coefficients
     table[COLOUR:CHANGE, :count] = records["colour"].T
     table[CHANGE:, :count] = (records["colour_slope"] * lengths[:, None]).T
     return np.clip(table, -FAR, FAR).astype(np.float32)
 
 
 class PieceClassifier(Classifier):
-    """The transfer function in registers; shares of slabs are looked up as ever."""
+    """The transfer function in registers; shares of slabs are looked up as ever.
 
-    def __init__(self, code: Code, job: Job) -> None:
+    Parameters
+    ----------
+    fitted : as of the draw's `Pieces`
+    """
+
+    def __init__(self, code: Code, job: Job, fitted: bool) -> None:
         super().__init__(code, job)
+        self._fitted = fitted
         self._rows = [code.load(F32, job["pieces"] + 4 * MOST * row, MOST) for row in range(ROWS)]
 
     def of_slab(self, s: Value) -> Class:
@@ -92,11 +127,18 @@ class PieceClassifier(Classifier):
             later = piece + stride
             piece = code.select(s >= self._row(START, later), later, piece)
         x = (s - self._row(START, piece)) * self._row(PER_LENGTH, piece)
+        r, g, b = (code.fma(self._row(CHANGE + k, piece), x, self._row(COLOUR + k, piece)) for k in range(3))
+        return Class(self._opacity(x, piece), (r, g, b))
+
+    def _opacity(self, x: Value, piece: Value) -> Value:
+        code = self._code
+        if not self._fitted:
+            unit = code.fma(self._row(OPACITY + 1, piece), x, self._row(OPACITY, piece))
+            return slab_opacity(code, code.within(unit, 0.0, BELOW_ONE), self._units)
         opacity = self._row(COLOUR - 1, piece)
         for row in range(COLOUR - 2, OPACITY - 1, -1):
             opacity = code.fma(opacity, x, self._row(row, piece))
-        r, g, b = (code.fma(self._row(CHANGE + k, piece), x, self._row(COLOUR + k, piece)) for k in range(3))
-        return Class(code.within(opacity, 0.0, 1.0), (r, g, b))
+        return code.within(opacity, 0.0, 1.0)
 
     def _row(self, row: int, piece: Value) -> Value:
         return self._code.permuted(self._rows[row], piece)

@@ -17,7 +17,7 @@ VOXELS = noise(SHAPE, "uint8")
 def code_of(lights: Any = (), **look: Any) -> str:
     """The kernel of a scene, as text."""
     scene = scene_of(VOXELS, camera_at("outside", Grid(SHAPE)), look=look, parts={"lights": lights})
-    return kernel_of(prepare(scene, VOXELS).plan, 8, few=False).write()
+    return kernel_of(prepare(scene, VOXELS).plan, 8, None).write()
 
 
 def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:

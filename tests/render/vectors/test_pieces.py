@@ -11,7 +11,7 @@ from render.scenes import camera_at, draw_on_processor, noise, prepare, scene_of
 from clusterviz.data.grid import Grid
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
-from clusterviz.render.vectors.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, piece_table
+from clusterviz.render.vectors.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of
 
 SHAPE = (12, 13, 14)
 VOXELS = noise(SHAPE)
@@ -36,8 +36,10 @@ def opacities(table: np.ndarray, s: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("step", [0.1, 0.5, 1.0, 3.0])
 def test_polynomials_are_as_good_as_chords(step: float) -> None:
     plan = plan_of(opacity=RAMP, unit=1.0, step=step)
-    table = piece_table(plan)
-    assert table is not None
+    pieces = pieces_of(plan)
+    assert pieces is not None
+    assert pieces.fitted
+    table = pieces.table
     s = np.linspace(-0.5, 1.5, 4001).astype(np.float32)
     exact = -np.expm1(plan.march.slab_units * np.log1p(-plan.transfer.opacity(s.astype(np.float64))))
     assert np.abs(opacities(table, s) - exact).max() <= 1e-6
@@ -47,23 +49,32 @@ def test_polynomials_are_as_good_as_chords(step: float) -> None:
 
 def test_many_pieces_are_not_held_in_registers() -> None:
     points = tuple((float(x), 0.3) for x in np.linspace(0, 1, MOST + 4))
-    assert piece_table(plan_of(opacity=points)) is None
+    assert pieces_of(plan_of(opacity=points)) is None
     assert DEGREE > 1
 
 
 @pytest.mark.parametrize(
-    "opacity", [RAMP, ((0.0, 0.1), (0.5, 0.1), (0.5, 0.7), (1.0, 0.0)), 0.3], ids=["ramp", "step", "even"]
+    ("opacity", "unit"),
+    [
+        (RAMP, 2.0),
+        (((0.0, 0.1), (0.5, 0.1), (0.5, 0.7), (1.0, 0.0)), 2.0),
+        (0.3, 2.0),
+        (((0.0, 0.0), (1.0, 1.0)), 20.0),
+    ],
+    ids=["ramp", "step", "even", "opaque"],
 )
-def test_few_and_many_pieces_give_the_same_picture(opacity: Any) -> None:
-    """The same function with more control points than fit."""
+def test_few_and_many_pieces_give_the_same_picture(opacity: Any, unit: float) -> None:
+    """The same function with more control points than fit. Near an opacity of 1 no polynomial fits a thin slab's."""
     grid, camera = Grid(SHAPE), camera_at("outside", Grid(SHAPE))
     colours = ((0.0, 1.0, 0.1, 0.0), (1.0, 0.0, 0.25, 1.0))
     mixed = tuple(
         (x, *(np.array(colours[0][1:]) * (1 - x) + np.array(colours[1][1:]) * x)) for x in np.linspace(0, 1, 40)
     )
     for cmap in (colours, mixed):
-        scene = scene_of(VOXELS, camera, clim=(0.0, 1.0), opacity=opacity, cmap=cmap, unit=2.0, step=0.6)
+        scene = scene_of(VOXELS, camera, clim=(0.0, 1.0), opacity=opacity, cmap=cmap, unit=unit, step=0.6)
         prepared = prepare(scene, VOXELS, grid)
-        assert (piece_table(prepared.plan) is None) == (cmap is mixed)
+        pieces = pieces_of(prepared.plan)
+        assert (pieces is None) == (cmap is mixed)
+        assert pieces is None or pieces.fitted == (unit < 20.0)
         found = whole(draw_on_processor(prepared).partial, scene.image.size)
         assert np.abs(found - render_reference(scene, grid, VOXELS)).max() <= 1e-5

@@ -65,7 +65,7 @@ def test_plain_kernels_have_none_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(preintegrated.Preintegrated, "run")
     voxels = noise()
     plain, between = (
-        kernel_of(prepare(scene, voxels).plan, 16, False)
+        kernel_of(prepare(scene, voxels).plan, 16, None)
         for scene in (scene_of(voxels, camera_at("outside", GRID)), scene_between(voxels))
     )
     assert plain.name != between.name
