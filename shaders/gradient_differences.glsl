@@ -1,15 +1,30 @@
-// The gradient of any field, in units of clim per voxel: its difference a voxel to either side. An invalid side counts as no different.
-float along(int brick, ivec3 cell, vec3 beyond, ivec3 axis, float here) {
-    float before = scalar_at(brick, cell - axis, beyond), after = scalar_at(brick, cell + axis, beyond);
-    if (MAY_BE_INVALID) {
-        before = abs(before) <= 3e38 ? before : here;
-        after = abs(after) <= 3e38 ? after : here;
+// The gradient of a field that the texture unit interpolates, in units of clim per voxel: as in gradient.glsl, from samples of the field.
+// Its difference a voxel to either side is that of the voxels, interpolated. Beside an invalid voxel the line to the other side is taken.
+bool is_missing(float s) {
+    return MAY_BE_INVALID && !(abs(s) <= 3e38);
+}
+
+float along(int brick, ivec3 at, vec3 w, ivec3 axis, bool begins, bool ends) {
+    float before = scalar_at(brick, at - axis, w), after = scalar_at(brick, at + axis, w);
+    if (begins || ends) {
+        // At the volume's faces: on the layers of voxels at both ends of the cell, of whose derivatives the mean is the cell's slope.
+        vec3 side = vec3(axis), layer = w * (1.0 - side);
+        float low = scalar_at(brick, at, layer), high = scalar_at(brick, at, layer + side), edge = high - low;
+        if (begins && ends) return edge;
+        float known = begins ? scalar_at(brick, at, layer + 2.0 * side) - low : high - scalar_at(brick, at, layer - side);
+        return edge + (0.5 * known - edge) * (begins ? 2.0 * dot(w, side) - 1.0 : 1.0 - 2.0 * dot(w, side));
     }
-    return 0.5 * (after - before);
+    if (MAY_BE_INVALID && is_missing(before) != is_missing(after)) {
+        float here = scalar_at(brick, at, w);
+        return is_missing(before) ? after - here : here - before;
+    }
+    return is_missing(before) ? 0.0 : 0.5 * (after - before);
 }
 
 vec3 gradient_at(int brick, ivec3 cell, vec3 beyond) {
-    float here = MAY_BE_INVALID ? scalar_at(brick, cell, beyond) : 0.0;
-    return vec3(along(brick, cell, beyond, ivec3(1, 0, 0), here), along(brick, cell, beyond, ivec3(0, 1, 0), here),
-                along(brick, cell, beyond, ivec3(0, 0, 1), here));
+    ivec3 at = clamp(cell + ivec3(floor(beyond)), -brick_begin, last_cell - brick_begin);
+    bvec3 begins = lessThanEqual(at, -brick_begin), ends = greaterThanEqual(at, last_cell - brick_begin);
+    vec3 w = beyond - vec3(at - cell);
+    return vec3(along(brick, at, w, ivec3(1, 0, 0), begins.x, ends.x), along(brick, at, w, ivec3(0, 1, 0), begins.y, ends.y),
+                along(brick, at, w, ivec3(0, 0, 1), begins.z, ends.z));
 }

@@ -1,4 +1,4 @@
-"""The witness's light: gradients by central differences, and Phong's model on both sides of a surface, as in VTK."""
+"""The witness's light: gradients by differences of voxels, and Phong's model on both sides of a surface, as in VTK."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
-from clusterviz.reference.sample import nearest_voxel, trilinear_cell
+from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
 from clusterviz.scene.light import Light
 from clusterviz.scene.values import Volume
 
 
 def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """Central differences of voxels, interpolated linearly; per voxel.
+    """Derivatives at voxels by second-order differences, interpolated linearly; per voxel.
 
-    A voxel outside of the volume, or an invalid one, is replaced by the corner of the cell beside it.
+    Differences are central, and one-sided where a neighbour lies outside of the volume or is invalid.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
     gradient = np.zeros(point.shape)
     for corner in np.ndindex(2, 2, 2):
         weight = np.where(corner, fraction, 1 - fraction).prod(axis=1)
-        gradient += weight[:, None] * _differences(voxels, cell + corner)
+        gradient += weight[:, None] * _slopes(voxels, cell + corner, curved=True)
     return gradient
 
 
 def nearest_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """Central differences at the nearest voxel; otherwise as `trilinear_gradient`."""
-    return _differences(voxels, nearest_voxel(voxels, point))
+    """Differences at the nearest voxel: central, or to the only neighbour that there is; otherwise as `trilinear_gradient`."""
+    return _slopes(voxels, nearest_voxel(voxels, point), curved=False)
 
 
 def lit(
@@ -100,19 +100,33 @@ def _arriving(light: Light, way: Floats) -> Floats:
     return found
 
 
-def _differences(voxels: NDArray[Any], at: NDArray[np.int64]) -> Floats:
-    """Central differences (n, 3) at voxels (x, y, z); a neighbour that is missing or invalid is the voxel itself."""
-    last = np.array(voxels.shape[::-1]) - 1
+def _slopes(voxels: NDArray[Any], at: NDArray[np.int64], curved: bool) -> Floats:
+    """Derivatives (n, 3) at voxels (x, y, z): central differences, one-sided ones where a neighbour is missing or invalid.
+
+    One-sided differences are those of the parabola through three voxels, or, where the third is missing or not `curved`,
+    of the line through two; 0 where there is no neighbour at all.
+    """
     found = np.zeros(at.shape)
     for axis in range(3):
-        sides = []
-        for sign in (-1, 1):
-            beside = at.copy()
-            beside[:, axis] = np.clip(at[:, axis] + sign, 0, last[axis])
-            value = voxels[tuple(beside[:, ::-1].T)].astype(np.float64)
-            sides.append(np.where(np.isfinite(value), value, voxels[tuple(at[:, ::-1].T)]))
-        found[:, axis] = np.where(np.isfinite(sides).all(axis=0), _half(sides[0], sides[1]), 0)
-    return found
+        (below, has_below), (here, _), (above, has_above) = (_beside(voxels, at, axis, k) for k in (-1, 0, 1))
+        found[:, axis] = np.where(has_below & has_above, _half(below, above), 0)
+        for sign, near, alone in ((1, above, has_above & ~has_below), (-1, below, has_below & ~has_above)):
+            far, has_far = _beside(voxels, at, axis, 2 * sign)
+            with np.errstate(over="ignore", invalid="ignore"):
+                line = 2 * _half(here, near)
+                parabola = 2 * line - _half(here, far)
+            found[:, axis] = np.where(alone, sign * np.where(has_far & curved, parabola, line), found[:, axis])
+    return np.nan_to_num(found)  # what overflows is as steep as can be
+
+
+def _beside(voxels: NDArray[Any], at: NDArray[np.int64], axis: int, distance: int) -> tuple[Floats, Flags]:
+    """The voxels (n,) so far along an axis, 0 where there is none; and where there is one that is valid."""
+    place = at.copy()
+    place[:, axis] += distance
+    inside = (place[:, axis] >= 0) & (place[:, axis] < voxels.shape[2 - axis])
+    value = voxels[tuple(np.where(inside[:, None], place, at)[:, ::-1].T)].astype(np.float64)
+    valid: Flags = inside & np.isfinite(value)
+    return np.where(valid, value, 0), valid
 
 
 def _half(low: Floats, high: Floats) -> Floats:

@@ -38,7 +38,7 @@ VOLUME = np.dtype(
 )
 OWN_NAMES = (
     *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
-    *("row_around", "pair_beside", "difference", "along", "gradient_at"),
+    *("invalid", "derivative", "is_missing", "along", "gradient_at"),
     *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
     *("LightsBlock", "lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
@@ -93,6 +93,7 @@ class VolumeVariant:
             "frame": frame,
             "scalar": f"{frame}.scalar",
             "buckets": f"{frame}.buckets",
+            "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
             "NUMBER": str(number),
             "FIRST_BUCKET": str(BUCKETS * number),
             "FURTHER_STARTS": str(self.further_starts),

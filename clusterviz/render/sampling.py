@@ -20,8 +20,8 @@ def gradient_file(filter: Filter, smooth: bool) -> str:
     """The file of the field's gradient; a smooth one is a cubic B-spline's, whatever the field is."""
     if smooth:
         return "gradient_cubic.glsl"
-    files = {"linear": "gradient.glsl", "cubic": "gradient_cubic.glsl", "cubic-hardware": "gradient_cubic.glsl"}
-    return files.get(filter, "gradient_differences.glsl")
+    files = {"linear": "gradient.glsl", "nearest": "gradient_nearest.glsl", "hardware": "gradient_differences.glsl"}
+    return files.get(filter, "gradient_cubic.glsl")
 
 
 def spline_file(filter: Filter, gradient: str) -> str:

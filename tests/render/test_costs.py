@@ -77,7 +77,7 @@ CASES = {
     "nearest, shade": Case(
         {"interpolation": "nearest", "look": SHADE},
         "linear_u8 unlit gradient_none",
-        "nearest gradient_differences lights lights_far",
+        "nearest gradient_nearest lights lights_far",
         buffers=1,
         side=19,
     ),
