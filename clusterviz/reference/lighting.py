@@ -38,7 +38,7 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
 
 def nearest_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """Differences at the nearest voxel: central, or to the only neighbour that there is; otherwise as `trilinear_gradient`."""
+    """Differences at the nearest voxel: central, or to its only neighbour; otherwise as `trilinear_gradient`."""
     return _slopes(voxels, nearest_voxel(voxels, point), curved=False)
 
 
@@ -101,10 +101,10 @@ def _arriving(light: Light, way: Floats) -> Floats:
 
 
 def _slopes(voxels: NDArray[Any], at: NDArray[np.int64], curved: bool) -> Floats:
-    """Derivatives (n, 3) at voxels (x, y, z): central differences, one-sided ones where a neighbour is missing or invalid.
+    """Derivatives (n, 3) at voxels (x, y, z): central differences, one-sided where a neighbour is missing or invalid.
 
-    One-sided differences are those of the parabola through three voxels, or, where the third is missing or not `curved`,
-    of the line through two; 0 where there is no neighbour at all.
+    One-sided differences are those of the parabola through three voxels, or, where the third is missing or not
+    `curved`, of the line through two; 0 where there is no neighbour at all.
     """
     found = np.zeros(at.shape)
     for axis in range(3):
