@@ -1,26 +1,10 @@
-// Emission and absorption of a slab whose transfer function is a table over scalars and magnitudes of the gradient. It is read texel by
-// texel and interpolated in float32: the texture unit's weights would have 8 bits.
-layout(binding = 1) uniform sampler2D transfer_table; // straight colour, opacity over one unit distance; scalars along x, magnitudes along y
-
-vec4 entry_at(float s, float magnitude) {
-    ivec2 last = textureSize(transfer_table, 0) - 1;
-    vec4 axes = grading[3];
-    vec2 place = clamp(vec2((s - axes.x) * axes.y, (magnitude - axes.z) * axes.w), vec2(0.0), vec2(last));
-    ivec2 first = ivec2(place), next = min(first + 1, last);
-    vec2 w = place - vec2(first);
-    vec4 low = texelFetch(transfer_table, first, 0), high = texelFetch(transfer_table, ivec2(first.x, next.y), 0);
-    low += (texelFetch(transfer_table, ivec2(next.x, first.y), 0) - low) * w.x;
-    high += (texelFetch(transfer_table, next, 0) - high) * w.x;
-    return low + (high - low) * w.y;
-}
-
+// Emission and absorption of a slab whose transfer function is a table over scalars and magnitudes of the gradient.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-    vec4 entry = entry_at(s, magnitude_of(gradient));
-    float opacity = slab_opacity(clamp(entry.a, 0.0, 1.0 - 5.9604645e-8), frame.optics.x * share);
-    vec3 colour = TABLE_HAS_COLOUR ? entry.rgb : segment_at(s).colour;
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(colour, gradient, place, beyond), 1.0);
+    vec4 entry = classified(s, gradient);
+    float opacity = slab_opacity(entry.a, frame.optics.x * share);
+    sum += ((1.0 - sum.a) * opacity) * vec4(lit(entry.rgb, gradient, place, beyond), 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

@@ -41,9 +41,5 @@ void take_all(inout vec4 sum, int k, int at) {
     take_before(sum, k, at);
     if (here.brick < 0 || k < seen.x || k >= seen.y) return;
     vec3 beyond = here.beyond + float(at) * stride;
-    float s = scalar_at(here.brick, here.cell, beyond);
-    if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
-    Segment segment = segment_at(s);
-    float depth = frame.optics.x * optical_depth(segment.unit_opacity);
-    sum += depth * vec4(lit(segment.colour, gradient_at(here.brick, here.cell, beyond), here, beyond), 1.0);
+    sum += depth_of(scalar_at(here.brick, here.cell, beyond), here, beyond);
 }

@@ -1,6 +1,5 @@
 // Ambient, diffuse and specular light (Phong), on both sides of a surface, as in VTK. A headlight shines from the eye, as if from afar.
-// The parts of the block are those of plan/shading.py.
-layout(std140, binding = LIGHTS_BINDING) uniform LightsBlock { vec4 lighting[7 + LIGHT_ROWS * LIGHTS]; };
+// The rows of `lighting` are those of plan/shading.py.
 
 // Of the ray and in the world: in a loop, a driver may fetch a block's member again each time.
 vec3 toward_eye;

@@ -1,6 +1,4 @@
-// The magnitude of the gradient in the world. The parts of the block are those of plan/grading.py.
-layout(std140, binding = 5) uniform GradingBlock { vec4 grading[4 + FADING_PIECES]; };
-
+// The magnitude of the gradient in the world. The rows of `grading` are those of plan/grading.py.
 mat3 world_from_gradient = mat3(grading[0].xyz, grading[1].xyz, grading[2].xyz);
 
 float magnitude_of(vec3 gradient) {

@@ -1,6 +1,5 @@
 // Isosurfaces: a slab has one where the field at its begin and at its end are on different sides of a value. It lies where the field crosses
-// the value, found by iteration. In a volume, what is in front of it and behind it in its slab is taken apart. Its two rows of the block are those of plan/look.py: value, 0, 0, 0; colour, opacity.
-layout(std140, binding = 4) uniform SurfacesBlock { vec4 surface[2 * SURFACES]; };
+// the value, found by iteration. In a volume, what is in front of it and behind it in its slab is taken apart. Its two rows of `surface` are those of plan/look.py: value, 0, 0, 0; colour, opacity.
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);

@@ -6,6 +6,8 @@ std140's rules agree with a packed C struct and no padding has to be guessed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 COLUMNS = {("f", 4): "vec4", ("f", 8): "dvec4", ("i", 4): "ivec4", ("u", 4): "uvec4"}
@@ -25,6 +27,12 @@ def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
         kind, offset = dtype.fields[member][:2]  # type: ignore[index]
         lines.append(f"    {_glsl_type(member, kind, offset)} {member};")
     return "\n".join([*lines, f"}} {name};", ""])
+
+
+def glsl_rows(name: str, binding: int, rows: Mapping[str, int]) -> str:
+    """GLSL text of a std140 uniform block whose members are arrays of so many vec4s, one behind the other."""
+    members = " ".join(f"vec4 {member}[{count}];" for member, count in rows.items())
+    return f"layout(std140, binding = {binding}) uniform {name}Block {{ {members} }};\n"
 
 
 def glsl_array(name: str, binding: int, dtype: np.dtype[np.void], count: int) -> str:

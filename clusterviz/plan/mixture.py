@@ -23,7 +23,8 @@ from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
 from clusterviz.plan.domain import Domain, domain_layout, make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, is_lit, make_look, margin_of, spread_of
+from clusterviz.plan.grading import make_grading
+from clusterviz.plan.look import Look, is_graded, is_lit, make_look, margin_of, spread_of
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.scene.complete import transfer_function
@@ -55,7 +56,7 @@ class Ingredient:
     Attributes
     ----------
     cut : which of its voxels a brick of the domain needs
-    look : how it is lit; its blending is composite
+    look : what depends on its gradient; its blending is composite
     encoding, transfer, segments : as in `Plan`
     interpolation : of its voxels
     spread : samples beyond a cell's corners on which the field in it depends
@@ -116,7 +117,12 @@ def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step
     transfer = transfer_function(volume)
     return Ingredient(
         cut,
-        make_look(volume, transfer, make_shading(volume, scene.lights, known.grid) if is_lit(volume) else None),
+        make_look(
+            volume,
+            transfer,
+            make_shading(volume, scene.lights, known.grid) if is_lit(volume) else None,
+            make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None,
+        ),
         make_encoding(known.dtype, transfer.domain),
         transfer,
         # Extinctions are added, not opacities: the opacity of a unit length is what is needed, and that is linear.

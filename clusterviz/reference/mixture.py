@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, to_index_space
 from clusterviz.reference.slabs import slabs_in
@@ -93,10 +94,11 @@ def _extinction_and_colour(some: Rays, body: Body, scene: Scene, seen: NDArray[n
     point = np.clip(local.start[inside], 0, last)
     scalar, valid = SAMPLERS[volume.interpolation](body.voxels, *point.T)
     transfer = transfer_function(volume)
-    kappa[inside] = np.where(valid, transfer.extinction(scalar), 0)
-    found = np.where(valid[:, None], transfer.colour(scalar), 0)
-    if volume.shade:
-        gradient = gradient_at(volume, body.voxels, point)
+    gradient = gradient_at(volume, body.voxels, point) if needs_gradient(volume) else None
+    found, extinction = optics(volume, transfer, scalar, gradient, grid)
+    kappa[inside] = np.where(valid, extinction, 0)
+    found = np.where(valid[:, None], found, 0)
+    if volume.shade and gradient is not None:
         found = lit(found, gradient, point, local.direction[inside], volume, scene.lights, grid)
     colour[inside] = found
     return kappa, colour

@@ -13,14 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.layout import glsl_array
+from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.plan.grading import Table
+from clusterviz.plan.look import Look
 from clusterviz.plan.mixture import Mixture
 from clusterviz.plan.plan import Filter
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import Slot
 
-VOLUMES_BINDING = 6  # of the block of all volumes; those of the lights of each follow
+VOLUMES_BINDING, ROWS_BINDING = 6, 7  # of the block of all volumes, and of the rows of their looks
+TABLES_BINDING = 1  # of the first volume's texture
 VOLUME = np.dtype(
     [
         ("x", "f8", 4),  # rows of the matrix that takes the domain's index space to the volume's
@@ -40,7 +43,9 @@ OWN_NAMES = (
     *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
     *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
-    *("LightsBlock", "lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
+    *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
+    *("grading", "world_from_gradient", "magnitude_of", "faded"),
+    *("transfer_table", "entry_at", "classified", "depth_of"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
 """What the files of one volume define, and another volume's define too."""
@@ -60,6 +65,7 @@ class VolumeVariant:
     lights : how many light it; 0: it is not lit
     near : some of them have a place
     smooth : its gradients are those of cubic B-splines
+    fading, table : as in `Variant`
     """
 
     filter: Filter
@@ -68,6 +74,19 @@ class VolumeVariant:
     lights: int = 0
     near: bool = False
     smooth: bool = False
+    fading: int = 0
+    table: Table = ""
+
+    @property
+    def rows(self) -> dict[str, int]:
+        """How many rows its look has of each kind; `rows_of` gives them in the same order."""
+        found = {"lighting": 7 + self.light_rows * self.lights} if self.lights else {}
+        return found | ({"grading": 4 + self.fading} if self.fading or self.table else {})
+
+    @property
+    def light_rows(self) -> int:
+        """Rows for each light."""
+        return 5 if self.near else 2
 
     def parts(self, number: int) -> tuple[str, ...]:
         """The files that sample the volume, between the macros that make them its own.
@@ -79,12 +98,15 @@ class VolumeVariant:
         macros, chain = self._macros(number), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
-        gradient = gradient_file(self.filter, self.smooth) if self.lights else "gradient_none.glsl"
+        gradient = gradient_file(self.filter, self.smooth) if self.rows else "gradient_none.glsl"
+        magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
+        depth = ("table.glsl", "depth_2d.glsl") if self.table else ("depth.glsl",)
+        fade = "faded.glsl" if self.fading else "unfaded.glsl"
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
         files = (voxel, spline_file(self.filter, gradient), field, gradient, *light)
-        return (begin, "transfer.glsl", "segment.glsl", *files, "ingredient.glsl", end)
+        return (begin, "transfer.glsl", "segment.glsl", *files, *magnitude, fade, *depth, "ingredient.glsl", end)
 
     def _macros(self, number: int) -> dict[str, str]:
         z, y, x = self.slot.cells_zyx
@@ -104,8 +126,10 @@ class VolumeVariant:
             "SLICE_WORDS": str(self.slot.slice_words),
             "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
             "LIGHTS": str(self.lights),
-            "LIGHT_ROWS": str(5 if self.near else 2),
-            "LIGHTS_BINDING": str(VOLUMES_BINDING + 1 + number),
+            "LIGHT_ROWS": str(self.light_rows),
+            "FADING_PIECES": str(self.fading),
+            "TABLE_BINDING": str(TABLES_BINDING + number),
+            "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
         }
 
 
@@ -137,6 +161,8 @@ def volume_variants(mixture: Mixture, slot: Slot) -> tuple[VolumeVariant, ...]:
             len(part.look.shading.lights) if part.look.shading else 0,
             bool(part.look.shading and part.look.shading.has_places),
             part.look.smooth,
+            part.look.grading.fading if part.look.grading else 0,
+            part.look.grading.table_holds if part.look.grading else "",
         )
         for part, room in zip(mixture.ingredients, slot.parts, strict=True)
     )
@@ -145,14 +171,27 @@ def volume_variants(mixture: Mixture, slot: Slot) -> tuple[VolumeVariant, ...]:
 def mixture_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
     """The files that sample a slab of several volumes."""
     each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
-    return (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), *each, "mixture.glsl")
+    rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
+    blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Looks", ROWS_BINDING, rows)
+    return (*(blocks if rows else blocks[:1]), *each, "mixture.glsl")
 
 
 def mixture_blocks(mixture: Mixture) -> list[tuple[int, NDArray[Any]]]:
     """The uniform blocks of several volumes, with their bindings."""
-    lights = [(n, part.look.shading) for n, part in enumerate(mixture.ingredients)]
-    lit = [(VOLUMES_BINDING + 1 + n, shading.block()) for n, shading in lights if shading]
-    return [(VOLUMES_BINDING, volumes_block(mixture)), *lit]
+    rows = [rows for part in mixture.ingredients for rows in rows_of(part.look)]
+    looks = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
+    return [(VOLUMES_BINDING, volumes_block(mixture)), *looks]
+
+
+def rows_of(look: Look) -> list[NDArray[np.float32]]:
+    """The rows of a volume's look, as `VolumeVariant.rows` counts them: float32 (n, 4) each."""
+    return [part.block() for part in (look.shading, look.grading) if part]
+
+
+def mixture_tables(mixture: Mixture) -> list[tuple[int, NDArray[np.float32]]]:
+    """The transfer functions that are tables over scalars and magnitudes, with the bindings of their textures."""
+    gradings = [(TABLES_BINDING + n, part.look.grading) for n, part in enumerate(mixture.ingredients)]
+    return [(binding, one.table) for binding, one in gradings if one and one.table is not None]
 
 
 def volumes_block(mixture: Mixture) -> NDArray[np.void]:

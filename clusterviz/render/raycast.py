@@ -26,7 +26,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.dispatch import Buffers, March
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.frame_block import frame_block
-from clusterviz.render.ingredients import joined_segments, mixture_blocks
+from clusterviz.render.ingredients import joined_segments, mixture_blocks, mixture_tables
 from clusterviz.render.layers import layers_of
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.pool import BrickPool
@@ -126,6 +126,8 @@ class Raycaster:
                 buffers.bind(0, segments.sums)
             for binding, block in mixture_blocks(plan.mixture) if plan.mixture else ():
                 buffers.make(block).bind_to_uniform_block(binding)
+            for binding, texels in mixture_tables(plan.mixture) if plan.mixture else ():
+                buffers.table(texels).use(binding)
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
             if plan.look.surfaces:

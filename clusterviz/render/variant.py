@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.grading import Table
 from clusterviz.plan.look import Blending
@@ -82,10 +83,9 @@ class Variant:
         """The assembled shader."""
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
         files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
-        run, sample, behind = PREINTEGRATED_FILES if self.preintegrated else files
-        if self.table:
-            sample = "composite_2d.glsl"
-        slots = {
+        run, sampled, behind = PREINTEGRATED_FILES if self.preintegrated else files
+        sample = ("table.glsl", "composite_2d.glsl") if self.table else sampled
+        slots: dict[str, str | tuple[str, ...]] = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
             "TRANSFER": "transfer.glsl",
@@ -118,7 +118,7 @@ class Variant:
     @property
     def _mixture(self) -> dict[str, str | tuple[str, ...]]:
         """What of the slots is other for several volumes: nothing samples one alone."""
-        names = "TRANSFER SEGMENT VOXEL SCALAR SPLINE GRADIENT FADE LIGHT LIGHTS_FROM SAMPLE"
+        names = "TRANSFER SEGMENT VOXEL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, str | tuple[str, ...]] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
@@ -131,7 +131,7 @@ class Variant:
     def _sample_iterations(self) -> int:
         """Of loops in a sample, at most."""
         searches = self.volumes or (self,)
-        return 1 + sum(one.further_starts.bit_length() + one.lights for one in searches) + self.fading
+        return 1 + sum(one.further_starts.bit_length() + one.lights + one.fading for one in searches)
 
     @property
     def constants(self) -> str:
@@ -161,19 +161,23 @@ class Variant:
         lines.append(f"const bool WHOLE_SLABS = {str(not self.surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
         if self.surfaces:
+            lines.append(glsl_rows("Surfaces", 4, {"surface": 2 * self.surfaces}))
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
         if self.fading or self.table:
+            lines.append(glsl_rows("Grading", 5, {"grading": 4 + self.fading}))
             lines.append(f"const int FADING_PIECES = {self.fading};")
         if self.table:
+            lines.append("#define TABLE_BINDING 1")
             lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
+            rows = 5 if self.near else 2
+            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights}))
             lines.append(f"const int LIGHTS = {self.lights};")
-            lines.append(f"const int LIGHT_ROWS = {5 if self.near else 2}; // of the block for each")
-            lines.append("#define LIGHTS_BINDING 2")
+            lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
         return "\n".join(lines) + "\n"

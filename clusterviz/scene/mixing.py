@@ -7,7 +7,7 @@ from typing import Any
 
 from clusterviz.scene.checks import UnusableError
 
-LOOKS = ("blending", "isosurfaces", "gradient_opacity", "transfer_2d")
+LOOKS = ("blending", "isosurfaces")
 QUALITIES = ("classification", "filter", "adaptive")
 MIXED = ("composite", "post", "exact")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import moderngl
@@ -62,6 +63,10 @@ WITHIN = (
     Grid((5, 6, 7), (0.9, 0.7, 0.8), (8, 9, 7), rotation((0, 1, 2), 15)),
 )
 COARSE = (volume(20, 230, shade=True), noise((5, 6, 4), np.uint8), Grid((5, 6, 4), (9.0, 5.0, 6.0), (-3, -2, 1)))
+STEEP = (
+    BYTES[0].model_copy(update={"gradient_opacity": ((0.0, 0.0), (40.0, 0.7), (60.0, 0.2), (120.0, 1.0))}),
+    *BYTES[1:],
+)
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
 SCENES: dict[str, tuple[tuple[Part, ...], dict[str, Any]]] = {
     "bytes beside turned floats with holes": ((BYTES, FLOATS), {}),
@@ -70,6 +75,7 @@ SCENES: dict[str, tuple[tuple[Part, ...], dict[str, Any]]] = {
         {"lights": LIGHTS, "clip": Clip(planes=(((5, 5, 5), (1, 1, 0.5)),))},
     ),
     "one within another": ((BYTES, WITHIN), {}),
+    "by gradients": ((STEEP, FLOATS, WORDS), {"lights": LIGHTS}),
     "jittered": ((BYTES, FLOATS), {"quality": {"jitter": True}, "clip": Clip(planes=(((9, 9, 9), (0.2, 1, 1)),))}),
     "coarse and fine": ((COARSE, WITHIN), {"lights": (Light(position=(30, 20, 60), positional=True),)}),
 }
@@ -118,6 +124,21 @@ def test_pictures_are_the_witness_s(context: moderngl.Context, name: str, camera
     picture, _ = drawn(context, scene, parts)
     assert picture[..., 3].max() > 0.3
     assert np.abs(picture - expected(scene, parts)).max() <= BOUND
+
+
+@pytest.mark.parametrize("entries", [(4, 6, 4), (5, 3)], ids=["colours", "opacities"])
+def test_tables_of_two_dimensions(context: moderngl.Context, entries: tuple[int, ...], tmp_path: Path) -> None:
+    """Two volumes with tables of their own, beside one without."""
+    parts = []
+    for number, part in enumerate((BYTES, FLOATS)):
+        path, clim = tmp_path / f"{number}.npy", part[0].clim
+        np.save(path, np.random.default_rng(number).random(entries) * 0.8)
+        keys = {"cmap": part[0].cmap, "clim": clim, "opacity_unit_distance": 6.0, "shade": not number}
+        table = {"path": str(path), "values": clim, "magnitudes": (0.02 * np.ptp(clim), 0.3 * np.ptp(clim))}
+        parts.append((Volume(path="b", transfer_2d=table, **keys), *part[1:]))
+    scene = scene_of((*parts, WORDS))
+    picture, _ = drawn(context, scene, (*parts, WORDS))
+    assert np.abs(picture - expected(scene, (*parts, WORDS))).max() <= BOUND
 
 
 @pytest.mark.parametrize("name", ["bytes beside turned floats with holes", "coarse and fine"])
@@ -227,8 +248,8 @@ def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(contex
         caster.draw(plan, [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)])
         made.append(counted.made["buffers"])
         caster.release()
-    # One block for all volumes, and one for the lights of each that is lit.
-    assert (made[1], made[2]) == (made[0] + 1, made[0] + 3)
+    # One block for all volumes, and one for what lights those that are lit.
+    assert (made[1], made[2]) == (made[0] + 1, made[0] + 2)
 
 
 def test_only_what_the_volumes_need_is_compiled(context: moderngl.Context) -> None:
