@@ -94,6 +94,9 @@ class Value:
     def __or__(self, other: Operand) -> Value:
         return self._binary("|", other)
 
+    def __xor__(self, other: Operand) -> Value:
+        return self._binary("^", other)
+
     def __lshift__(self, other: Operand) -> Value:
         return self._binary("<<", other)
 

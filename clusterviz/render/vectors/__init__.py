@@ -11,6 +11,7 @@
 - memory.py     bricks in memory, laid out for few fetches
 - leaps.py      how far rays may leap over what is empty
 - rays.py       rays and their slabs
+- jitter.py     where lattices begin that are other in every pixel
 - place.py      where slabs are
 - march.py      from run to run
 - field.py      the scalar at a place
@@ -28,4 +29,5 @@
 - ramps.py      what the transfer function gives those
 - over.py       how runs of either are put behind others
 - projections.py  maximum, minimum, average and sum
+- local_maximum.py  the first stretch above a threshold
 """

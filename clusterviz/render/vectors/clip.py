@@ -15,24 +15,38 @@ def kept_range(code: Code, job: Job, rays: Rays) -> tuple[Value, Value]:
     begin, end = Variable(code.same(I32, 0)), Variable(rays.slabs)
     number = Variable(code.number(I64, 0))
     with code.loop(lambda: number.now < job["planes"].to(I64)):
-        address = job["clip"] + number.now * PLANE_BYTES
-        x, y, z, w = (code.splat(code.load(F64, address + 8 * part)) for part in range(4))
-        first, past = _kept_by(code, rays, (x, y, z), w)
+        first, past = _kept_by(code, rays, *_plane(code, job, number.now))
         begin.set(code.most(begin.now, first))
         end.set(code.least(end.now, past))
         number.set(number.now + 1)
     return begin.now, end.now
 
 
+def keeps(code: Code, job: Job, place: Vector) -> Value:
+    """Whether all planes keep places."""
+    kept, number = Variable(code.same(I32, 1)), Variable(code.number(I64, 0))
+    with code.loop(lambda: number.now < job["planes"].to(I64)):
+        normal, offset = _plane(code, job, number.now)
+        kept.set(code.select(_side(normal, place) + offset >= 0.0, kept.now, 0))
+        number.set(number.now + 1)
+    return kept.now > 0
+
+
+def _plane(code: Code, job: Job, number: Value) -> tuple[Vector, Value]:
+    address = job["clip"] + number * PLANE_BYTES
+    x, y, z, w = (code.splat(code.load(F64, address + 8 * part)) for part in range(4))
+    return (x, y, z), w
+
+
+def _side(normal: Vector, place: Vector) -> Value:
+    x, y, z = (by * at for by, at in zip(normal, place, strict=True))
+    return x + y + z
+
+
 def _kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Value, Value]:
     """The same for one plane. The estimates are within one of the truth; the test is exact."""
-
-    def side(place: Vector) -> Value:
-        x, y, z = (by * at for by, at in zip(normal, place, strict=True))
-        return x + y + z
-
     whole = code.most(rays.slabs - 1, 0)
-    at, by = side(rays.first) + offset, side(rays.slab)
+    at, by = _side(normal, rays.first) + offset, _side(normal, rays.slab)
     rises, falls = by > 0.0, by < 0.0
     ratio = (0.0 - at) / code.select(rises | falls, by, 1.0)
     first = code.within(code.call("ceil", ratio), 0.0, whole.to(F64)).to(I32)
@@ -40,7 +54,7 @@ def _kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Val
     never = ~rises & ~falls & (at < 0.0)
     kept_to = code.select(falls, _past_kept(code, at, by, past, whole), code.select(never, 0, whole))
     # The last slab's midpoint is not on the lattice.
-    kept_to = code.select(kept_to.equals(whole) & (side(rays.last) + offset >= 0.0), rays.slabs, kept_to)
+    kept_to = code.select(kept_to.equals(whole) & (_side(normal, rays.last) + offset >= 0.0), rays.slabs, kept_to)
     return code.select(rises, _first_kept(code, at, by, first, whole), 0), kept_to
 
 

@@ -22,6 +22,7 @@ from clusterviz.render.vectors.field import Field
 from clusterviz.render.vectors.gradient import CentralGradient, Gradient, NearestGradient
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.light import Light, Lights
+from clusterviz.render.vectors.local_maximum import LocalMaximum
 from clusterviz.render.vectors.march import Look, March
 from clusterviz.render.vectors.optics import Optics
 from clusterviz.render.vectors.pieces import MOST, PieceClassifier, Pieces
@@ -33,7 +34,7 @@ from clusterviz.render.vectors.samples import Samples
 from clusterviz.render.vectors.tile import Tile
 
 Held = Literal["many", "few", "fitted"]
-PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "average", "additive")
+PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "local-maximum", "average", "additive")
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Kernel:
     preintegrated : slabs are classified between their ends
     light : what shines on the volume
     smooth : gradients are those of cubic B-splines, whatever the field is
+    jittered : every pixel has a lattice of slabs of its own
     """
 
     kind: VoxelKind
@@ -60,6 +62,7 @@ class Kernel:
     preintegrated: bool = False
     light: Light = ""
     smooth: bool = False
+    jittered: bool = False
 
     @property
     def name(self) -> str:
@@ -73,6 +76,7 @@ class Kernel:
             *(["preintegrated"] if self.preintegrated else []),
             *([self.light] if self.light else []),
             *(["smooth"] if self.smooth else []),
+            *(["jittered"] if self.jittered else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -85,7 +89,7 @@ class Kernel:
         field = Field(code, job, self.kind, self.nearest)
         look = self._look(code, job, field)
         places = Places(code, job, self.nearest)
-        tiles = Tile(code, job, March(code, job, places, look))
+        tiles = Tile(code, job, March(code, job, places, look, self.jittered))
 
         def next_tile() -> Value:
             tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -100,6 +104,8 @@ class Kernel:
         samples = Samples(code, job, field)
         if self.preintegrated:
             return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
+        if self.blending == "local-maximum":
+            return LocalMaximum(code, job, samples)
         if self.blending in ("maximum", "minimum"):
             return Extreme(code, samples, self.blending == "maximum")
         many = self.pieces == "many"
@@ -133,13 +139,14 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     blending = "average" if blending == "additive" else blending
     nearest, shading = plan.march.filter == "nearest", plan.look.shading
     light: Light = ("near" if shading.has_places else "far") if shading else ""
-    return Kernel(plan.encoding.kind, nearest, blending, held, lanes, preintegrated, light, plan.look.smooth)
+    kind, smooth, jittered = plan.encoding.kind, plan.look.smooth, plan.march.jittered
+    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, smooth, jittered)
 
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
-    special = plan.mixture or look.surfaces or look.grading or march.jittered or (look.shading and march.preintegrated)
+    special = plan.mixture or look.surfaces or look.grading or (look.shading and march.preintegrated)
     stretched = march.stretching is not None or march.split
     blending = look.blending == "composite" or look.blending in PROJECTIONS
     return blending and not (special or stretched) and march.filter in ("linear", "nearest")

@@ -10,11 +10,11 @@ from typing import Protocol
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.clip import kept_range
+from clusterviz.render.vectors.clip import keeps, kept_range
 from clusterviz.render.vectors.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.place import Places
-from clusterviz.render.vectors.rays import Rays, cell_of, midpoint, owned, owned_range
+from clusterviz.render.vectors.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
 from clusterviz.render.vectors.state import Packet
 
 Four = tuple[Value, Value, Value, Value]
@@ -51,10 +51,20 @@ class Look(Protocol):
 
 
 class March:
-    """The march of a kernel."""
+    """The march of a kernel.
 
-    def __init__(self, code: Code, job: Job, places: Places, look: Look) -> None:
+    Parameters
+    ----------
+    jittered : every pixel has a lattice of slabs of its own
+    """
+
+    def __init__(self, code: Code, job: Job, places: Places, look: Look, jittered: bool = False) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
+        self._jittered = jittered
+
+    def rays_through(self, x: Value, y: Value) -> Rays:
+        """The rays through the pixels (x, y) of the picture."""
+        return packet_rays(self._code, self._job, x, y, self._jittered)
 
     def begin(self, packet: Packet, rays: Rays, inside: Value) -> Value:
         """Write a packet's first state; `inside` says which lanes are pixels. Returns whether there is any slab."""
@@ -75,7 +85,25 @@ class March:
         packet.set("behind", code.select(hit, behind.now, 0))
         packet.set("done", (~hit).to(I32))
         packet.set("samples", code.same(I32, 0))
+        if self._jittered:
+            self._enter(packet, rays, hit)
         return code.any(hit)
+
+    def _enter(self, packet: Packet, rays: Rays, hit: Value) -> None:
+        """Draw first slabs that the entry cuts, where the box owns them: not those that are the last ones, too."""
+        code, job = self._code, self._job
+        assert rays.entered is not None, "the lattice begins with the volume"
+        assert rays.first_share is not None, "the lattice begins with the volume"
+        packet.set("at", code.most(packet.get("at"), 1))
+        mine = hit & (rays.slabs > 1) & owned(job, cell_of(code, job, rays.entered)) & keeps(code, job, rays.entered)
+        with code.when(code.any(mine)):
+            slab = _float(rays.slab)
+            place = self._places.of(rays.entered, slab, _inverse(code, slab))
+            seen, kept = mine & place.visible, packet.look
+            self._look.add(kept, self._look.last(place.spot, slab, rays.first_share, seen, code.same(I32, 0) > 0), seen)
+            packet.set("samples", seen.to(I32))
+            packet.set("done", code.select(self._look.is_done(kept), 1, packet.get("done")))
+            packet.keep_look(kept)
 
     def go_on(self, packet: Packet, kept: Variables, limit: Value) -> Value:
         """Take a packet's rays up to a slab at least; returns the least slab with which one goes on."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
+from clusterviz.kernels.lanes import F32, F64, I32, Operand, Value, Vector
+from clusterviz.render.vectors.jitter import shift_of
 from clusterviz.render.vectors.job import Job
 
 FAR = 1e300
@@ -23,6 +24,8 @@ class Rays:
     last : midpoint of the last slab, which the exit may have cut short
     slabs : how many; 0 where the ray misses the volume
     last_share : length of the last slab over that of a full one, float32
+    entered : midpoint of slab 0 where the entry cuts it; None where lattices begin with the volume
+    first_share : the length of what is left of it, likewise
     """
 
     first: Vector
@@ -30,10 +33,52 @@ class Rays:
     last: Vector
     slabs: Value
     last_share: Value
+    entered: Vector | None = None
+    first_share: Value | None = None
 
 
-def packet_rays(code: Code, job: Job, x: Value, y: Value) -> Rays:
-    """The rays through the pixels (x, y) of the picture, int32."""
+def packet_rays(code: Code, job: Job, x: Value, y: Value, jittered: bool = False) -> Rays:
+    """The rays through the pixels (x, y) of the picture, int32.
+
+    Parameters
+    ----------
+    jittered : every pixel has a lattice of its own
+    """
+    origin, direction = _through(code, job, x, y)
+    entry, leave = code.same(F64, 0.0), code.same(F64, FAR)
+    for axis in range(3):
+        near, far = _between(code, origin[axis], direction[axis], code.splat(job.part("extent", axis)))
+        entry, leave = code.most(entry, near), code.least(leave, far)
+    step = code.splat(job.part("extent", 3))
+    length = (leave - entry) / step
+
+    def at(slabs: Operand) -> Vector:
+        end = entry + slabs * step
+        x, y, z = (o + d * end for o, d in zip(origin, direction, strict=True))
+        return x, y, z
+
+    x_slab, y_slab, z_slab = (d * step for d in direction)
+    slab = x_slab, y_slab, z_slab
+    if jittered:
+        shift = shift_of(code, x, y)
+        slabs = _counted(code, code.select(length > 0.0, length + shift, 0.0))
+        before_last = code.select(slabs > 1.0, slabs - 1.0 - shift, 0.0)
+        first, entered, first_share = at(0.5 - shift), at(0.5 * (1.0 - shift)), (1.0 - shift).to(F32)
+    else:
+        slabs = _counted(code, length)
+        before_last, first, entered, first_share = slabs - 1.0, at(0.5), None, None
+    share = length - before_last
+    last = at(before_last + 0.5 * share)
+    return Rays(first, slab, last, slabs.to(I32), share.to(F32), entered, first_share)
+
+
+def _counted(code: Code, length: Value) -> Value:
+    """How many slabs a length takes."""
+    return code.within(code.call("ceil", length), 0.0, MOST_SLABS)
+
+
+def _through(code: Code, job: Job, x: Value, y: Value) -> tuple[list[Value], list[Value]]:
+    """Where the rays of pixels come from, and their directions, by axis."""
     pixel, half_width, half_height = (code.splat(job.part("lens", k)) for k in range(3))
     across = (x.to(F64) + 0.5 - half_width) * pixel
     above = (half_height - y.to(F64) - 0.5) * pixel
@@ -46,19 +91,7 @@ def packet_rays(code: Code, job: Job, x: Value, y: Value) -> Rays:
         mask = code.splat(parallel)
         origin.append(code.select(mask, eye + aside, eye))
         direction.append(code.select(mask, forward, (forward + aside) / scale))
-    entry, leave = code.same(F64, 0.0), code.same(F64, FAR)
-    for axis in range(3):
-        near, far = _between(code, origin[axis], direction[axis], code.splat(job.part("extent", axis)))
-        entry, leave = code.most(entry, near), code.least(leave, far)
-    step = code.splat(job.part("extent", 3))
-    length = (leave - entry) / step
-    slabs = code.within(code.call("ceil", length), 0.0, MOST_SLABS)
-    share = length - (slabs - 1.0)
-    first = tuple(o + d * (entry + 0.5 * step) for o, d in zip(origin, direction, strict=True))
-    end = entry + (slabs - 1.0 + 0.5 * share) * step
-    last = tuple(o + d * end for o, d in zip(origin, direction, strict=True))
-    slab = tuple(d * step for d in direction)
-    return Rays(first, slab, last, slabs.to(I32), share.to(F32))  # type: ignore[arg-type]
+    return origin, direction
 
 
 def _between(code: Code, origin: Value, direction: Value, high: Value) -> tuple[Value, Value]:

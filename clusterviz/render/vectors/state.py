@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from clusterviz.kernels.code import Code
+from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, I64, Value, Vector
 from clusterviz.render.vectors.rays import Rays
 
@@ -73,6 +73,16 @@ class Packet:
         """The packet's rays."""
         first, slab, last = (self._triple(name) for name in ("first", "slab", "last"))
         return Rays(first, slab, last, self.get("slabs"), self.get("last_share"))
+
+    @property
+    def look(self) -> list[Variable]:
+        """What the look keeps, in variables."""
+        return [Variable(self.get("look", vector)) for vector in range(LOOK_VECTORS)]
+
+    def keep_look(self, kept: list[Variable]) -> None:
+        """Write what the look keeps."""
+        for vector, variable in enumerate(kept):
+            self.set("look", variable.now, vector)
 
     def keep_rays(self, rays: Rays) -> None:
         """Write rays."""

@@ -10,8 +10,7 @@ from clusterviz.kernels.lanes import F32, I32, I64, Value
 from clusterviz.render.drawn import SQUARE
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import NEVER, March
-from clusterviz.render.vectors.rays import packet_rays
-from clusterviz.render.vectors.state import LOOK_VECTORS, Packet, State
+from clusterviz.render.vectors.state import LOOK_VECTORS, State
 
 TILE = 32
 CHANNELS = 4
@@ -71,23 +70,22 @@ class Tile:
         packet.set("done", code.same(I32, 1))
         packet.set("samples", code.same(I32, 0))
         with code.when(code.any(inside)):
-            rays = packet_rays(code, job, x + job.part("rect", 0), y + job.part("rect", 1))
+            rays = self._march.rays_through(x + job.part("rect", 0), y + job.part("rect", 1))
             hit = self._march.begin(packet, rays, inside)
             code.store(code.select(hit, code.number(I32, 0), NEVER), self._spot(number))
 
     def _go_on(self, number: Value, limit: Value) -> None:
         code, packet = self._code, self._state.packet(number)
-        kept = self._kept(packet)
+        kept = packet.look
         code.store(self._march.go_on(packet, kept, limit), self._spot(number))
-        for vector, variable in enumerate(kept):
-            packet.set("look", variable.now, vector)
+        packet.keep_look(kept)
 
     def _finish(self, number: Value, x: Value, y: Value) -> Value:
         code, job, packet = self._code, self._job, self._state.packet(number)
         samples = Variable(code.number(I64, 0))
         inside = (x < job.part("rect", 2)) & (y < job.part("rect", 3))
         with code.when(code.any(inside)):
-            kept = self._kept(packet)
+            kept = packet.look
             with code.when(code.any(packet.get("done").equals(0) | (packet.get("samples") > 0))):
                 samples.set(code.total(self._march.finish(packet, kept).to(I64)))
                 self._note(x.lane(0), y.lane(0), samples.now)
@@ -105,10 +103,6 @@ class Tile:
         job, shift = self._job, SQUARE.bit_length() - 1
         place = job["work"] + ((y >> shift) * job["squares_across"] + (x >> shift)).to(I64) * 4
         self._code.store(self._code.load(I32, place) + samples.to(I32), place)
-
-    @staticmethod
-    def _kept(packet: Packet) -> list[Variable]:
-        return [Variable(packet.get("look", vector)) for vector in range(LOOK_VECTORS)]
 
 
 @contextmanager

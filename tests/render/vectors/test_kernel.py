@@ -4,20 +4,35 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from render.scenes import camera_at, noise, prepare, scene_of
 from render.test_shading import LIGHTS, LIT, places
 
 from clusterviz.data.grid import Grid
-from clusterviz.render.vectors.kernel import kernel_of
+from clusterviz.render.vectors import kernel, rays
+from clusterviz.render.vectors.kernel import Kernel, kernel_of
 
 SHAPE = (5, 6, 7)
 VOXELS = noise(SHAPE, "uint8")
+EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
+    "pre-integrated": ({"classification": "pre-integrated"}, kernel, "Preintegrated"),
+    "jittered": ({"jitter": True}, rays, "shift_of"),
+    "local maximum": ({"look": {"blending": "local-maximum"}}, kernel, "LocalMaximum"),
+}
+
+
+class WrittenError(Exception):
+    """A kernel holds what it was asked about."""
+
+
+def kernel_with(**keys: Any) -> Kernel:
+    """The kernel of a scene."""
+    return kernel_of(prepare(scene_of(VOXELS, camera_at("outside", Grid(SHAPE)), **keys), VOXELS).plan, 8, None)
 
 
 def code_of(lights: Any = (), **look: Any) -> str:
     """The kernel of a scene, as text."""
-    scene = scene_of(VOXELS, camera_at("outside", Grid(SHAPE)), look=look, parts={"lights": lights})
-    return kernel_of(prepare(scene, VOXELS).plan, 8, None).write()
+    return kernel_with(look=look, parts={"lights": lights}).write()
 
 
 def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:
@@ -32,3 +47,18 @@ def test_lights_without_places_share_a_kernel() -> None:
     lit = code_of(**LIT)
     assert code_of(LIGHTS * 5, **LIT) == lit
     assert len(code_of(places(Grid(SHAPE)), **LIT)) > len(lit)
+
+
+@pytest.mark.parametrize("name", EXTRAS)
+def test_only_plans_that_need_it_have_it_in_their_kernel(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys, module, part = EXTRAS[name]
+
+    def write(*_: Any) -> None:
+        raise WrittenError
+
+    monkeypatch.setattr(module, part, write)
+    plain, special = kernel_with(), kernel_with(**keys)
+    assert plain.write()
+    with pytest.raises(WrittenError):
+        special.write()
+    assert plain.name != special.name

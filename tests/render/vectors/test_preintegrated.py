@@ -10,8 +10,6 @@ from render.scenes import SHAPE, camera_at, draw_on_processor, noise, prepare, s
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
-from clusterviz.render.vectors import preintegrated
-from clusterviz.render.vectors.kernel import kernel_of
 from clusterviz.render.vectors.width import WIDTHS, Width
 
 GRID = Grid(SHAPE)
@@ -58,17 +56,3 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         drawn.append(draw_on_processor(prepare(scene, voxels)))
     assert np.array_equal(drawn[0].partial.rgba, drawn[1].partial.rgba)
     assert drawn[0].samples == drawn[1].samples
-
-
-def test_plain_kernels_have_none_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing of a slab's ends is written for a kernel that samples midpoints."""
-    monkeypatch.delattr(preintegrated.Preintegrated, "run")
-    voxels = noise()
-    plain, between = (
-        kernel_of(prepare(scene, voxels).plan, 16, None)
-        for scene in (scene_of(voxels, camera_at("outside", GRID)), scene_between(voxels))
-    )
-    assert plain.name != between.name
-    assert plain.write()
-    with pytest.raises(AttributeError):
-        between.write()
