@@ -49,6 +49,8 @@ def summary(statistics: FrameStatistics) -> str:
         f"memory     {max(rank.peak_memory_bytes for rank in ranks) / 2**20:.0f} MiB at most on a rank",
         f"renderer   {'; '.join(names) or 'none: no rank had anything to draw'}",
     ]
+    if statistics.sharing and len(ranks) > 1:
+        lines.append(f"shared     {statistics.sharing}")
     if statistics.accuracy:
         lines.append(f"accuracy   {statistics.accuracy}")
     return "\n".join(lines)

@@ -28,7 +28,7 @@ from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
 from clusterviz.frame.behind import open_behind
 from clusterviz.frame.calibration import calibrate, chosen
-from clusterviz.frame.choice import choose_distribution
+from clusterviz.frame.choice import choose_distribution, sharing_of
 from clusterviz.frame.companion import companion_of
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
@@ -80,7 +80,10 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[Share, Bricks
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
     opened = open_volumes(run, scene, source)
-    share = deal(run, opened, scene, choose_distribution(run, opened, scene, several=False))
+    drawing = Drawing(run)
+    distribution, _ = choose_distribution(run, opened, scene, False, drawing)
+    drawing.release()
+    share = deal(run, opened, scene, distribution)
     return share, load_bricks(run, opened, share.plan, share.holds) if opened and share.plan else {}
 
 
@@ -111,8 +114,14 @@ class FrameLoop:
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
-            chosen = self._distribution = choose_distribution(run, self._opened, self.scene, several)
-        self._companion = companion_of(run, self._drawing, chosen, several)
+            try:
+                found = choose_distribution(run, self._opened, self.scene, several, self._drawing)
+            except BaseException:
+                self._drawing.release()
+                raise
+        self._distribution, forecasts = found
+        self._sharing = sharing_of(self._distribution, forecasts)
+        self._companion = companion_of(run, self._drawing, self._distribution, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
@@ -169,7 +178,7 @@ class FrameLoop:
         counts = self._companion.counted(counts) if self._companion else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(number, share, partials, counts, accuracy)
+        return DrawnFrame(number, share, partials, counts, accuracy, self._sharing)
 
     def _learn(self, share: Share, costs: Sequence[RankFrame]) -> None:
         if share.plan is not None:

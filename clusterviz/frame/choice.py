@@ -6,10 +6,12 @@ from clusterviz.composite.model.network import default_network
 from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
+from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.interleaved import Interleaved
-from clusterviz.frame.mode import choose_groups
+from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
 from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
+from clusterviz.frame.prepass import sound
 from clusterviz.frame.replicated import Replicated
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
@@ -17,16 +19,25 @@ from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
 from clusterviz.report.machine import memory
+from clusterviz.report.sharing import Forecast, Sharing
 from clusterviz.scene.values import Cluster, Scene
 
 
-def choose_distribution(run: Run, opened: Opened | None, scene: Scene, several: bool) -> Distribution:
+def choose_distribution(
+    run: Run, opened: Opened | None, scene: Scene, several: bool, drawing: Drawing
+) -> tuple[Distribution, tuple[Forecast, ...]]:
     """Who draws what in all frames of a loop; collective.
 
     Parameters
     ----------
     scene : completed
     several : whether more than one frame may come
+    drawing : for a pre-pass, where one is needed; it keeps the bricks
+
+    Returns
+    -------
+    distribution : the same on every rank
+    forecasts : what it was chosen by; none where the scene left nothing open
 
     Raises
     ------
@@ -35,20 +46,26 @@ def choose_distribution(run: Run, opened: Opened | None, scene: Scene, several: 
     """
     cluster, ranks = scene.cluster, run.channel.size
     with run.alone("plan", "plan"):
-        groups = _groups(cluster, ranks)
+        among = _groups(scene, ranks, several)
         if cluster.distribution == "dynamic" and len(scene.volumes) > 1:
             text, allowed = "moves bricks of one volume only", "auto, coherent, interleaved, replicated"
             raise InputError(text, where="cluster.distribution", found="dynamic", allowed=allowed)
-    if opened is None or (groups == 1 and cluster.mode in ("auto", "sort-last")):
-        return _of_data(cluster, ranks)
+    if opened is None or (among == [1] and cluster.mode in ("auto", "sort-last")):
+        return _of_data(cluster, ranks), ()
     with run.together("plan", "plan"):
         limit = _limit(run, cluster)
-    if groups is None:
-        groups = _fastest(run, opened, scene, limit) if several and _leaves_open(scene) else 1
-        if groups == 1:
-            return _of_data(cluster, ranks)
+    groups, forecasts = _fastest(run, opened, scene, drawing, among, limit) if len(among) > 1 else (among[0], ())
+    if groups == 1 and cluster.mode == "auto":
+        return _of_data(cluster, ranks), forecasts
     settings = TileSettings(_strategy(cluster, several), cluster.tile, cluster.repetitions)
-    return SharedScreen(rank_groups(ranks, groups), settings, limit, several)
+    return SharedScreen(rank_groups(ranks, groups), settings, limit, several), forecasts
+
+
+def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> Sharing:
+    """What was chosen, and by what."""
+    if isinstance(distribution, SharedScreen):
+        return Sharing(distribution.mode, len(distribution.groups), forecasts)
+    return Sharing("sort-last", 1, forecasts)
 
 
 def _limit(run: Run, cluster: Cluster) -> int:
@@ -66,14 +83,26 @@ def _leaves_open(scene: Scene) -> bool:
     return said == ("auto", "auto", "auto") and scene.quality.max_error is None
 
 
-def _fastest(run: Run, opened: Opened, scene: Scene, limit: int) -> int:
-    """The number of groups that should take least."""
+def _fastest(
+    run: Run, opened: Opened, scene: Scene, drawing: Drawing, among: list[int], limit: int
+) -> tuple[int, tuple[Forecast, ...]]:
+    """Of these numbers of groups, the one that should take least; rank 0 decides, so that all do alike."""
     with run.together("plan", "plan"):
         nodes = run.channel.nodes()
-        # The file may differ from node to node, and all must choose alike.
-        network = run.channel.broadcast(default_network(len(nodes)))
     with run.alone("plan", "plan"):
-        return choose_groups(opened.plan(scene), nodes, limit, network)
+        plan, ranks = opened.plan(scene), run.channel.size
+        fitting = [groups for groups in among if held_bytes(plan, ranks, groups) <= limit]
+    if len(fitting) < 2 or not plan.cost.any():
+        return (fitting or among)[0], ()
+    sounding = sound(run, drawing, opened, scene, plan)
+    with run.alone("plan", "choose"):
+        found: tuple[Forecast, ...] = ()
+        if sounding is not None:
+            network = default_network(len(nodes))
+            found = tuple(forecast(plan, nodes, groups, network, sounding) for groups in fitting)
+    with run.together("plan", "choose"):
+        found = run.channel.broadcast(found)
+    return choose(found), found
 
 
 def _of_data(cluster: Cluster, ranks: int) -> Distribution:
@@ -90,18 +119,19 @@ def _of_data(cluster: Cluster, ranks: int) -> Distribution:
             return Coherent(ranks, limit)
 
 
-def _groups(cluster: Cluster, ranks: int) -> int | None:
-    """How many groups share the screen; None where the scene leaves it open."""
+def _groups(scene: Scene, ranks: int, several: bool) -> list[int]:
+    """How many groups may share the screen, ascending; more than one number where the scene leaves it open."""
+    cluster = scene.cluster
     if cluster.mode == "sort-first":
-        return ranks
+        return [ranks]
     if cluster.groups is not None:
         if cluster.groups > ranks:
             text = "more groups than ranks"
             raise InputError(text, where="cluster.groups", found=cluster.groups, allowed=f"1 … {ranks}")
-        return cluster.groups
-    if ranks == 1 or cluster.mode == "sort-last":
-        return 1
-    return ranks // 2 if cluster.mode == "hybrid" else None
+        return [cluster.groups]
+    if cluster.mode == "hybrid":
+        return [groups for groups in candidates(ranks) if 1 < groups < ranks] or [1]
+    return candidates(ranks) if cluster.mode == "auto" and several and _leaves_open(scene) else [1]
 
 
 def _strategy(cluster: Cluster, several: bool) -> str:

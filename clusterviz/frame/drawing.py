@@ -36,7 +36,8 @@ class Drawing:
 
     Attributes
     ----------
-    work : where this rank took how many samples when it drew last: rectangles, and counts as `Drawn.work`
+    work : where this rank took how many samples when it drew last: the rectangle of each piece, and counts as
+        `Drawn.work`
     """
 
     def __init__(self, run: Run) -> None:
@@ -92,7 +93,7 @@ class Drawing:
             began, processor = perf_counter(), process_time()
             drawn = self._caster.draw(share.plan, pieces)
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - processor)
-            self.work = [(each.partial.rect, each.work) for each in drawn if each.samples]
+            self.work = [(each.partial.rect, each.work) for each in drawn]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)
                 began = run.clock.add_span("readback", began, each.seconds_readback)

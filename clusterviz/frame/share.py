@@ -15,6 +15,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.sharing import Sharing
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import VolumeFacts
 from clusterviz.scene.values import Scene
@@ -109,6 +110,7 @@ class DrawnFrame:
     partials : of this rank, front to back
     counts : what they cost it
     accuracy : of settings that were chosen for it; None where the scene names them
+    sharing : by the ranks; None where that was not asked for
     """
 
     number: int
@@ -116,3 +118,4 @@ class DrawnFrame:
     partials: list[PartialImage]
     counts: RankFrame
     accuracy: Accuracy | None = None
+    sharing: Sharing | None = None

@@ -71,7 +71,7 @@ class Turns:
     def _cost(self, share: Share, scale: int = 1) -> CostMap:
         """What all ranks counted when they drew last."""
         with self._run.together("render", "exchange"):
-            told = self._run.channel.allgather(self._drawing.work)
+            told = self._run.channel.allgather([each for each in self._drawing.work if each[1].any()])
         return gathered(share.scene.image.size, [each for counted in told for each in counted], scale)
 
     def _with_queue(self, share: Share) -> Share:

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.sharing import Sharing
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -105,11 +106,13 @@ class FrameStatistics:
     per_rank : index = rank
     number : of the frame in its animation
     accuracy : what was chosen to hold a bound on the error; None where none was asked for
+    sharing : by the ranks: mode and groups, and what they were chosen by; None where nobody said
     """
 
     per_rank: tuple[RankFrame, ...]
     number: int = 0
     accuracy: Accuracy | None = None
+    sharing: Sharing | None = None
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -135,6 +138,7 @@ class FrameStatistics:
             "seconds": self.seconds,
             "imbalance": self.imbalance,
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
+            "sharing": asdict(self.sharing) if self.sharing else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

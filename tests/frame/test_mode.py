@@ -1,4 +1,4 @@
-"""What mode: auto chooses, and that it leaves alone what the scene says."""
+"""What mode: auto chooses, and by what: samples of each rank that a pre-pass foresees."""
 
 from __future__ import annotations
 
@@ -8,92 +8,196 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
-from clusterviz.frame import Options, Run, prepare
+from clusterviz.errors import InputError
+from clusterviz.frame import FrameLoop, Options, Run
 from clusterviz.frame.choice import choose_distribution
 from clusterviz.frame.coherent import Coherent
-from clusterviz.frame.mode import choose_groups, forecast
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
 from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.prepass import sound
 from clusterviz.frame.shared_screen import SharedScreen
+from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_ranks
+from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.settings import with_settings
 
-NODES = tuple((rank,) for rank in range(8))
-SLOW = replace(default_network(8), seconds_per_byte=1e-7)
-INSTANT = replace(default_network(8), seconds_per_byte=0.0, message_seconds=0.0, frame_seconds=0.0)
+RANKS = 4
+NODES = tuple((rank,) for rank in range(RANKS))
+SLOW = replace(default_network(RANKS), seconds_per_byte=1e-6)
+INSTANT = replace(default_network(RANKS), seconds_per_byte=0.0, message_seconds=0.0, frame_seconds=0.0)
+OPAQUE = {"opacity": 1.0, "opacity_unit_distance": 60.0, "early_termination": 1 / 255}
+SOURCE = ArraySource(np.random.default_rng(1).random((73, 73, 73), np.float32))
+CPU = Options(device="cpu")
 
 
 def scene_of(settings: dict[str, Any]) -> Scene:
-    settings = {"size": (640, 480), "brick": 8, "clim": (0.0, 1.0), "opacity": 0.1} | settings
+    settings = {"size": (160, 120), "brick": 12, "clim": (0.0, 1.0), "opacity": 0.1} | settings
     return with_settings(Scene(volumes=(Volume(path="array"),)), settings)
 
 
+def sounded(settings: dict[str, Any]) -> tuple[Plan, Sounding]:
+    """What a pre-pass finds, at a nanosecond a sample and a core a rank."""
+
+    def job(channel: Channel) -> tuple[Plan, Sounding | None]:
+        run = Run(channel, CPU)
+        opened = open_volumes(run, scene_of(settings), SOURCE)
+        assert opened is not None
+        scene = complete_scene(scene_of(settings), opened.facts)
+        return opened.plan(scene), sound(run, Drawing(run), opened, scene, opened.plan(scene))
+
+    told = run_loopback(RANKS, job)
+    assert [sounding is None for _, sounding in told] == [False, True, True, True]
+    plan, sounding = told[0]
+    assert sounding is not None
+    assert sounding.seconds_per_sample > 0
+    assert sounding.crowd >= 1
+    return plan, replace(sounding, seconds_per_sample=1e-9, crowd=1.0)
+
+
 @pytest.fixture(scope="module")
-def plan() -> Plan:
-    run, source = Run(LoopbackChannel(), Options()), ArraySource(np.random.default_rng(1).random((41, 41, 41)))
-    plan = prepare(run, scene_of({}), source)[0].plan
-    assert plan is not None
-    return plan
+def opaque() -> tuple[Plan, Sounding]:
+    return sounded(OPAQUE)
 
 
-def test_slow_links_ask_for_pixels_that_travel_once(plan: Plan) -> None:
-    assert choose_groups(plan, NODES, 10**12, SLOW) == 8
+@pytest.fixture(scope="module")
+def clear() -> tuple[Plan, Sounding]:
+    return sounded({})
 
 
-def test_memory_bounds_the_groups(plan: Plan) -> None:
-    """Fewer and fewer groups fit, and never one that does not."""
-    whole = forecast(plan, NODES, 8, SLOW).bytes_held
-    chosen = [choose_groups(plan, NODES, limit, SLOW) for limit in (whole, whole - 1, whole // 3, whole // 9)]
-    assert chosen == sorted(chosen, reverse=True)
-    assert chosen[0] == 8
-    assert chosen[-1] == 1
-    for limit, groups in zip((whole, whole - 1, whole // 3), chosen, strict=False):
-        assert forecast(plan, NODES, groups, SLOW).bytes_held <= limit or groups == 1
+def drawn(settings: dict[str, Any]) -> list[int]:
+    """What ranks really take."""
+
+    def job(channel: Channel) -> list[int]:
+        with FrameLoop(scene_of(settings), channel, SOURCE, CPU) as loop:
+            return [rank.samples - rank.samples_estimate for rank in loop.frame().statistics.per_rank]
+
+    return run_loopback(RANKS, job)[0]
 
 
-def test_more_groups_hold_more_and_draw_more_evenly(plan: Plan) -> None:
-    found = [forecast(plan, NODES, groups, INSTANT) for groups in (1, 2, 4, 8)]
-    held = [each.bytes_held for each in found]
+def test_samples_of_ranks_are_foreseen(opaque: tuple[Plan, Sounding]) -> None:
+    """By early ends of rays, too: in sort-last each rank's own, in sort-first all that lies in front."""
+    plan, sounding = opaque
+    last, both, first = (samples_of_ranks(sounding, plan, rank_groups(RANKS, groups)) for groups in (1, 2, RANKS))
+    assert last == pytest.approx(drawn(OPAQUE | {"mode": "sort-last"}), rel=0.12)
+    assert first.sum() == pytest.approx(sum(drawn(OPAQUE | {"mode": "sort-first"})), rel=0.12)
+    found = drawn(OPAQUE | {"mode": "hybrid", "groups": 2, "tiling": "estimated"})
+    assert both.sum() == pytest.approx(sum(found), rel=0.12)
+    assert both.max() == pytest.approx(max(found), rel=0.2)
+    assert last.sum() > 1.4 * first.sum()
+
+
+def test_what_is_opaque_asks_for_the_screen_to_be_shared(opaque: tuple[Plan, Sounding]) -> None:
+    plan, sounding = opaque
+    found = [forecast(plan, NODES, groups, INSTANT, sounding) for groups in (1, 2, RANKS)]
+    assert found[0].samples > 1.2 * found[2].samples
+    assert choose(found) == RANKS
+
+
+def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, Sounding]) -> None:
+    """Whoever draws it, the samples are the same, and sharing the screen then gains little."""
+    plan, sounding = clear
+    found = [forecast(plan, NODES, groups, INSTANT, sounding) for groups in candidates(RANKS)]
+    total = [samples_of_ranks(sounding, plan, rank_groups(RANKS, each.groups)).sum() for each in found]
+    assert total == pytest.approx([total[0]] * len(total), rel=1e-3)
+    few = [replace(each, seconds_compositing=0.0, seconds_drawing=each.samples) for each in found]
+    assert few[-1].seconds < few[0].seconds
+    assert choose([replace(few[0], seconds_drawing=few[-1].seconds * 1.1), *few[1:]]) == 1
+
+
+def test_slow_links_ask_for_pixels_that_travel_once(clear: tuple[Plan, Sounding]) -> None:
+    plan, sounding = clear
+    assert choose([forecast(plan, NODES, groups, SLOW, sounding) for groups in candidates(RANKS)]) == RANKS
+
+
+def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan, Sounding]) -> None:
+    """The time of a sample is that of the device: where it is short, compositing decides."""
+    plan, sounding = opaque
+    quick, slow = (forecast(plan, NODES, 1, SLOW, replace(sounding, seconds_per_sample=each)) for each in (1e-12, 1e-4))
+    assert quick.seconds_compositing == slow.seconds_compositing > quick.seconds_drawing
+    assert slow.seconds_drawing > slow.seconds_compositing
+    assert slow.seconds_drawing == pytest.approx(1e-4 * slow.samples)
+
+
+def test_ranks_that_share_cores_wait_for_all_of_them(clear: tuple[Plan, Sounding]) -> None:
+    """Uneven samples cost nothing as long as every core has something to do."""
+    samples, crowded = np.array([1.0, 3.0, 2.0, 2.0]), replace(clear[1], seconds_per_sample=4.0, crowd=4.0)
+    assert drawing_seconds(replace(crowded, crowd=1.0), samples, NODES) == 12
+    assert drawing_seconds(crowded, samples, ((0, 1, 2, 3),)) == 8
+    assert drawing_seconds(crowded, samples, ((0, 2), (1, 3))) == 10
+
+
+def test_more_groups_hold_more(clear: tuple[Plan, Sounding]) -> None:
+    held = [held_bytes(clear[0], RANKS, groups) for groups in candidates(RANKS)]
     assert held == sorted(held)
-    assert found[0].seconds >= found[-1].seconds * 0.99
+    assert held[-1] > 2 * held[0]
 
 
-def test_nothing_to_draw_and_one_rank_are_sort_last(plan: Plan) -> None:
-    assert choose_groups(replace(plan, cost=np.zeros_like(plan.cost)), NODES, 10**12, SLOW) == 1
-    assert choose_groups(plan, ((0,),), 10**12, SLOW) == 1
+@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 7, 8, 64, 1000])
+def test_numbers_of_groups_that_are_compared(ranks: int) -> None:
+    found = candidates(ranks)
+    assert found == sorted(set(found))
+    assert (found[0], found[-1]) == (1, ranks)
+    assert len(found) <= 40
+    assert ranks != 3 or 2 in found
 
 
 @pytest.mark.parametrize(
     ("settings", "several", "shared"),
     [
-        ({}, True, 8),
-        ({}, False, None),
-        ({"compositing": "tree"}, True, None),
-        ({"distribution": "interleaved"}, True, None),
-        ({"mode": "sort-last"}, True, None),
-        ({"memory_limit": 30_000}, True, None),
+        (OPAQUE, True, 4),
+        (OPAQUE, False, None),
+        (OPAQUE | {"compositing": "tree"}, True, None),
+        (OPAQUE | {"distribution": "interleaved"}, True, None),
+        (OPAQUE | {"mode": "sort-last"}, True, None),
+        (OPAQUE | {"memory_limit": 700_000}, True, None),
+        ({"opacity": 0.0}, True, None),
         ({"groups": 2}, False, 2),
-        ({"mode": "hybrid"}, True, 4),
+        ({"mode": "hybrid"}, False, 2),
     ],
-    ids=str,
+    ids=["opaque", "one picture", "algorithm", "distribution", "mode", "memory", "nothing", "groups", "hybrid"],
 )
 def test_what_the_scene_says_counts(
     settings: dict[str, Any], several: bool, shared: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("clusterviz.frame.choice.default_network", lambda nodes: SLOW)
 
-    def chosen(channel: Any) -> int | None:
-        run = Run(channel, Options())
-        opened = open_volumes(run, scene_of(settings), ArraySource(np.ones((41, 41, 41), np.float32)))
+    def chosen(channel: Channel) -> int | None:
+        run = Run(channel, CPU)
+        opened = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        distribution = choose_distribution(run, opened, complete_scene(scene_of(settings), opened.facts), several)
+        scene = complete_scene(scene_of(settings), opened.facts)
+        distribution, forecasts = choose_distribution(run, opened, scene, several, Drawing(run))
         if isinstance(distribution, SharedScreen):
+            assert bool(forecasts) == (settings == OPAQUE)
             return len(distribution.groups)
         assert isinstance(distribution, Coherent) or "distribution" in settings
         return None
 
-    assert run_loopback(8, chosen, ranks_per_node=1) == [shared] * 8
+    assert run_loopback(RANKS, chosen, ranks_per_node=1) == [shared] * RANKS
+
+
+def test_a_limit_that_no_way_to_share_keeps_is_refused() -> None:
+    def job(channel: Channel) -> None:
+        with FrameLoop(scene_of({"memory_limit": 5000}), channel, SOURCE, CPU) as loop:
+            loop.frame()
+
+    with pytest.raises(InputError, match="largest share of 4 ranks"):
+        run_loopback(RANKS, job)
+
+
+def test_statistics_tell_what_was_chosen_and_by_what() -> None:
+    def job(channel: Channel) -> dict[str, Any]:
+        with FrameLoop(scene_of(OPAQUE), channel, SOURCE, CPU) as loop:
+            statistics = loop.frame().statistics
+            assert f"{statistics.sharing}".count("samples") == len(candidates(RANKS))
+            return statistics.as_json()["sharing"]
+
+    told = run_loopback(RANKS, job)
+    assert told == [told[0]] * RANKS
+    assert [each["groups"] for each in told[0]["forecasts"]] == candidates(RANKS)

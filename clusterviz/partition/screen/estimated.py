@@ -21,24 +21,21 @@ from clusterviz.partition.screen.mosaic import Mosaic
 from clusterviz.plan.plan import Plan
 
 COARSE = 4
-NOTHING = 2.0**-24
 LONGER = 4
 
 
-def coarse_plan(plan: Plan) -> Plan:
-    """The plan of the pre-pass: a smaller picture of the same view, with longer slabs.
+def coarse_plan(plan: Plan, scale: int = COARSE) -> Plan:
+    """The plan of the pre-pass: a picture of the same view, `scale` times smaller, with longer slabs.
 
     The transfer function stays that of short slabs, so transmittance falls to its root only: rays that end early end at
-    the root of what may be left, which float32 rounds to nothing below `NOTHING`.
+    the root of what may be left.
     """
     view, march = plan.view, plan.march
-    width, height = (-(-side // COARSE) for side in view.size)
+    width, height = (-(-side // scale) for side in view.size)
     return replace(
         plan,
-        view=replace(view, size=(width, height), pixel=view.pixel * COARSE),
-        march=replace(
-            march, step_world=march.step_world * LONGER, residual=max(march.residual, NOTHING) ** (1 / LONGER)
-        ),
+        view=replace(view, size=(width, height), pixel=view.pixel * scale),
+        march=replace(march, step_world=march.step_world * LONGER, residual=march.residual ** (1 / LONGER)),
     )
 
 
