@@ -1,4 +1,4 @@
-"""How far groups of cells are from linear, and how long slabs may be there: what the shader's stretches come from."""
+"""How far groups of cells are from linear, and how long slabs may be there: what stretches come from."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ def _beside(values: NDArray[Any], axis: int) -> NDArray[Any]:
     return np.moveaxis(np.maximum(values[:-1], values[1:]), 0, axis)
 
 
-def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-    """Two bits a group, how often its slabs are doubled: uint32 (n, 2 * slot.visibility_words), low bits first.
+def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> NDArray[np.uint8]:
+    """How often the slabs of groups are doubled, (n, *slot.groups_zyx).
 
     Parameters
     ----------
@@ -66,5 +66,15 @@ def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: S
     """
     assert plan.march.stretching is not None, "nothing is stretched"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
-    doublings = plan.march.stretching.doublings(plan.transfer, *known).reshape(ranges[0].shape)
+    return plan.march.stretching.doublings(plan.transfer, *known).reshape(ranges[0].shape)
+
+
+def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
+    """Two bits a group, how often its slabs are doubled: uint32 (n, 2 * slot.visibility_words), low bits first.
+
+    Parameters
+    ----------
+    ranges, bends : as of `group_doublings`
+    """
+    doublings = group_doublings(ranges, bends, plan)
     return np.concatenate([packed_bits((doublings >> bit & 1).astype(bool), slot) for bit in (0, 1)], axis=1)

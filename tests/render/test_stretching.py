@@ -9,14 +9,16 @@ import pytest
 
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data import open_source
-from clusterviz.frame import Rendered, render_frame
+from clusterviz.frame import Options, Rendered, render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.render.bends import group_bends
+from clusterviz.render.choice import Device
 from clusterviz.render.storage import Slot
 from clusterviz.scene import Scene, scene_of_data
 
 FIELD = "field:gaussian:49"
+DEVICES: tuple[Device, ...] = (0, "cpu")
 
 
 def scene_of(adaptive: float, *more: str) -> Scene:
@@ -29,9 +31,11 @@ def samples_of(rendered: Rendered) -> int:
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("bound", [1e-3, 1 / 64])
-def test_the_bound_is_held_and_samples_are_saved(bound: float) -> None:
-    rendered, whole = (render_frame(scene_of(each), LoopbackChannel()) for each in (bound, 0.0))
+def test_the_bound_is_held_and_samples_are_saved(bound: float, device: Device) -> None:
+    options = Options(device=device)
+    rendered, whole = (render_frame(scene_of(each), LoopbackChannel(), options=options) for each in (bound, 0.0))
     source = open_source(FIELD, None)
     truth = render_reference(rendered.scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx))
     assert compare(rendered.image.astype(np.float64), truth).max < bound / 5  # type: ignore[union-attr]
@@ -39,15 +43,26 @@ def test_the_bound_is_held_and_samples_are_saved(bound: float) -> None:
 
 
 @pytest.mark.gl
-def test_stretches_depend_neither_on_ranks_nor_on_bricks_of_whole_groups() -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_stretches_depend_neither_on_ranks_nor_on_bricks_of_whole_groups(device: Device) -> None:
+    options = Options(device=device)
     one, three, other = (
-        run_loopback(ranks, lambda channel, keys=keys: render_frame(scene_of(1 / 64, *keys), channel))[0]
+        run_loopback(ranks, lambda channel, keys=keys: render_frame(scene_of(1 / 64, *keys), channel, options=options))[
+            0
+        ]
         for ranks, keys in ((1, ()), (3, ("cluster.brick=8",)), (1, ("cluster.brick=11",)))
     )
     assert one.image is not None
     assert compare(one.image, three.image).max < 1e-6  # type: ignore[arg-type]
     assert samples_of(one) == samples_of(three)
     assert compare(one.image, other.image).max < 1 / 64 / 5  # type: ignore[arg-type]
+
+
+@pytest.mark.gl
+def test_both_casters_take_the_same_slabs() -> None:
+    drawn = [render_frame(scene_of(1 / 64), LoopbackChannel(), options=Options(device=device)) for device in DEVICES]
+    assert samples_of(drawn[0]) == samples_of(drawn[1])
+    assert compare(drawn[0].image, drawn[1].image).max < 1e-6  # type: ignore[arg-type]
 
 
 def plain_bend(samples: Any) -> float:

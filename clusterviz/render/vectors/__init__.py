@@ -13,6 +13,7 @@
 - rays.py       rays and their slabs
 - jitter.py     where lattices begin that are other in every pixel
 - place.py      where slabs are
+- stretch.py    slabs that are longer where groups of cells allow it
 - march.py      from run to run
 - field.py      the scalar at a place
 - tables.py     rows of tables, a lane each

@@ -26,6 +26,7 @@ from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
+from clusterviz.render.bends import group_doublings
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.storage import make_slot
@@ -35,6 +36,7 @@ from clusterviz.render.vectors.leaps import leaps_of
 from clusterviz.render.vectors.memory import Memory
 from clusterviz.render.vectors.order import job_of, tables_of
 from clusterviz.render.vectors.pieces import Pieces, pieces_of
+from clusterviz.render.vectors.stretch import with_doublings
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
 Index = tuple[int, int, int]
@@ -72,7 +74,7 @@ class VectorCaster:
         self.pool = Memory(self.slot)
         self._leaps: dict[Any, NDArray[np.int32]] = {}
         self._pieces: tuple[Any, float, Pieces | None] | None = None
-        self._shown: tuple[Any, Any] | None = None
+        self._shown: tuple[Any, ...] | None = None
         self.compile(plan)
 
     @property
@@ -167,15 +169,18 @@ class VectorCaster:
 
     def _leaps_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
         """They last until the transfer function changes."""
-        shown = (plan.look, plan.transfer)
+        shown = (plan.look, plan.transfer, plan.march.stretching)
         if self._shown is None or any(a is not b for a, b in zip(self._shown, shown, strict=True)):
             self._leaps, self._shown = {}, shown
         if (found := self._leaps.get((box, bricks.tobytes()))) is not None:
             return found
         if len(self._leaps) >= MOST_LEAPS:
             self._leaps = {}
-        visible = visible_groups(self.pool.ranges(bricks), plan)
-        found = leaps_of(visible, bricks - box.begin_zyx, box.shape_zyx, plan.layout.brick)
+        ranges, places = self.pool.ranges(bricks), bricks - box.begin_zyx
+        visible = visible_groups(ranges, plan)
+        found = leaps_of(visible, places, box.shape_zyx, plan.layout.brick)
+        if plan.march.stretching is not None:
+            found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
         self._leaps[box, bricks.tobytes()] = found
         return found
 

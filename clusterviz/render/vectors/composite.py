@@ -11,13 +11,19 @@ from clusterviz.render.vectors.march import Four, Variables
 from clusterviz.render.vectors.optics import Optics
 from clusterviz.render.vectors.over import put_behind, too_little_left
 from clusterviz.render.vectors.samples import Samples, four, zeros
+from clusterviz.render.vectors.stretch import Stretch
 
 
 class Composite:
-    """Samples at midpoints, classified one by one; a `Look`."""
+    """Samples at midpoints, classified one by one; a `Look`.
 
-    def __init__(self, code: Code, job: Job, samples: Samples, optics: Optics) -> None:
-        self._code, self._samples, self._optics = code, samples, optics
+    Parameters
+    ----------
+    stretch : where slabs may be longer; None: nowhere
+    """
+
+    def __init__(self, code: Code, job: Job, samples: Samples, optics: Optics, stretch: Stretch | None = None) -> None:
+        self._code, self._samples, self._optics, self._stretch = code, samples, optics, stretch
         self._stops = job.part("optics", 1) > 0.0
         self._residual = code.splat(job.part("optics", 1))
 
@@ -29,7 +35,8 @@ class Composite:
             # NaN compares false.
             seen = (s >= self._optics.visible_from) & (number < end.now)
             with code.when(code.any(seen)):
-                self._take(sums, seen, self._optics.of_slab(s, here, slab))
+                found = self._optics.of_slab(s, here, slab)
+                self._take(sums, seen, self._stretch.of_stretches(found) if self._stretch else found)
                 with code.when(self._stops):
                     # A ray ends with the sample that leaves too little light, not with its run.
                     ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)

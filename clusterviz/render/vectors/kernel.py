@@ -31,6 +31,7 @@ from clusterviz.render.vectors.preintegrated import Preintegrated
 from clusterviz.render.vectors.projections import Extreme, Sum
 from clusterviz.render.vectors.ramps import Ramps
 from clusterviz.render.vectors.samples import Samples
+from clusterviz.render.vectors.stretch import Stretch
 from clusterviz.render.vectors.tile import Tile
 
 Held = Literal["many", "few", "fitted"]
@@ -52,6 +53,7 @@ class Kernel:
     light : what shines on the volume
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
+    stretched : slabs are longer where groups of cells allow it
     """
 
     kind: VoxelKind
@@ -63,6 +65,7 @@ class Kernel:
     light: Light = ""
     smooth: bool = False
     jittered: bool = False
+    stretched: bool = False
 
     @property
     def name(self) -> str:
@@ -77,6 +80,7 @@ class Kernel:
             *([self.light] if self.light else []),
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
+            *(["stretched"] if self.stretched else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -87,9 +91,10 @@ class Kernel:
         tile = Variable(code.number(I64, 0))
         samples = Variable(code.number(I64, 0))
         field = Field(code, job, self.kind, self.nearest)
-        look = self._look(code, job, field)
-        places = Places(code, job, self.nearest)
-        tiles = Tile(code, job, March(code, job, places, look, self.jittered))
+        stretch = Stretch(code) if self.stretched else None
+        look = self._look(code, job, field, stretch)
+        places = Places(code, job, self.nearest, stretch)
+        tiles = Tile(code, job, March(code, job, places, look, self.jittered, stretch))
 
         def next_tile() -> Value:
             tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -100,7 +105,7 @@ class Kernel:
         code.add_atomically(job.address("taken"), samples.now)
         return code.text()
 
-    def _look(self, code: Code, job: Job, field: Field) -> Look:
+    def _look(self, code: Code, job: Job, field: Field, stretch: Stretch | None) -> Look:
         samples = Samples(code, job, field)
         if self.preintegrated:
             return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
@@ -112,7 +117,7 @@ class Kernel:
         classifier = Classifier(code, job) if many else PieceClassifier(code, job, self.pieces == "fitted")
         if self.blending == "average":
             return Sum(code, samples, classifier)
-        return Composite(code, job, samples, self._optics(code, job, field, classifier))
+        return Composite(code, job, samples, self._optics(code, job, field, classifier), stretch)
 
     def _optics(self, code: Code, job: Job, field: Field, classifier: Classifier) -> Optics:
         if not self.light:
@@ -140,16 +145,16 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     nearest, shading = plan.march.filter == "nearest", plan.look.shading
     light: Light = ("near" if shading.has_places else "far") if shading else ""
     kind, smooth, jittered = plan.encoding.kind, plan.look.smooth, plan.march.jittered
-    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, smooth, jittered)
+    stretched = plan.march.stretching is not None
+    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, smooth, jittered, stretched)
 
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
     special = plan.mixture or look.surfaces or look.grading or (look.shading and march.preintegrated)
-    stretched = march.stretching is not None or march.split
     blending = look.blending == "composite" or look.blending in PROJECTIONS
-    return blending and not (special or stretched) and march.filter in ("linear", "nearest")
+    return blending and not (special or march.split) and march.filter in ("linear", "nearest")
 
 
 @cache

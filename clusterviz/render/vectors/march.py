@@ -13,9 +13,10 @@ from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.clip import keeps, kept_range
 from clusterviz.render.vectors.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.place import Places
+from clusterviz.render.vectors.place import Place, Places
 from clusterviz.render.vectors.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
 from clusterviz.render.vectors.state import Packet
+from clusterviz.render.vectors.stretch import Stretch
 
 Four = tuple[Value, Value, Value, Value]
 Variables = list[Variable]
@@ -56,11 +57,20 @@ class March:
     Parameters
     ----------
     jittered : every pixel has a lattice of slabs of its own
+    stretch : where slabs may be longer; None: nowhere
     """
 
-    def __init__(self, code: Code, job: Job, places: Places, look: Look, jittered: bool = False) -> None:
+    def __init__(
+        self,
+        code: Code,
+        job: Job,
+        places: Places,
+        look: Look,
+        jittered: bool = False,
+        stretch: Stretch | None = None,
+    ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
-        self._jittered = jittered
+        self._jittered, self._stretch = jittered, stretch
 
     def rays_through(self, x: Value, y: Value) -> Rays:
         """The rays through the pixels (x, y) of the picture."""
@@ -126,14 +136,25 @@ class March:
             # Rays that have found something wait for those that are still looking.
             with code.when(~code.any(gap & (at.now < behind))):
                 slabs = code.select(here & place.visible, step, 0)
-                run, taken = look.run(kept, place.spot, slab, slabs, at.now.equals(0))
+                run, taken, sampled = self._run(kept, place, slab, slabs, at.now)
                 look.add(kept, run, slabs > 0)
                 at.set(at.now + taken)
-                samples.set(samples.now + taken)
+                samples.set(samples.now + sampled)
                 done.set(code.select(look.is_done(kept), 1, done.now))
         for name, variable in (("at", at), ("done", done), ("samples", samples)):
             packet.set(name, variable.now)
         return code.smallest(code.select(active(), at.now, NEVER))
+
+    def _run(self, kept: Variables, place: Place, slab: Vector, slabs: Value, at: Value) -> tuple[Four, Value, Value]:
+        """What runs come to, how many slabs were taken, and how many samples."""
+        first = at.equals(0)
+        if self._stretch is None or place.doublings is None:
+            run, taken = self._look.run(kept, place.spot, slab, slabs, first)
+            return run, taken, taken
+        some = self._stretch.take(at, slabs, place.doublings)
+        spot, slab = self._stretch.longer(place.spot, slab)
+        run, taken = self._look.run(kept, spot, slab, self._stretch.stretches(some), first)
+        return run, self._stretch.slabs(taken), taken
 
     def finish(self, packet: Packet, kept: Variables) -> Value:
         """Draw the last slabs, where the box owns them and something may be visible; samples taken in all, int32."""

@@ -30,12 +30,14 @@ class Kept:
     words : uint32, one a voxel of the slot, and one behind them that loads may touch
     low, high : smallest and largest finite sample of its groups of cells
     voxels : samples that it was made of
+    bend : of its groups, see `bends.py`; None where slabs are not stretched
     """
 
     words: NDArray[np.uint32]
     low: NDArray[Any]
     high: NDArray[Any]
     voxels: int
+    bend: NDArray[np.float32] | None = None
 
 
 class Memory:
@@ -69,14 +71,16 @@ class Memory:
         """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
         for index in list(bricks):
             brick = stored(bricks.pop(index))
-            self._kept[index] = Kept(laid_out(brick.samples, self._slot), brick.low, brick.high, brick.voxels)
+            words = laid_out(brick.samples, self._slot)
+            self._kept[index] = Kept(words, brick.low, brick.high, brick.voxels, brick.bend)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Bricks that are here, as every caster can take them."""
         shape, kind = (*self._slot.samples_zyx, -1), STORED_TYPE[self._slot.kind]
         for index in bricks:
             kept = self._kept[index]
-            yield index, Stored(kept.words[:-1].view(kind).reshape(shape)[..., 0], kept.low, kept.high, kept.voxels)
+            samples = kept.words[:-1].view(kind).reshape(shape)[..., 0]
+            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks."""
@@ -104,6 +108,11 @@ class Memory:
         """Lowest and highest samples of the groups of bricks, (m, *slot.groups_zyx) each."""
         kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
         return np.stack([one.low for one in kept]), np.stack([one.high for one in kept])
+
+    def bends(self, bricks: NDArray[np.int64]) -> NDArray[np.float32]:
+        """How bent the field is in the groups of bricks, (m, 2, *slot.groups_zyx): see `bends.py`."""
+        found = [self._kept[z, y, x].bend for z, y, x in bricks.tolist()]
+        return np.stack([bend for bend in found if bend is not None])
 
 
 def laid_out(stored: NDArray[Any], slot: Slot) -> NDArray[np.uint32]:

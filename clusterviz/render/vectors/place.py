@@ -10,6 +10,7 @@ from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
 from clusterviz.render.vectors.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.rays import cell_of
+from clusterviz.render.vectors.stretch import Stretch
 
 VOXEL_SHIFT = 2  # a voxel takes four bytes
 GROUP_SHIFT = 3  # groups of 8 cells a side, as in storage.py
@@ -27,11 +28,13 @@ class Place:
     visible : something may be visible there
     slabs : how many from here on share this answer
     spot : of the midpoint
+    doublings : how often slabs may be doubled; None where they are never
     """
 
     visible: Value
     slabs: Value
     spot: Spot
+    doublings: Value | None = None
 
 
 class Places:
@@ -40,10 +43,11 @@ class Places:
     Parameters
     ----------
     nearest : voxels are looked up, not cells
+    stretch : where slabs may be longer; None: nowhere
     """
 
-    def __init__(self, code: Code, job: Job, nearest: bool) -> None:
-        self._code, self._job, self._brick = code, job, job["brick"]
+    def __init__(self, code: Code, job: Job, nearest: bool, stretch: Stretch | None = None) -> None:
+        self._code, self._job, self._brick, self._stretch = code, job, job["brick"], stretch
         self._begin, self._count = ([job.part(name, k) for k in range(3)] for name in ("bricks_begin", "bricks_count"))
         self._sides = [job.part("group_sides", k) for k in range(4)]
         self._first = job["first_cell"]
@@ -74,14 +78,19 @@ class Places:
         within = (group[2] * self._sides[1] + group[1]) * self._sides[0] + group[0]
         leap = code.gather(I32, self._job["leaps"], brick * self._sides[3] + within, 4)
         start = code.gather(I64, self._job["bricks"], brick, 8)
-        limit = code.select(leap.equals(0), self._longest, LONGEST_LEAP)
+        visible, doublings = leap.equals(0), None
+        if self._stretch:
+            doublings = self._stretch.allowed(leap)
+            # Longer slabs end with their group.
+            visible, leap = visible | (doublings > 0), code.select(doublings > 0, 1, leap)
+        limit = code.select(visible, self._longest, LONGEST_LEAP)
         slabs = self._slabs(_each(lambda at, by: at.to(F32) + by, local, beyond), group, leap, (slab, per_slab), limit)
         # Rays that lie nowhere read some brick, too.
         start = code.select(start.equals(0), self._job["some_brick"], start)
         voxel = start + (self._voxel(local) << VOXEL_SHIFT).to(I64)
         low = _each(lambda at, _: (self._first - at).to(F32), local, local)
         high = _each(lambda last, at: (last - at).to(F32), self._last, local)
-        return Place(leap.equals(0), slabs, Spot(voxel, low, high, beyond, cell))
+        return Place(visible, slabs, Spot(voxel, low, high, beyond, cell), doublings)
 
     def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector], limit: Value) -> Value:
         """How many midpoints from here on lie in the box that shares the answer, for certain: one to `limit`.

@@ -17,6 +17,7 @@ VOXELS = noise(SHAPE, "uint8")
 EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
     "pre-integrated": ({"classification": "pre-integrated"}, kernel, "Preintegrated"),
     "jittered": ({"jitter": True}, rays, "shift_of"),
+    "stretched": ({"adaptive": 1 / 64}, kernel, "Stretch"),
     "local maximum": ({"look": {"blending": "local-maximum"}}, kernel, "LocalMaximum"),
 }
 
