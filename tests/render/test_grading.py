@@ -9,7 +9,20 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import BUMP, SHAPE, camera_at, draw, picture, prepare, rotation, scene_of, whole
+from render.scenes import (
+    BUMP,
+    SHAPE,
+    camera_at,
+    draw,
+    drawn_by_each,
+    error,
+    picture,
+    pictures,
+    prepare,
+    rotation,
+    scene_of,
+    whole,
+)
 from render.test_independence import in_parts
 from render.test_shading import LIGHTS, LIT, smooth
 
@@ -56,14 +69,14 @@ def entries(colours: bool = False) -> np.ndarray:
     return table if colours else table[..., 3]
 
 
-def error(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid = GRID) -> float:
+def off_by(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid = GRID) -> float:
     """Largest difference from the witness, of a picture to which the gradient matters."""
     expected = render_reference(scene, grid, voxels)
     plain = {"gradient_opacity": (), "transfer_2d": None, "opacity": scene.volumes[0].opacity or 0.3}
     without = scene.model_copy(update={"volumes": (scene.volumes[0].model_copy(update=plain),)})
     assert expected[..., 3].max() > 0.1
     assert np.abs(expected - render_reference(without, grid, voxels)).max() > 0.03, "the gradient changes nothing"
-    return float(np.abs(picture(context, scene, voxels, grid, brick=7) - expected).max())
+    return error(context, expected, scene, voxels, grid, brick=7)
 
 
 @pytest.mark.parametrize(
@@ -84,26 +97,28 @@ def test_gradient_opacity_is_that_of_the_witness(context: moderngl.Context, dtyp
     # A surface is found to float32's last bits; what lies in front of it in its slab is absorbed by its length.
     bound = 4 * BOUND if "look" in keys else BOUND
     # No step: to float32, samples beside it fall on either side.
-    assert error(context, graded_scene(voxels, points=(RISE[0], RISE[-1]), **keys), voxels) <= bound
+    assert off_by(context, graded_scene(voxels, points=(RISE[0], RISE[-1]), **keys), voxels) <= bound
 
 
 def test_a_step_of_gradient_opacity_is_a_step(context: moderngl.Context) -> None:
     voxels = smooth()
-    difference = np.abs(picture(context, scene := graded_scene(voxels), voxels) - render_reference(scene, GRID, voxels))
-    assert np.count_nonzero(difference.max(axis=2) > BOUND) <= 2, "more than samples that lie on the step itself"
+    expected = render_reference(scene := graded_scene(voxels), GRID, voxels)
+    for found in pictures(context, scene, voxels):
+        difference = np.abs(found - expected).max(axis=2)
+        assert np.count_nonzero(difference > BOUND) <= 2, "more than samples that lie on the step itself"
 
 
 @pytest.mark.parametrize("grid", [TURNED, HUGE], ids=["turned, 1e-9", "1e9"])
 def test_magnitudes_are_those_of_the_world(context: moderngl.Context, grid: Grid, tmp_path: Path) -> None:
     voxels = smooth()
-    assert error(context, graded_scene(voxels, grid, points=(RISE[0], RISE[-1])), voxels, grid) <= BOUND
-    assert error(context, table_scene(voxels, tmp_path / "t.npy", entries(), grid), voxels, grid) <= BOUND
+    assert off_by(context, graded_scene(voxels, grid, points=(RISE[0], RISE[-1])), voxels, grid) <= BOUND
+    assert off_by(context, table_scene(voxels, tmp_path / "t.npy", entries(), grid), voxels, grid) <= BOUND
 
 
 @pytest.mark.parametrize("scale", [1e-25, 1e25])
 def test_units_of_data_do_not_matter(context: moderngl.Context, scale: float) -> None:
     voxels = smooth((9, 8, 11), np.float64)
-    near, far = (picture(context, graded_scene(v, points=RISE[:2]), v) for v in (voxels, voxels * scale))
+    near, far = (np.stack(pictures(context, graded_scene(v, points=RISE[:2]), v)) for v in (voxels, voxels * scale))
     assert np.abs(near - far).max() <= BOUND
 
 
@@ -111,22 +126,21 @@ def test_units_of_data_do_not_matter(context: moderngl.Context, scale: float) ->
 def test_tables_are_those_of_the_witness(context: moderngl.Context, colours: bool, tmp_path: Path) -> None:
     voxels, path = smooth(dtype=np.uint8), tmp_path / "table.npy"
     keys: dict[str, Any] = {"look": LIT, "step": 0.5} if colours else {"classification": "pre-integrated"}
-    assert error(context, table_scene(voxels, path, entries(colours), **keys), voxels) <= 4 * BOUND
+    assert off_by(context, table_scene(voxels, path, entries(colours), **keys), voxels) <= 4 * BOUND
 
 
 @pytest.mark.parametrize("shape", [(1, 9), (5, 1), (1, 1)], ids=str)
 def test_smallest_tables(context: moderngl.Context, shape: tuple[int, int], tmp_path: Path) -> None:
     voxels = smooth(dtype=np.uint8)
     scene = table_scene(voxels, tmp_path / "table.npy", entries()[: shape[0], 9 - shape[1] :])
-    assert np.abs(picture(context, scene, voxels) - render_reference(scene, GRID, voxels)).max() <= BOUND
+    assert error(context, render_reference(scene, GRID, voxels), scene, voxels) <= BOUND
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.0])
 def test_one_point_is_a_factor(context: moderngl.Context, factor: float) -> None:
     voxels = smooth(dtype=np.uint8)
-    found = picture(context, graded_scene(voxels, points=((0.1, factor),)), voxels)
     plain = picture(context, scene_of(voxels, camera_at("outside", GRID), opacity=BUMP), voxels)
-    assert np.abs(found - factor * plain).max() <= 2e-6
+    assert error(context, factor * plain, graded_scene(voxels, points=((0.1, factor),)), voxels) <= 2e-6
 
 
 def test_invalid_voxels_are_left_out_as_in_the_witness(context: moderngl.Context) -> None:
@@ -134,7 +148,7 @@ def test_invalid_voxels_are_left_out_as_in_the_witness(context: moderngl.Context
     scene = graded_scene(voxels, points=(RISE[0], RISE[-1]), clim=(0.1, 0.9))
     voxels[np.random.default_rng(1).random(SHAPE) < 0.03] = np.nan
     expected = render_reference(scene, GRID, voxels)
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= BOUND
 
 
 @pytest.mark.parametrize("kind", ["gradient opacity", "table"])
@@ -142,9 +156,8 @@ def test_neither_bricks_nor_boxes_change_the_picture(context: moderngl.Context, 
     voxels = smooth(dtype=np.uint8)
     has_table = kind == "table"
     scene = table_scene(voxels, tmp_path / "t.npy", entries()) if has_table else graded_scene(voxels)
-    one = draw(context, prepare(scene, voxels, brick=64))
-    for brick, parts in ((5, 3),):
-        found, samples = in_parts(context, scene, prepare(scene, voxels, brick=brick), parts)
+    for where, one in zip((context, None), drawn_by_each(context, prepare(scene, voxels, brick=64)), strict=True):
+        found, samples = in_parts(where, scene, prepare(scene, voxels, brick=5), parts=3)
         # What is transparent is left out by groups of cells, and these begin with each brick.
         assert samples == one.samples or has_table
         assert np.abs(found - whole(one.partial, SIZE)).max() <= BOUND

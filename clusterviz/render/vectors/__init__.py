@@ -22,7 +22,10 @@
 - opacity.py    opacities of slabs
 - gradient.py   gradients of the field
 - cubic.py      cubic B-splines
+- directions.py  directions and lengths
 - light.py      lights on a volume
+- grading.py    opacity by the gradient's magnitude
+- relief.py     all that depends on the gradient
 - optics.py     what samples come to, all in all
 - samples.py    the samples of runs
 - composite.py  emission and absorption

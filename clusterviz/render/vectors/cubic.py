@@ -31,7 +31,7 @@ class CubicGradient:
 
     def at(self, spot: Spot) -> Vector:
         """At spots."""
-        code, field, (beyond, voxel) = self._code, self._field, self._field.within(spot)
+        code, field, (_, beyond, voxel) = self._code, self._field, self._field.within(spot)
         (x, y, z), (dx, dy, dz) = (tuple(of(code, t) for t in beyond) for of in (weights, slopes))
         block, _ = apart(code, field, voxel)
         along = [[summed(code, x, row) for row in layer] for layer in block]

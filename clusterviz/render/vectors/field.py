@@ -58,7 +58,7 @@ class Field:
     def at(self, spot: Spot) -> Value:
         """The scalar, in units of clim; NaN where an invalid voxel takes part."""
         code = self._code
-        (x, y, z), voxel = self.within(spot)
+        _, (x, y, z), voxel = self.within(spot)
         if self._nearest:
             return self.scalar(self.corners(voxel)[0])
         c = self.corners(voxel)
@@ -66,11 +66,14 @@ class Field:
         near, far = (code.fma(along[k + 1] - along[k], y, along[k]) for k in (0, 2))
         return self.scalar(code.fma(far - near, z, near))
 
-    def within(self, spot: Spot) -> tuple[Vector, Value]:
-        """How far places lie in their cells, and the address of the cell's first corner, or of the nearest voxel."""
+    def within(self, spot: Spot) -> tuple[list[Value], Vector, Value]:
+        """Cells that places are in, as seen from the spot's, how far these lie in them, and where the first corner is.
+
+        Where the nearest voxel is taken, that is its number and its address.
+        """
         cell, voxel = self._cell(spot)
         x, y, z = (at - whole for at, whole in zip(spot.beyond, cell, strict=True))
-        return (x, y, z), voxel
+        return cell, (x, y, z), voxel
 
     def beside(self, voxel: Value, x: int, y: int, z: int) -> Value:
         """The address of the voxel so many further on along each axis."""

@@ -1,12 +1,17 @@
-"""Gradients of the field, in units of clim per voxel: the twins of gradient.glsl and gradient_differences.glsl."""
+"""Gradients of the field, in units of clim per voxel: the twins of gradient.glsl and gradient_nearest.glsl.
+
+They are central differences of voxels. Where a neighbour lies outside of the volume, or is invalid, they are one-sided.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import Value, Vector
+from clusterviz.kernels.lanes import F32, Value, Vector
 from clusterviz.render.vectors.field import Corners, Field, Spot
+from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.samples import LARGEST
 
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -19,62 +24,111 @@ class Gradient(Protocol):
         """Of the field at spots, each of which has a scalar; anything elsewhere."""
 
 
-class CentralGradient:
-    """Of a field between voxels that is interpolated linearly: central differences of voxels, interpolated likewise.
+@dataclass(frozen=True)
+class _Cell:
+    """Cells, or voxels, of the volume.
 
-    What lies outside of the volume, or is invalid, repeats its neighbour in the cell. Corners that are read twice, or
-    not needed, cost nothing: the compiler drops them.
+    Attributes
+    ----------
+    voxel : int64, address of the first corner
+    beyond : float32, how far the place lies from it
+    begins, ends : masks along x, y, z: whether the volume has nothing before it, or nothing behind it
     """
 
-    def __init__(self, code: Code, field: Field) -> None:
+    voxel: Value
+    beyond: Vector
+    begins: Vector
+    ends: Vector
+
+
+def _cell_of(code: Code, field: Field, spot: Spot, last: list[Value]) -> _Cell:
+    """The cell of a place, one of the volume; `last`, of them, along x, y, z."""
+    low, high = [], []
+    for axis in range(3):
+        low.append(code.most(spot.low[axis], (0 - spot.cell[axis]).to(F32)))
+        high.append(code.least(spot.high[axis], (last[axis] - spot.cell[axis]).to(F32)))
+    inside = replace(spot, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+    cell, beyond, voxel = field.within(inside)
+    begins = [at <= (0 - first).to(F32) for at, first in zip(cell, spot.cell, strict=True)]
+    ends = [at >= (end - first).to(F32) for at, first, end in zip(cell, spot.cell, last, strict=True)]
+    return _Cell(voxel, beyond, (begins[0], begins[1], begins[2]), (ends[0], ends[1], ends[2]))
+
+
+class CentralGradient:
+    """Of a field between voxels that is interpolated linearly: derivatives at voxels, interpolated likewise.
+
+    One-sided ones are of three voxels, as exact as the others: of the two derivatives at the ends of an edge, the mean
+    is then the edge's own slope. Corners that are read twice, or not needed, cost nothing: the compiler drops them.
+    """
+
+    def __init__(self, code: Code, job: Job, field: Field) -> None:
         self._code, self._field = code, field
+        self._last = [job.part("cells", axis) - 1 for axis in range(3)]
 
     def at(self, spot: Spot) -> Vector:
         """Of the field at spots."""
-        field, (beyond, voxel) = self._field, self._field.within(spot)
-        here, half = field.corners(voxel), 0.5 * field.scale
-        x, y, z = (half * self._along(axis, beyond, voxel, here) for axis in range(3))
+        field, cell = self._field, _cell_of(self._code, self._field, spot, self._last)
+        here, half = field.corners(cell.voxel), 0.5 * field.scale
+        x, y, z = (half * self._along(axis, cell, here) for axis in range(3))
         return x, y, z
 
-    def _along(self, axis: int, beyond: Vector, voxel: Value, here: Corners) -> Value:
-        """Twice the difference along an axis: for the cell's four edges along it, then between them."""
-        field, code, bit = self._field, self._code, 1 << axis
-        before, after = (
-            self._valid(field.corners(field.beside(voxel, *(sign * part for part in AXES[axis]))), here)
-            for sign in (-1, 1)
-        )
-        edges = []
-        for low in (corner for corner in range(8) if not corner & bit):
-            high = low | bit
-            start = here[high] - before[low]
-            edges.append(code.fma((after[high] - here[low]) - start, beyond[axis], start))
-        for aside in (beyond[other] for other in range(3) if other != axis):
-            edges = [code.fma(far - near, aside, near) for near, far in zip(edges[::2], edges[1::2], strict=True)]
-        return edges[0]
-
-    def _valid(self, corners: Corners, here: Corners) -> Corners:
+    def _along(self, axis: int, cell: _Cell, here: Corners) -> Value:
+        """Twice the derivative along an axis: at both ends of the cell's four edges, and between them."""
+        code, bit, sides = self._code, 1 << axis, [AXES[axis], tuple(-part for part in AXES[axis])]
+        after, before = (self._field.corners(self._field.beside(cell.voxel, *side)) for side in sides)
+        low = [corner for corner in range(8) if not corner & bit]
+        edges = [
+            (here[at | bit] - before[at], after[at | bit] - here[at], 2.0 * (here[at | bit] - here[at])) for at in low
+        ]
+        begins, ends = cell.begins[axis], cell.ends[axis]
+        if self._field.may_be_invalid:
+            none = [(begins | self._invalid(before[at]), ends | self._invalid(after[at | bit])) for at in low]
+            edges = [(*self._one_sided(*edge, *missing), edge[2]) for edge, missing in zip(edges, none, strict=True)]
+        for aside in (cell.beyond[other] for other in range(3) if other != axis):
+            pairs = zip(edges[::2], edges[1::2], strict=True)
+            edges = [
+                tuple(code.fma(b - a, aside, a) for a, b in zip(near, far, strict=True))  # type: ignore[misc]
+                for near, far in pairs
+            ]
+        first, last, edge = edges[0]
         if not self._field.may_be_invalid:
-            return corners
-        pairs = zip(corners, here, strict=True)
-        return tuple(self._code.select(self._code.size(found) <= LARGEST, found, other) for found, other in pairs)
+            first, last = self._one_sided(first, last, edge, begins, ends)
+        return code.fma(last - first, cell.beyond[axis], first)
+
+    def _one_sided(
+        self, first: Value, last: Value, edge: Value, none_before: Value, none_after: Value
+    ) -> tuple[Value, Value]:
+        """Both ends' derivatives, where a neighbour may be missing."""
+        code = self._code
+        known_first, known_last = code.select(none_before, edge, first), code.select(none_after, edge, last)
+        first = code.select(none_before, 2.0 * edge - known_last, known_first)
+        return first, code.select(none_after, 2.0 * edge - known_first, known_last)
+
+    def _invalid(self, voxel: Value) -> Value:
+        return ~(self._code.size(voxel) <= LARGEST)
 
 
 class NearestGradient:
-    """Between nearest voxels: half of the difference of the voxels to either side; an invalid one is no different."""
+    """At the nearest voxel; beside one that is missing it is the difference to the other neighbour."""
 
-    def __init__(self, code: Code, field: Field) -> None:
+    def __init__(self, code: Code, job: Job, field: Field) -> None:
         self._code, self._field = code, field
+        self._last = [job.part("cells", axis) for axis in range(3)]
 
     def at(self, spot: Spot) -> Vector:
         """Of the field at spots."""
-        field, half = self._field, 0.5 * self._field.scale
-        voxel = field.within(spot)[1]
-        x, y, z = (half * (self._beside(voxel, axis, 1) - self._beside(voxel, axis, -1)) for axis in AXES)
+        cell = _cell_of(self._code, self._field, spot, self._last)
+        here = self._field.corners(cell.voxel)[0]
+        x, y, z = (self._field.scale * self._along(axis, cell, here) for axis in range(3))
         return x, y, z
 
-    def _beside(self, voxel: Value, axis: tuple[int, int, int], sign: int) -> Value:
-        field, code = self._field, self._code
-        found = field.corners(field.beside(voxel, *(sign * part for part in axis)))[0]
-        if not field.may_be_invalid:
-            return found
-        return code.select(code.size(found) <= LARGEST, found, field.corners(voxel)[0])
+    def _along(self, axis: int, cell: _Cell, here: Value) -> Value:
+        code, none, found = self._code, [], []
+        for sign, missing in ((-1, cell.begins[axis]), (1, cell.ends[axis])):
+            voxel = self._field.corners(self._field.beside(cell.voxel, *(sign * part for part in AXES[axis])))[0]
+            if self._field.may_be_invalid:
+                missing = missing | ~(code.size(voxel) <= LARGEST)
+            none.append(missing)
+            found.append(code.select(missing, here, voxel))
+        difference = found[1] - found[0]
+        return code.select(none[0] ^ none[1], difference, 0.5 * difference)

@@ -22,6 +22,8 @@ JOB = np.dtype(
         ("record_floats", "i4"),  # in a row of the records
         ("planes", "i4"),  # how many clip the volume
         ("lights", "i4"),  # how many shine on it
+        ("fading", "i4"),  # pieces of its gradient opacity
+        ("table_sides", "i4", 2),  # of a transfer function of two dimensions: columns, rows
         ("slack", "f4"),  # voxels that float32 may have rounded away
         ("tiles_across", "i4"),
         ("tiles", "i4"),
@@ -45,6 +47,8 @@ JOB = np.dtype(
         ("sums", "i8"),  # float64 (segments, 8) as in plan/preintegration.py
         ("clip", "i8"),
         ("lighting", "i8"),  # float32 (7 + rows · lights, 4), see plan/shading.py
+        ("grading", "i8"),  # float32 (4 + fading, 4), see plan/grading.py
+        ("table", "i8"),  # float32 (rows, columns, 4)
     ],
     align=True,
 )

@@ -13,6 +13,7 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value
 from clusterviz.kernels.objects import function_address, machine
 from clusterviz.plan.encoding import VoxelKind
+from clusterviz.plan.grading import Table as TableHolds
 from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Plan
 from clusterviz.render.vectors.classify import Classifier
@@ -20,6 +21,7 @@ from clusterviz.render.vectors.composite import Composite
 from clusterviz.render.vectors.cubic import CubicGradient
 from clusterviz.render.vectors.field import Field
 from clusterviz.render.vectors.gradient import CentralGradient, Gradient, NearestGradient
+from clusterviz.render.vectors.grading import Fading, Table
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.light import Light, Lights
 from clusterviz.render.vectors.local_maximum import LocalMaximum
@@ -30,11 +32,14 @@ from clusterviz.render.vectors.place import Places
 from clusterviz.render.vectors.preintegrated import Preintegrated
 from clusterviz.render.vectors.projections import Extreme, Sum
 from clusterviz.render.vectors.ramps import Ramps
+from clusterviz.render.vectors.relief import Relief
 from clusterviz.render.vectors.samples import Samples
 from clusterviz.render.vectors.stretch import Stretch
 from clusterviz.render.vectors.tile import Tile
 
 Held = Literal["many", "few", "fitted"]
+Graded = Literal["", "faded", "opacities", "colours"]
+"""It does nothing; extinction is multiplied; a table holds opacities, or colours, too."""
 PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "local-maximum", "average", "additive")
 
 
@@ -51,6 +56,7 @@ class Kernel:
     lanes : pixels of a packet
     preintegrated : slabs are classified between their ends
     light : what shines on the volume
+    graded : what the gradient's magnitude does to opacity
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     stretched : slabs are longer where groups of cells allow it
@@ -63,6 +69,7 @@ class Kernel:
     lanes: int
     preintegrated: bool = False
     light: Light = ""
+    graded: Graded = ""
     smooth: bool = False
     jittered: bool = False
     stretched: bool = False
@@ -78,6 +85,7 @@ class Kernel:
             str(self.lanes),
             *(["preintegrated"] if self.preintegrated else []),
             *([self.light] if self.light else []),
+            *([self.graded] if self.graded else []),
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
             *(["stretched"] if self.stretched else []),
@@ -108,7 +116,8 @@ class Kernel:
     def _look(self, code: Code, job: Job, field: Field, stretch: Stretch | None) -> Look:
         samples = Samples(code, job, field)
         if self.preintegrated:
-            return Preintegrated(code, job, samples, Ramps(code, job), self.kind == "f32")
+            relief = self._relief(code, job, field)
+            return Preintegrated(code, job, samples, Ramps(code, job), relief, self.kind == "f32")
         if self.blending == "local-maximum":
             return LocalMaximum(code, job, samples)
         if self.blending in ("maximum", "minimum"):
@@ -117,17 +126,22 @@ class Kernel:
         classifier = Classifier(code, job) if many else PieceClassifier(code, job, self.pieces == "fitted")
         if self.blending == "average":
             return Sum(code, samples, classifier)
-        return Composite(code, job, samples, self._optics(code, job, field, classifier), stretch)
+        holds_colour = self.graded == "colours"
+        table = Table(code, job, classifier, holds_colour) if self.graded in ("opacities", "colours") else None
+        optics = Optics(code, classifier, self._relief(code, job, field), table)
+        return Composite(code, job, samples, optics, stretch)
 
-    def _optics(self, code: Code, job: Job, field: Field, classifier: Classifier) -> Optics:
-        if not self.light:
-            return Optics(classifier)
-        return Optics(classifier, self._gradient(code, field), Lights(code, job, self.light == "near"))
+    def _relief(self, code: Code, job: Job, field: Field) -> Relief:
+        if not (self.light or self.graded):
+            return Relief(code)
+        lights = Lights(code, job, self.light == "near") if self.light else None
+        fading = Fading(code, job) if self.graded == "faded" else None
+        return Relief(code, self._gradient(code, job, field), lights, fading)
 
-    def _gradient(self, code: Code, field: Field) -> Gradient:
+    def _gradient(self, code: Code, job: Job, field: Field) -> Gradient:
         if self.smooth:
             return CubicGradient(code, field)
-        return (NearestGradient if self.nearest else CentralGradient)(code, field)
+        return (NearestGradient if self.nearest else CentralGradient)(code, job, field)
 
 
 def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
@@ -139,20 +153,30 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     """
     blending = plan.look.blending
     preintegrated = plan.march.preintegrated
-    few = pieces is not None and lanes == MOST and blending == "composite" and not preintegrated
+    apart = preintegrated or plan.look.grading is not None
+    few = pieces is not None and lanes == MOST and blending == "composite" and not apart
     held: Held = "many" if pieces is None or not few else "fitted" if pieces.fitted else "few"
     blending = "average" if blending == "additive" else blending
-    nearest, shading = plan.march.filter == "nearest", plan.look.shading
+    nearest, shading, smooth = plan.march.filter == "nearest", plan.look.shading, plan.look.smooth
     light: Light = ("near" if shading.has_places else "far") if shading else ""
-    kind, smooth, jittered = plan.encoding.kind, plan.look.smooth, plan.march.jittered
+    kind, graded, jittered = plan.encoding.kind, graded_of(plan), plan.march.jittered
     stretched = plan.march.stretching is not None
-    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, smooth, jittered, stretched)
+    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, graded, smooth, jittered, stretched)
+
+
+def graded_of(plan: Plan) -> Graded:
+    """What the gradient's magnitude does to the opacity of a plan's volume."""
+    grading = plan.look.grading
+    if grading is None:
+        return ""
+    holds: dict[TableHolds, Graded] = {"": "faded", "opacity": "opacities", "colour and opacity": "colours"}
+    return holds[grading.table_holds]
 
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     look, march = plan.look, plan.march
-    special = plan.mixture or look.surfaces or look.grading or (look.shading and march.preintegrated)
+    special = plan.mixture or look.surfaces
     blending = look.blending == "composite" or look.blending in PROJECTIONS
     return blending and not (special or march.split) and march.filter in ("linear", "nearest")
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from clusterviz.kernels.lanes import Value, Vector
+from clusterviz.kernels.code import Code
+from clusterviz.kernels.lanes import F32, Value, Vector
 from clusterviz.render.vectors.classify import Class, Classifier
 from clusterviz.render.vectors.field import Spot
-from clusterviz.render.vectors.gradient import Gradient
-from clusterviz.render.vectors.light import Lights
+from clusterviz.render.vectors.grading import Table
+from clusterviz.render.vectors.relief import Relief
 
 
 class Optics:
@@ -14,22 +15,26 @@ class Optics:
 
     Parameters
     ----------
-    gradient, lights : None where the volume is not lit
+    relief : what depends on the gradient
+    table : the transfer function, where it is one of two dimensions
     """
 
-    def __init__(self, classifier: Classifier, gradient: Gradient | None = None, lights: Lights | None = None) -> None:
-        self._classifier, self._gradient, self._lights = classifier, gradient, lights
+    def __init__(self, code: Code, classifier: Classifier, relief: Relief, table: Table | None = None) -> None:
+        self._code, self._classifier, self._relief, self._table = code, classifier, relief, table
         self.visible_from = classifier.visible_from
 
     def of_slab(self, s: Value, spot: Spot, slab: Vector) -> Class:
         """Of whole slabs."""
-        return self._lit(self._classifier.of_slab(s), spot, slab)
+        if self._table or self._relief.fades:
+            return self.of_share(s, self._code.same(F32, 1.0), spot, slab)
+        return self._lit(self._classifier.of_slab(s), self._relief.gradient(spot), spot, slab)
 
     def of_share(self, s: Value, share: Value, spot: Spot, slab: Vector) -> Class:
         """Of shares of slabs."""
-        return self._lit(self._classifier.of_share(s, share), spot, slab)
+        gradient = self._relief.gradient(spot)
+        if self._table and gradient:
+            return self._lit(self._table.of_share(s, share, gradient), gradient, spot, slab)
+        return self._lit(self._classifier.of_share(s, self._relief.faded(share, gradient)), gradient, spot, slab)
 
-    def _lit(self, found: Class, spot: Spot, slab: Vector) -> Class:
-        if self._gradient is None or self._lights is None:
-            return found
-        return Class(found.opacity, self._lights.lit(found.colour, self._gradient.at(spot), spot, slab))
+    def _lit(self, found: Class, gradient: Vector | None, spot: Spot, slab: Vector) -> Class:
+        return Class(found.opacity, self._relief.lit(found.colour, gradient, spot, slab))

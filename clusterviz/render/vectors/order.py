@@ -41,8 +41,13 @@ def tables_of(plan: Plan, addresses: NDArray[np.int64], leaps: NDArray[np.int32]
 
 def _look_tables(plan: Plan) -> Tables:
     """Those that only some looks have."""
-    look = plan.look
-    return {"lighting": look.shading.block()} if look.shading else {}
+    shading, grading = plan.look.shading, plan.look.grading
+    tables: Tables = {"lighting": shading.block()} if shading else {}
+    if grading:
+        tables["grading"] = grading.block()
+        if grading.table is not None:
+            tables["table"] = np.ascontiguousarray(grading.table)
+    return tables
 
 
 def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:
@@ -59,7 +64,7 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     job["row"], job["layer"] = x, x * y
     job["brick"], job["per_brick"] = plan.layout.brick, 1 / plan.layout.brick
     job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
-    job["lights"] = len(plan.look.shading.lights) if plan.look.shading else 0
+    _count_looks(job, plan)
     job["record_floats"] = plan.segments.records.itemsize // 4
     job["longest_run"] = _longest_run(plan, slot)
     memory = np.count_nonzero(tables["bricks"]) * np.prod(slot.samples_zyx) * VOXEL_BYTES
@@ -76,6 +81,16 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     for name, table in tables.items():
         job[name] = table.__array_interface__["data"][0]
     return job
+
+
+def _count_looks(job: NDArray[np.void], plan: Plan) -> None:
+    """Tell the sizes of `_look_tables`."""
+    shading, grading = plan.look.shading, plan.look.grading
+    job["lights"] = len(shading.lights) if shading else 0
+    if grading:
+        job["fading"] = grading.fading
+        if grading.table is not None:
+            job["table_sides"] = grading.table.shape[1::-1]
 
 
 def _longest_run(plan: Plan, slot: Slot) -> int:

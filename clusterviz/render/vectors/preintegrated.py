@@ -13,6 +13,7 @@ from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.march import Four, Variables
 from clusterviz.render.vectors.over import put_behind, too_little_left
 from clusterviz.render.vectors.ramps import RECORD_FLOATS, End, Ramps
+from clusterviz.render.vectors.relief import Relief
 from clusterviz.render.vectors.samples import LARGEST, Samples, four, zeros
 
 # Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.
@@ -24,10 +25,14 @@ class Preintegrated:
 
     Parameters
     ----------
+    relief : what depends on the gradient
     may_be_invalid : voxels may be NaN
     """
 
-    def __init__(self, code: Code, job: Job, samples: Samples, ramps: Ramps, may_be_invalid: bool) -> None:
+    def __init__(
+        self, code: Code, job: Job, samples: Samples, ramps: Ramps, relief: Relief, may_be_invalid: bool
+    ) -> None:
+        self._relief = relief
         self._code, self._samples, self._ramps, self._may_be_invalid = code, samples, ramps, may_be_invalid
         self._stops = job.part("optics", 1) > 0.0
         self._units, self._residual = (code.splat(job.part("optics", k)) for k in range(2))
@@ -41,7 +46,7 @@ class Preintegrated:
         half_on = self._samples.moved(spot, slab, code.same(F32, 0.5))
         with self._samples.along(half_on, slab, most) as (s, number, _):
             middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
-            seen = self._take(sums, front, s, self._units, number < end.now, middle)
+            seen = self._take(sums, front, s, self._units, number < end.now, (middle, slab))
             with code.when(self._stops):
                 # A ray ends with the slab that leaves too little light, not with its run.
                 ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
@@ -55,7 +60,7 @@ class Preintegrated:
         away = WITHIN * share
         ends = (self._samples.at(self._samples.moved(spot, slab, along)) for along in (-away, away))
         front = _Front(code, self._ramps, next(ends))
-        self._take(sums, front, next(ends), self._units * share, drawn, spot)
+        self._take(sums, front, next(ends), self._units * share, drawn, (spot, slab))
         return four(sums)
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
@@ -66,20 +71,22 @@ class Preintegrated:
         """Where so little light is left that the scene allows to stop."""
         return too_little_left(kept, self._residual)
 
-    def _take(self, sums: Variables, front: _Front, s: Value, units: Value, drawn: Value, middle: Spot) -> Value:
+    def _take(
+        self, sums: Variables, front: _Front, s: Value, units: Value, drawn: Value, middle: tuple[Spot, Vector]
+    ) -> Value:
         """Add slabs from the front to a back whose scalar is known, which then is the front; where they were seen."""
         code = self._code
         begin, end, some = Variable(front.s.now), Variable(s), Variable(drawn.to(I32))
         replaced = Variable(code.number(I32, 0))
         if self._may_be_invalid:
-            self._without_invalid(begin, end, some, replaced, middle)
+            self._without_invalid(begin, end, some, replaced, middle[0])
         seen = (some.now > 0) & (code.most(begin.now, end.now) >= self._ramps.visible_from)
         known = Variable(code.number(I32, 0))
         with code.when(code.any(seen)):
             with code.when((front.known.now.equals(0)) | (replaced.now > 0)):
                 front.keep(self._ramps.end_at(begin.now))
             back = self._ramps.end_at(end.now)
-            slab = self._ramps.integrated(front.end, back, units, seen)
+            slab = self._integrated(front.end, back, units, seen, *middle)
             rest = code.select(seen, 1.0 - sums[3].now, 0.0)
             for place, part in zip(sums, slab, strict=True):
                 place.set(code.select(seen, code.fma(rest, part, place.now), place.now))
@@ -88,6 +95,16 @@ class Preintegrated:
         front.s.set(s)
         front.known.set(known.now)
         return seen
+
+    def _integrated(self, front: End, back: End, units: Value, seen: Value, middle: Spot, slab: Vector) -> Four:
+        """Slabs between their ends, faded and lit by the gradient at their midpoint."""
+        code, gradient = self._code, self._relief.gradient_if_valid(middle)
+        r, g, b, a = self._ramps.integrated(front, back, self._relief.faded(units, gradient), seen)
+        if gradient is None:
+            return r, g, b, a
+        safe = code.select(a > 0.0, a, 1.0)
+        x, y, z = self._relief.lit((r / safe, g / safe, b / safe), gradient, middle, slab)
+        return x * a, y * a, z * a, a
 
     def _without_invalid(
         self, begin: Variable, end: Variable, some: Variable, replaced: Variable, middle: Spot

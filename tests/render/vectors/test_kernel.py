@@ -39,9 +39,10 @@ def code_of(lights: Any = (), **look: Any) -> str:
 def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:
     unlit = code_of(LIGHTS)
     assert unlit == code_of()
-    # Nothing but lengths of normals needs roots of float32.
+    # Nothing but lengths of gradients needs roots of float32.
     assert "llvm.sqrt.v8f32" not in unlit
     assert "llvm.sqrt.v8f32" in code_of(**LIT)
+    assert "llvm.sqrt.v8f32" in code_of(gradient_opacity=((0.0, 0.5), (1.0, 1.0)))
 
 
 def test_lights_without_places_share_a_kernel() -> None:
