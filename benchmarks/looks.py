@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.cli.arguments import parse_device
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
@@ -24,7 +25,9 @@ from clusterviz.gl.context import open_context
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.look import margin_of
 from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.render.choice import Device, egl_device, on_processor
 from clusterviz.render.raycast import Raycaster
+from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.scene import Scene, VolumeFacts, complete_scene
 from clusterviz.scene.values import ImageSettings, Volume
 
@@ -39,6 +42,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "local-maximum": {"volume": {"blending": "local-maximum"}},
     "average": {"volume": {"blending": "average"}},
     "additive": {"volume": {"blending": "additive"}},
+    "pre-integrated": {"scene": {"quality": {"classification": "pre-integrated"}}},
+    "jitter": {"scene": {"quality": {"jitter": True}}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
     "shade, light in a place": {"volume": {"shade": True}, "scene": {"lights": ({**LIGHT, "positional": True},)}},
@@ -90,15 +95,15 @@ def whole_pieces(plan: Plan) -> tuple[Piece, ...]:
     return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, plan.layout.brick)
 
 
-def measure(path: str, size: int, frames: int, names: list[str]) -> list[dict[str, Any]]:
-    """Time all looks, in turn."""
-    source, context = open_source(path, None), open_context()
+def measure(path: str, size: int, frames: int, names: list[str], device: Device) -> list[dict[str, Any]]:
+    """Time all looks, in turn; those that the processor cannot draw are left to OpenGL."""
+    source, context = open_source(path, None), open_context(device=egl_device(device))
     voxels = source.read((0, 0, 0), source.grid.shape_zyx)
     value_range = float(voxels.min()), float(voxels.max())
-    casters: dict[str, tuple[Raycaster, Plan]] = {}
+    casters: dict[str, tuple[Raycaster | VectorCaster, Plan]] = {}
     for name in names:
         plan, bricks = planned(path, source, value_range, size, LOOKS[name])
-        casters[name] = Raycaster(context, plan), plan
+        casters[name] = VectorCaster(plan) if on_processor(plan, device) else Raycaster(context, plan), plan
         casters[name][0].load(plan, bricks)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     samples: dict[str, int] = {}
@@ -118,12 +123,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="?", help="a data file; default: the sample mni152")
     parser.add_argument("--size", type=int, default=384)
+    parser.add_argument("--device", type=parse_device, help="an EGL device by its index, or cpu; default: the best")
     parser.add_argument("--frames", type=int, default=5)
     parser.add_argument("--looks", nargs="+", choices=list(LOOKS), default=list(LOOKS))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     path = options.data or str(fetch_sample("mni152"))
-    rows = measure(path, options.size, options.frames, options.looks)
+    rows = measure(path, options.size, options.frames, options.looks, options.device)
     plain = rows[0]
     print(f"{path}, {options.size} × {options.size}; ratios to {plain['look']}")
     print(f"{'look':24} {'median':>9} {'ratio':>6} {'samples':>12} {'ratio a sample':>15}")
