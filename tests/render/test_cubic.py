@@ -7,7 +7,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw, noise, picture, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, drawn_by_each, error, noise, picture, prepare, scene_of, whole
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 from render.test_shading import LIGHTS, LIT, smooth
@@ -38,7 +38,7 @@ def test_picture_is_that_of_the_witness(context: moderngl.Context, camera: str, 
     expected = render_reference(scene, GRID, voxels)
     linear = scene_of(voxels, camera_at(camera, GRID), clim=(low, high), step=0.9)
     assert np.abs(expected - render_reference(linear, GRID, voxels)).max() > 0.05
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= BOUND
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
@@ -46,14 +46,14 @@ def test_light_follows_the_derivative_of_the_splines(context: moderngl.Context, 
     voxels = smooth(dtype=dtype)
     scene = cubic_scene(voxels, look=LIT)
     expected = render_reference(scene, GRID, voxels)
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= 4 * BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= 4 * BOUND
 
 
 @pytest.mark.parametrize("name", ["turned-and-anisotropic", "nanometres"])
 def test_on_other_grids(context: moderngl.Context, name: str) -> None:
     voxels, grid = smooth(dtype=np.uint16), GRIDS[name]
     scene = cubic_scene(voxels, "outside", grid, look=LIT, unit=8 * min(grid.spacing))
-    assert np.abs(picture(context, scene, voxels, grid) - render_reference(scene, grid, voxels)).max() <= 4 * BOUND
+    assert error(context, render_reference(scene, grid, voxels), scene, voxels, grid) <= 4 * BOUND
 
 
 @pytest.mark.parametrize("lit", [False, True], ids=["flat", "lit"])
@@ -63,7 +63,7 @@ def test_invalid_voxels_hide_their_cells_and_no_others(context: moderngl.Context
     scene = cubic_scene(voxels, clim=(0.1, 0.9), look=LIT if lit else None, step=0.7)
     expected = render_reference(scene, GRID, voxels)
     assert expected[..., 3].max() > 0.2
-    assert np.abs(picture(context, scene, voxels, brick=7) - expected).max() <= 4 * BOUND
+    assert error(context, expected, scene, voxels, brick=7) <= 4 * BOUND
 
 
 def test_constant_field_stays_constant_and_has_no_normals(context: moderngl.Context) -> None:
@@ -83,20 +83,22 @@ def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
     band = ((0.0, 0.0), (0.45, 0.0), (0.5, 0.5), (0.55, 0.0), (1.0, 0.0))
     grid = Grid(voxels.shape)
     scene = cubic_scene(voxels, "outside", grid, look=LIT, opacity=band)
-    one, other = (draw(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
-    assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= BOUND
-    assert np.abs(whole(one.partial, SIZE) - render_reference(scene, grid, voxels)).max() <= 20 * BOUND
+    expected = render_reference(scene, grid, voxels)
+    sides = (drawn_by_each(context, prepare(scene, voxels, grid, side)) for side in (70, brick))
+    for one, other in zip(*sides, strict=True):
+        assert np.abs(whole(other.partial, SIZE) - whole(one.partial, SIZE)).max() <= BOUND
+        assert np.abs(whole(one.partial, SIZE) - expected).max() <= 20 * BOUND
 
 
 def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
     voxels = noise(dtype=np.uint8)
     scene = cubic_scene(voxels)
     prepared = prepare(scene, voxels, brick=7)
-    drawn = draw(context, prepared)
-    for parts in (2, 5):
-        found, samples = in_parts(context, scene, prepared, parts)
-        assert samples == drawn.samples
-        assert np.abs(found - whole(drawn.partial, SIZE)).max() <= BOUND
+    for where, drawn in zip((context, None), drawn_by_each(context, prepared), strict=True):
+        for parts in (3, 5):
+            found, samples = in_parts(where, scene, prepared, parts)
+            assert samples == drawn.samples
+            assert np.abs(found - whole(drawn.partial, SIZE)).max() <= BOUND
 
 
 def test_surfaces_of_splines(context: moderngl.Context) -> None:

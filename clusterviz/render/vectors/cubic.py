@@ -23,6 +23,18 @@ Weights = tuple[Value, Value, Value, Value]
 Block = list[list[list[Value]]]
 
 
+class CubicField(Field):
+    """The field of cubic B-splines."""
+
+    def at(self, spot: Spot) -> Value:
+        """The scalar, in units of clim; NaN where a corner of the cell is invalid."""
+        code, (_, beyond, voxel) = self._code, self.within(spot)
+        x, y, z = (weights(code, t) for t in beyond)
+        block, base = apart(code, self, voxel)
+        layers = [summed(code, y, [summed(code, x, row) for row in layer]) for layer in block]
+        return self.scalar(base + summed(code, z, layers))
+
+
 class CubicGradient:
     """The derivative of cubic B-splines, in units of clim per voxel."""
 

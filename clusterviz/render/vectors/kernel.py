@@ -15,10 +15,10 @@ from clusterviz.kernels.objects import function_address, machine
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.grading import Table as TableHolds
 from clusterviz.plan.look import Blending
-from clusterviz.plan.plan import Plan
+from clusterviz.plan.plan import Filter, Plan
 from clusterviz.render.vectors.classify import Classifier
 from clusterviz.render.vectors.composite import Composite
-from clusterviz.render.vectors.cubic import CubicGradient
+from clusterviz.render.vectors.cubic import CubicField, CubicGradient
 from clusterviz.render.vectors.field import Field
 from clusterviz.render.vectors.gradient import CentralGradient, Gradient, NearestGradient
 from clusterviz.render.vectors.grading import Fading, Table
@@ -50,7 +50,7 @@ class Kernel:
     Attributes
     ----------
     kind : how voxels are stored
-    nearest : the nearest voxel is taken
+    filter : how the field is reconstructed
     blending : what becomes of samples; sums are averages, too
     pieces : the transfer function's are many; or few, held in registers; or few, and fitted by polynomials
     lanes : pixels of a packet
@@ -63,7 +63,7 @@ class Kernel:
     """
 
     kind: VoxelKind
-    nearest: bool
+    filter: Filter
     blending: Blending
     pieces: Held
     lanes: int
@@ -79,7 +79,7 @@ class Kernel:
         """Of the function."""
         parts = (
             self.kind,
-            "nearest" if self.nearest else "linear",
+            self.filter,
             self.blending,
             self.pieces,
             str(self.lanes),
@@ -98,10 +98,11 @@ class Kernel:
         job = Job(code)
         tile = Variable(code.number(I64, 0))
         samples = Variable(code.number(I64, 0))
-        field = Field(code, job, self.kind, self.nearest)
+        nearest = self.filter == "nearest"
+        field = (CubicField if self.filter == "cubic" else Field)(code, job, self.kind, nearest)
         stretch = Stretch(code) if self.stretched else None
         look = self._look(code, job, field, stretch)
-        places = Places(code, job, self.nearest, stretch)
+        places = Places(code, job, nearest, stretch)
         tiles = Tile(code, job, March(code, job, places, look, self.jittered, stretch))
 
         def next_tile() -> Value:
@@ -139,9 +140,9 @@ class Kernel:
         return Relief(code, self._gradient(code, job, field), lights, fading)
 
     def _gradient(self, code: Code, job: Job, field: Field) -> Gradient:
-        if self.smooth:
+        if self.smooth or self.filter == "cubic":
             return CubicGradient(code, field)
-        return (NearestGradient if self.nearest else CentralGradient)(code, job, field)
+        return (NearestGradient if self.filter == "nearest" else CentralGradient)(code, job, field)
 
 
 def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
@@ -157,11 +158,13 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     few = pieces is not None and lanes == MOST and blending == "composite" and not apart
     held: Held = "many" if pieces is None or not few else "fitted" if pieces.fitted else "few"
     blending = "average" if blending == "additive" else blending
-    nearest, shading, smooth = plan.march.filter == "nearest", plan.look.shading, plan.look.smooth
+    shading, smooth = plan.look.shading, plan.look.smooth
     light: Light = ("near" if shading.has_places else "far") if shading else ""
     kind, graded, jittered = plan.encoding.kind, graded_of(plan), plan.march.jittered
     stretched = plan.march.stretching is not None
-    return Kernel(kind, nearest, blending, held, lanes, preintegrated, light, graded, smooth, jittered, stretched)
+    return Kernel(
+        kind, plan.march.filter, blending, held, lanes, preintegrated, light, graded, smooth, jittered, stretched
+    )
 
 
 def graded_of(plan: Plan) -> Graded:
@@ -178,7 +181,7 @@ def can_draw(plan: Plan) -> bool:
     look, march = plan.look, plan.march
     special = plan.mixture or look.surfaces
     blending = look.blending == "composite" or look.blending in PROJECTIONS
-    return blending and not (special or march.split) and march.filter in ("linear", "nearest")
+    return blending and not (special or march.split) and march.filter in ("linear", "nearest", "cubic")
 
 
 @cache
