@@ -73,7 +73,7 @@ BAD = [
     (mixed(isosurfaces=[1.0]), "volumes[1].isosurfaces: not for several", "[1.0]", "one volume"),
     (mixed() | {"quality": {"filter": "hardware"}}, "quality.filter: not for several", "hardware", "one volume"),
     (mixed() | {"quality": {"classification": "pre-integrated"}}, "quality.classification", "pre-int", "one volume"),
-    (mixed() | {"quality": {"adaptive": True}}, "quality.adaptive: not for several", "true", "one volume"),
+    (mixed() | {"quality": {"adaptive": 0.01}}, "quality.adaptive: not for several", "0.01", "one volume"),
     (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
     (volume(opacity=-0.5), "volumes[0].opacity", "-0.5", "at least 0"),
     (volume(opacity=NAN), "volumes[0].opacity", "NaN", "a finite number"),
