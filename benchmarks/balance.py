@@ -21,7 +21,16 @@ from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.summary import summarise
-from clusterviz.partition import Owners, build_tree, interleave, owners_of, replicate, responsible, visible_groups
+from clusterviz.partition import (
+    Owners,
+    build_tree,
+    eye_place,
+    interleave,
+    owners_of,
+    replicate,
+    responsible,
+    visible_groups,
+)
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.complete import VolumeFacts, complete_scene
 from clusterviz.scene.files import load_scene
@@ -31,6 +40,7 @@ Costs = NDArray[np.float64]
 CORNERS = ((0.1, 0.15, 0.2, 0.18), (0.9, 0.8, 0.2, 0.15), (0.5, 0.1, 0.9, 0.25))  # centre and width
 SIDE, FRAMES, JUMP = 32, 30, 15
 EVEN = 1.10
+BRICK, DIRECTION = 16, (1.0, 0.5, 0.2)
 BRICK_BYTES = 17**3
 
 
@@ -59,7 +69,7 @@ def look(row: Row, owners: Owners, cost: Costs, eye: Eye, sent: int) -> None:
     """Note one frame."""
     row.imbalance.append(owners.imbalance(cost))
     row.slowest.append(float(owners.loads(cost).max()))
-    row.images.append(len(visible_groups(owners, eye, (1.0, 0.5, 0.2), 16)))
+    row.images.append(len(visible_groups(owners, eye, DIRECTION, BRICK)))
     row.wire_bytes.append(sent)
 
 
@@ -76,15 +86,16 @@ def dynamic(
 ) -> Row:
     """Planes that move. What is expected is the model in all frames, or with `views` the samples of each camera."""
     row, held = Row([], [], [], []), np.where(model > 0, BRICK_BYTES, 0)
-    balance, sent = begin(costs[0] + 1e-9 * model if views else model, ranks, held, policy), 0
-    for number, (cost, eye) in enumerate(zip(costs, eyes, strict=True)):
-        owners = balance.migration.owners
-        look(row, owners, cost, eye, sent)
-        now, then = (cost, costs[min(number + 1, len(costs) - 1)]) if views else (model, model)
-        balance = steer(learn(balance, now, owners.loads(cost), policy), then, policy)
+    places = [eye_place(eye, DIRECTION, BRICK) for eye in eyes]
+    balance = begin(costs[0] + 1e-9 * model if views else model, ranks, held, policy, places[0])
+    for cost, eye, place in zip(costs, eyes, places, strict=True):
+        expected = cost if views else model
+        balance = steer(balance, expected, policy, place)
         planned = [flight.brick for flight in balance.migration.flights if flight.stage == "planned"]
-        sent = len(planned) * BRICK_BYTES
-        balance = land(replace(balance, migration=dispatch(balance.migration, planned)), planned)
+        owners = balance.migration.owners
+        look(row, owners, cost, eye, len(planned) * BRICK_BYTES)
+        balance = replace(balance, migration=dispatch(balance.migration, planned))
+        balance = land(learn(balance, expected, owners.loads(cost), policy), planned)
     return row
 
 

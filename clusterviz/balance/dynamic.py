@@ -1,6 +1,6 @@
-"""The dynamic distribution: planes follow the measured cost, and bricks follow the planes at a bounded rate.
+"""The dynamic distribution: fronts follow the expected cost, and bricks follow the fronts at a bounded rate.
 
-    measure -> predict -> where should planes be -> which bricks move this frame -> what is in flight
+    measure -> predict -> where should fronts be -> which bricks move this frame -> what is in flight
 
 One frozen value goes from frame to frame. It changes by pure functions only, so ranks that are told the same numbers
 agree on everything without asking each other.
@@ -14,14 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.balance.handover import hand_over
 from clusterviz.balance.measure import Measured, measure, predict, unmeasured
-from clusterviz.balance.migration import Migration, arrive, launch, settled, switch
+from clusterviz.balance.migration import Migration, arrive, launch, settled
 from clusterviz.balance.rebalance import Wish, rebalance
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
-from clusterviz.partition.owners import Owners, owners_of
-from clusterviz.partition.search import busiest, move_planes, search_tree
+from clusterviz.partition.fronts import AFAR, Place, front_owners
+from clusterviz.partition.owners import Owners
+from clusterviz.partition.search import move_planes, search_tree
 from clusterviz.partition.tree import BspTree, Index
 
 
@@ -34,22 +36,20 @@ class Policy:
     budget_bytes : that all ranks together may start to send in a frame
     limit_bytes : of bricks that a rank may hold
     damping : the weight of the past in what is measured
-    hysteresis : planes stay where the busiest rank would have at most this share more than it could
-    new_tree : moved planes are preferred to new cuts unless their busiest rank would have this share more
-    unit : side of what moves as one, in bricks; where `refined`, the longest
-    refined : units are single bricks near planes, and larger away from them
+    hysteresis : fronts stay where the busiest rank would have at most this share more than it could
+    unit : side of what fronts leave whole, in bricks; where `refined`, of what moves as one far from them
+    refined : fronts divide down to single bricks
     """
 
     budget_bytes: int
     limit_bytes: int
     damping: float = 0.0
-    hysteresis: float = 0.02
-    new_tree: float = 0.03
+    hysteresis: float = 0.01
     unit: int = 1
     refined: bool = False
 
     def __post_init__(self) -> None:
-        if min(self.budget_bytes, self.limit_bytes, self.hysteresis, self.new_tree) < 0 or self.unit < 1:
+        if min(self.budget_bytes, self.limit_bytes, self.hysteresis) < 0 or self.unit < 1:
             raise InputError("impossible", where="balance", found=self, allowed="nothing negative, units of 1 or more")
 
 
@@ -60,43 +60,49 @@ class Balance:
     Attributes
     ----------
     measured : what was learnt of each brick
-    tree : where planes should be
-    leaf_ranks : int64 (ranks,): which rank each leaf is meant for
+    tree : the axes of the fronts, and where planes would be in their stead
+    aim : float64 (bz, by, bx), the cost by which fronts were placed last
+    target : who should draw what
     migration : who draws what now, and what is in flight
+    recalled : int64 (ranks,), bricks that each rank is told to take before this frame and has in its cache
     """
 
     measured: Measured
     tree: BspTree
-    leaf_ranks: NDArray[np.int64]
+    aim: Costs
+    target: Owners
     migration: Migration
-
-    @property
-    def target(self) -> Owners:
-        """Who should draw what."""
-        return Owners(self.tree.ranks, self.leaf_ranks.astype(np.int32)[owners_of(self.tree).owner])
+    recalled: NDArray[np.int64]
 
 
-def begin(model: Costs, ranks: int, brick_bytes: NDArray[np.int64], policy: Policy) -> Balance:
-    """Before the first frame: a tree by the model.
+def first_owners(model: Costs, ranks: int, policy: Policy, eye: Place = AFAR) -> Owners:
+    """Who draws what in the first frame; parameters as of `begin`."""
+    return front_owners(search_tree(model, ranks), model, eye, _atoms(policy, model.shape))
+
+
+def begin(model: Costs, ranks: int, brick_bytes: NDArray[np.int64], policy: Policy, eye: Place = AFAR) -> Balance:
+    """Before the first frame: fronts by the model.
 
     Parameters
     ----------
     model : float64 (bz, by, bx), expected cost of each brick; above 0 where it has something to show
     brick_bytes : int64 (bz, by, bx), 0 for bricks that have nothing to show
+    eye : as of `eye_place`
 
     Raises
     ------
     InputError
         A share does not fit into the memory of a rank.
     """
-    tree = search_tree(model, ranks, _coarse_edges(policy, model.shape))
-    migration = settled(owners_of(tree), brick_bytes, policy.limit_bytes)
-    return Balance(unmeasured(tree.shape_zyx), tree, np.arange(ranks), migration)
+    owners = first_owners(model, ranks, policy, eye)
+    migration = settled(owners, brick_bytes, policy.limit_bytes)
+    tree = search_tree(model, ranks)
+    return Balance(unmeasured(tree.shape_zyx), tree, model, owners, migration, np.zeros(ranks, np.int64))
 
 
 def land(balance: Balance, arrived: Collection[Index]) -> Balance:
-    """Between two frames: these bricks are at their targets, which draw them from now on."""
-    return replace(balance, migration=switch(arrive(balance.migration, arrived)))
+    """After a frame: these bricks are at their targets; when these draw them, `steer` decides."""
+    return replace(balance, migration=arrive(balance.migration, arrived))
 
 
 def learn(balance: Balance, model: Costs, costs: NDArray[np.float64], policy: Policy) -> Balance:
@@ -104,10 +110,15 @@ def learn(balance: Balance, model: Costs, costs: NDArray[np.float64], policy: Po
     return replace(balance, measured=measure(balance.measured, model, balance.migration.owners, costs, policy.damping))
 
 
-def steer(balance: Balance, model: Costs, policy: Policy) -> Balance:
-    """Before a frame of which `model` is expected: put planes where they should be, and plan what can move.
+def rest(balance: Balance) -> Balance:
+    """Before a frame for which nothing moves: nobody is told to take anything."""
+    return replace(balance, recalled=np.zeros_like(balance.recalled))
 
-    New flights are those of stage "planned"; what their targets have in their caches lands with the next `land`.
+
+def steer(balance: Balance, model: Costs, policy: Policy, eye: Place = AFAR) -> Balance:
+    """Before a frame of which `model` is expected: put fronts where they should be, plan what can move, hand over.
+
+    New flights are those of stage "planned"; what their targets have in their caches may change hands at once.
 
     Raises
     ------
@@ -116,29 +127,25 @@ def steer(balance: Balance, model: Costs, policy: Policy) -> Balance:
     """
     cost = predict(balance.measured, model, balance.migration.brick_bytes > 0)
     if not cost.any():
-        return balance
-    balance = _aimed(balance, cost, policy)
+        return rest(balance)
+    balance = _aimed(balance, cost, policy, eye)
     migration = _unheld_moved(balance)
     wish = _wish(replace(balance, migration=migration), cost, policy)
     moves = rebalance(migration.landed, wish, migration.free_bytes, policy.budget_bytes, migration.moving)
-    return replace(balance, migration=launch(migration, moves))
+    launched = launch(migration, moves)
+    return replace(balance, migration=hand_over(launched, cost), recalled=_recalled(migration, launched))
 
 
-def _aimed(balance: Balance, cost: Costs, policy: Policy) -> Balance:
-    """The tree to move towards: the same, the same with other planes, or another."""
-    tree = balance.tree
-    now = float(owners_of(tree).loads(cost).max())
-    best = float(cost.sum()) / tree.ranks
-    if now <= best * (1 + policy.hysteresis):
-        return balance
-    moved = move_planes(tree, cost, _edges(policy, tree), policy.hysteresis / 2)
-    fresh = search_tree(cost, tree.ranks, _coarse_edges(policy, tree.shape_zyx))
-    if now <= min(busiest(moved.root), busiest(fresh.root)) * (1 + policy.hysteresis):
-        return balance
-    if busiest(moved.root) <= busiest(fresh.root) * (1 + policy.new_tree):
-        return replace(balance, tree=moved)
-    ranks = _nearest_ranks(owners_of(fresh), balance.migration.landed, balance.migration.brick_bytes)
-    return replace(balance, tree=fresh, leaf_ranks=ranks)
+def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: Place) -> Balance:
+    """Fronts where they are, turned to the eye; or where the cost is, if that leaves the busiest rank clearly less."""
+    atoms, ranks = _atoms(policy, cost.shape), balance.tree.ranks
+    target = front_owners(balance.tree, balance.aim, eye, atoms)
+    busiest = float(target.loads(cost).max())
+    if busiest > (1 + policy.hysteresis) * float(cost.sum()) / ranks:
+        moved = front_owners(balance.tree, cost, eye, atoms)
+        if busiest > (1 + policy.hysteresis) * float(moved.loads(cost).max()):
+            return replace(balance, tree=move_planes(balance.tree, cost), aim=cost, target=moved)
+    return replace(balance, target=target)
 
 
 def _unheld_moved(balance: Balance) -> Migration:
@@ -155,31 +162,18 @@ def _wish(balance: Balance, cost: Costs, policy: Policy) -> Wish:
         for brick in bricks:
             if target.owner[brick] == rank:
                 wire[brick] = 0
-    unit = units(balance.tree.shape_zyx, _edges(policy, balance.tree))
-    return Wish(target, cost, wire, migration.brick_bytes, unit)
+    edges = refined_edges(balance.tree, policy.unit) if policy.refined else _atoms(policy, cost.shape)
+    return Wish(target, cost, wire, migration.brick_bytes, units(balance.tree.shape_zyx, edges))
 
 
-def _edges(policy: Policy, tree: BspTree) -> Edges:
-    """Where the planes of a tree may go from where they are."""
-    return refined_edges(tree, policy.unit) if policy.refined else uniform_edges(tree.shape_zyx, policy.unit)
-
-
-def _coarse_edges(policy: Policy, shape: tuple[int, ...]) -> Edges | None:
-    """Where the planes of a new tree may be: with refined units anywhere, since those come after the planes."""
+def _atoms(policy: Policy, shape: tuple[int, ...]) -> Edges:
+    """Between what fronts leave whole."""
     z, y, x = shape
-    return None if policy.refined or policy.unit == 1 else uniform_edges((z, y, x), policy.unit)
+    return uniform_edges((z, y, x), 1 if policy.refined else policy.unit)
 
 
-def _nearest_ranks(leaves: Owners, present: Owners, brick_bytes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """For each leaf of a new tree a rank of its own: where the most bytes are already, the largest overlap first."""
-    count = leaves.ranks
-    drawn = present.owner >= 0
-    pair = leaves.owner[drawn].astype(np.int64) * count + present.owner[drawn]
-    overlap = np.bincount(pair, brick_bytes[drawn], minlength=count * count)
-    ranks = np.full(count, -1, np.int64)
-    taken = np.zeros(count, bool)
-    for at in np.argsort(-overlap, kind="stable"):
-        leaf, rank = divmod(int(at), count)
-        if ranks[leaf] < 0 and not taken[rank]:
-            ranks[leaf], taken[rank] = rank, True
-    return ranks
+def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
+    """Bricks with bytes that have arrived as soon as they were launched, by target."""
+    new = launched.flights[len(before.flights) :]
+    back = [flight.target for flight in new if flight.stage == "held" and before.brick_bytes[flight.brick]]
+    return np.bincount(np.array(back, np.int64), minlength=before.owners.ranks)

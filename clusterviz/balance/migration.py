@@ -161,19 +161,32 @@ def withdraw(migration: Migration, bricks: Collection[Index]) -> Migration:
     return replace(migration, flights=tuple(flight for flight in migration.flights if flight.brick not in bricks))
 
 
-def switch(migration: Migration) -> Migration:
-    """From now on the targets of all bricks that have arrived draw them; their senders keep them in their caches."""
+def switch(migration: Migration, bricks: Collection[Index] | None = None) -> Migration:
+    """From now on the targets of bricks that have arrived draw them; their senders keep them in their caches.
+
+    Parameters
+    ----------
+    bricks : which; all that have arrived where None
+
+    Raises
+    ------
+    InputError
+        One of them has not arrived.
+    """
+    held = {flight.brick for flight in migration.flights if flight.stage == "held"}
+    turned = held if bricks is None else set(bricks)
+    _check(migration, turned, held, "held")
     owner = migration.owners.owner.copy()
     cached = [list(bricks) for bricks in migration.cached]
     for flight in migration.flights:
-        if flight.stage == "held":
+        if flight.brick in turned:
             owner[flight.brick] = flight.target
             if migration.brick_bytes[flight.brick]:
                 cached[flight.source].append(flight.brick)
     return replace(
         migration,
         owners=Owners(migration.owners.ranks, owner),
-        flights=tuple(flight for flight in migration.flights if flight.stage != "held"),
+        flights=tuple(flight for flight in migration.flights if flight.brick not in turned),
         cached=tuple(map(tuple, cached)),
     )
 

@@ -20,17 +20,19 @@ from clusterviz.balance import (
     check_memory,
     dispatch,
     expected_samples,
+    first_owners,
     land,
     learn,
     predict,
     rank_costs,
+    rest,
     steer,
     unmeasured,
     withdraw,
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
-from clusterviz.partition import NOBODY, Owners, Piece, owner_pieces, owners_of, search_tree
+from clusterviz.partition import NOBODY, Owners, Piece, Place, eye_place, owner_pieces
 from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.render.storage import brick_bytes
 from clusterviz.report.statistics import RankFrame
@@ -42,7 +44,7 @@ UNIT = 8  # longest side of what moves as one, in bricks
 
 
 class Dynamic:
-    """Planes follow the measured cost, and bricks the planes.
+    """Fronts follow the expected cost, and bricks the fronts.
 
     Parameters
     ----------
@@ -71,9 +73,9 @@ class Dynamic:
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
             balance = self._begin(plan, model)
         elif model.any() and not self._planned:
-            balance = steer(self._balance, model, self._hurried(model))
+            balance = steer(self._balance, model, self._hurried(model), _eye(plan))
         else:
-            balance = self._balance
+            balance = rest(self._balance)
         self._balance = balance
         owner = np.where(plan.cost > 0, balance.migration.owners.owner, NOBODY).astype(np.int32)
         owners = Owners(self._ranks, owner)
@@ -100,15 +102,14 @@ class Dynamic:
             self._balance = learn(self._balance, expected_samples(plan), rank_costs(costs), self._policy)
 
     def land(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
-        """After a frame: these bricks have arrived, and those will not; what has arrived changes hands."""
+        """After a frame: these bricks have arrived, and those will not."""
         if self._balance is not None:
             stayed = replace(self._balance, migration=withdraw(self._balance.migration, lost))
             self._balance = land(stayed, arrived)
 
     def recalled(self, rank: int) -> int:
         """How many bricks of the last deal a rank gets back from its own cache, and nobody has to send."""
-        flights = self._balance.migration.flights if self._balance else ()
-        return sum(flight.stage == "held" and flight.target == rank for flight in flights)
+        return int(self._balance.recalled[rank]) if self._balance else 0
 
     @property
     def _planned(self) -> tuple[Flight, ...]:
@@ -121,15 +122,19 @@ class Dynamic:
         # Bricks that were shown once may be shown again.
         sizes = self._sizes = np.maximum(self._sizes, brick_bytes(plan))
         cost = predict(measured, model, sizes > 0)
-        check_memory(lambda n: owners_of(search_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
-        largest = int(owners_of(search_tree(cost, self._ranks)).sums(sizes).max())
+
+        def shares(ranks: int) -> NDArray[np.int64]:
+            return first_owners(cost, ranks, Policy(0, 0), _eye(plan)).sums(sizes)
+
+        check_memory(shares, self._ranks, sizes, self._limit_bytes)
+        largest = int(shares(self._ranks).max())
         limit = self._limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
         if self._budget_bytes is not None and self._budget_bytes < sizes.max():
             found, allowed = f"{self._budget_bytes} bytes", f"{sizes.max()} bytes or more, which a brick takes"
             raise InputError("cannot carry one brick", where="cluster.migration_bytes", found=found, allowed=allowed)
         self._policy = Policy(self._share(BUDGET), limit, unit=UNIT, refined=True)
         self.beginnings += 1
-        return replace(begin(cost, self._ranks, sizes, self._policy), measured=measured)
+        return replace(begin(cost, self._ranks, sizes, self._policy, _eye(plan)), measured=measured)
 
     def _hurried(self, model: NDArray[np.float64]) -> Policy:
         """More may be sent where the view or the cost has jumped: uneven frames cost more than messages."""
@@ -141,3 +146,7 @@ class Dynamic:
     def _share(self, share: float) -> int:
         """Bytes a frame, at least a brick."""
         return self._budget_bytes or max(int(self._sizes.max()), int(share * int(self._sizes.sum())))
+
+
+def _eye(plan: Plan) -> Place:
+    return eye_place(plan.view.eye_point, plan.view.forward, plan.layout.brick)

@@ -7,6 +7,7 @@
 - drawing.py  a tree as text
 - search.py   the tree that balances best, and planes that move
 - edges.py    where planes may pass, and what moves as one
+- fronts.py   planes that divide the layer of bricks which they pass
 - owners.py   each brick's rank, for distributions that are no tree
 - groups.py   any distribution in groups from front to back
 - pieces.py   a frame as partial images from front to back
@@ -22,6 +23,7 @@ from clusterviz.partition.assign import bricks_of
 from clusterviz.partition.bsp import build_tree
 from clusterviz.partition.drawing import draw
 from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
+from clusterviz.partition.fronts import AFAR, Place, eye_place, front_owners
 from clusterviz.partition.groups import Group, order_of, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.order import front_to_back
@@ -32,6 +34,7 @@ from clusterviz.partition.search import busiest, move_planes, search_tree
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
 
 __all__ = [
+    "AFAR",
     "NOBODY",
     "BrickBox",
     "BspTree",
@@ -41,6 +44,7 @@ __all__ = [
     "Node",
     "Owners",
     "Piece",
+    "Place",
     "Replicas",
     "Split",
     "bounding_box",
@@ -48,6 +52,8 @@ __all__ = [
     "build_tree",
     "busiest",
     "draw",
+    "eye_place",
+    "front_owners",
     "front_to_back",
     "group_pieces",
     "interleave",

@@ -1,15 +1,16 @@
-"""Planes that follow the cost: how even ranks become, how fast, and at how many bytes a frame."""
+"""Fronts that follow the cost: how even ranks become, how fast, and at how many bytes a frame."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from clusterviz.balance import Balance, Policy, begin, dispatch, land, learn, steer
+from clusterviz.balance import Balance, Policy, begin, dispatch, land, learn, steer, switch
 from clusterviz.errors import InputError
-from clusterviz.partition import owners_of, visible_groups
+from clusterviz.partition import eye_place, visible_groups
 
 BRICKS = (32, 32, 32)
 BYTES = np.full(BRICKS, 100)
@@ -30,14 +31,14 @@ def frames(balance: Balance, policy: Policy, costs: list[np.ndarray]) -> tuple[B
     """Draw frame after frame, of which ranks are only told their sums; everything arrives in the next frame."""
     found, model = [], np.ones(BRICKS)
     for cost in costs:
-        owners = balance.migration.owners
-        found.append(owners.imbalance(cost))
-        balance = steer(learn(balance, model, owners.loads(cost), policy), model, policy)
+        balance = steer(balance, model, policy)
         planned = [flight.brick for flight in balance.migration.flights if flight.stage == "planned"]
         assert sum(int(BYTES[brick]) for brick in planned) <= policy.budget_bytes
         assert (balance.migration.held_bytes <= policy.limit_bytes).all()
-        sent = dispatch(balance.migration, planned)
-        balance = land(Balance(balance.measured, balance.tree, balance.leaf_ranks, sent), planned)
+        owners = balance.migration.owners
+        found.append(owners.imbalance(cost))
+        balance = replace(balance, migration=dispatch(balance.migration, planned))
+        balance = land(learn(balance, model, owners.loads(cost), policy), planned)
     return balance, found
 
 
@@ -63,23 +64,40 @@ def test_frames_without_any_cost_move_nothing() -> None:
     assert (end.migration.owners.owner == start.migration.owners.owner).all()
 
 
-def test_visibility_groups_are_one_a_rank_once_all_has_arrived() -> None:
-    policy = Policy(10**9, 10**7, unit=2)
-    balance, _ = frames(begin(np.ones(BRICKS), 7, BYTES, policy), policy, [corner((0.1, 0.15, 0.2))] * 2)
-    assert len(visible_groups(balance.migration.owners, (-900, 700, 500), (1, 0, 0), 8)) == 7
+def test_frames_before_which_nothing_moves_recall_nothing() -> None:
+    recalling = replace(begin(np.ones(BRICKS), 4, BYTES, UNIFORM), recalled=np.arange(4))
+    assert not steer(recalling, np.zeros(BRICKS), UNIFORM).recalled.any()
 
 
-def test_a_target_is_a_tree_of_all_ranks() -> None:
-    balance, _ = frames(begin(np.ones(BRICKS), 7, BYTES, UNIFORM), UNIFORM, [corner((0.9, 0.8, 0.2))] * 3)
-    leaves = owners_of(balance.tree).owner
-    assert sorted(balance.leaf_ranks) == list(range(7))
-    for leaf, rank in enumerate(balance.leaf_ranks):
-        assert (balance.target.owner[leaves == leaf] == rank).all()
+@pytest.mark.parametrize("policy", [UNIFORM, REFINED], ids=["uniform", "refined"])
+def test_visibility_groups_are_one_a_rank_once_all_has_arrived(policy: Policy) -> None:
+    """From an eye that is past the borders along all axes."""
+    eye = (-900.0, 700.0, 500.0)
+    balance = begin(np.ones(BRICKS), 7, BYTES, policy, eye_place(eye, (1, 0, 0), 8))
+    cost, budget = corner((0.1, 0.15, 0.2)), replace(policy, budget_bytes=10**9)
+    for _ in range(3):
+        balance = learn(balance, np.ones(BRICKS), balance.migration.owners.loads(cost), policy)
+        balance = steer(balance, np.ones(BRICKS), budget, eye_place(eye, (1, 0, 0), 8))
+        flying = [flight.brick for flight in balance.migration.flights if flight.stage == "planned"]
+        balance = land(replace(balance, migration=dispatch(balance.migration, flying)), flying)
+    balance = replace(balance, migration=switch(balance.migration))
+    assert (balance.migration.owners.owner == balance.target.owner).all()
+    assert len(visible_groups(balance.migration.owners, eye, (1, 0, 0), 8)) == 7
+
+
+def test_fronts_stay_where_they_leave_ranks_even_enough() -> None:
+    rng = np.random.default_rng(3)
+    patient = replace(REFINED, hysteresis=0.05)
+    noisy = [1 + 0.05 * rng.random(BRICKS) for _ in range(4)]
+    end, found = frames(begin(np.ones(BRICKS), 4, BYTES, patient), patient, noisy)
+    assert max(found) < 1.05
+    assert (end.aim == 1).all()
+    assert (end.target.owner == begin(np.ones(BRICKS), 4, BYTES, patient).target.owner).all()
 
 
 def test_after_a_jump_of_the_cost_it_is_balanced_again() -> None:
     near, far = corner((0.1, 0.15, 0.2)), corner((0.9, 0.8, 0.3))
-    _, found = frames(begin(np.ones(BRICKS), 4, BYTES, UNIFORM), UNIFORM, [near] * 10 + [far] * 20)
+    _, found = frames(begin(np.ones(BRICKS), 4, BYTES, UNIFORM), UNIFORM, [near] * 10 + [far] * 15)
     assert found[10] > 1.5
     assert min(found[11:]) <= 1.10
 
