@@ -70,25 +70,32 @@ def draw_frames(order_file: Path, output: Path) -> None:
         for number, view in enumerate(views):
             channel.barrier()
             start = perf_counter()
-            image = loop.frame(view, number=number).image
+            drawn = loop.frame(view, number=number)
             seconds.append(perf_counter() - start)
-    if image is not None:
-        write_image(output, image, None)
-        print(json.dumps({"seconds": seconds}))
+    if drawn.image is not None:
+        write_image(output, drawn.image, None)
+        found = drawn.statistics
+        shared = found.sharing.mode if found.sharing else ""
+        print(json.dumps({"seconds": seconds, "mode": shared, "samples": max(rank.samples for rank in found.per_rank)}))
 
 
-def run(command: list[str], **environment: str) -> list[float]:
-    """The seconds of all frames but the first, as the last line of a program tells."""
+def run(command: list[str], **environment: str) -> dict[str, Any]:
+    """What the last line of a program tells: the seconds of its frames, and of ours the mode and most samples."""
     variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | environment
     done = subprocess.run(command, capture_output=True, text=True, env=variables)
     lines = [line for line in done.stdout.splitlines() if line.startswith('{"seconds"')]
     if done.returncode or not lines:
         raise SystemExit(f"{command[0]} ended with {done.returncode}:\n{done.stdout}\n{done.stderr}")
-    seconds: list[float] = json.loads(lines[-1])["seconds"]
-    return seconds[1:]
+    told: dict[str, Any] = json.loads(lines[-1])
+    return told
 
 
-def run_peer(ranks: int, order: Path, prefix: Path) -> list[float]:
+def later(told: dict[str, Any]) -> float:
+    """Seconds of a frame that is not the first: the median."""
+    return statistics.median(told["seconds"][1:])
+
+
+def run_peer(ranks: int, order: Path, prefix: Path) -> dict[str, Any]:
     """ParaView on some ranks."""
     program = ["pvbatch", "--force-offscreen-rendering", str(PROGRAM), str(order), str(prefix)]
     root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
@@ -96,7 +103,7 @@ def run_peer(ranks: int, order: Path, prefix: Path) -> list[float]:
     return run([*PEER, str(ranks), *program], PATH=system, **root)
 
 
-def run_ours(ranks: int, order: Path, picture: Path) -> list[float]:
+def run_ours(ranks: int, order: Path, picture: Path) -> dict[str, Any]:
     """clusterviz on some ranks."""
     program = [sys.executable, __file__, "--order", str(order), "--picture", str(picture)]
     package = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
@@ -121,19 +128,22 @@ def ratios(options: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     for ranks in options.ranks:
         theirs, mine = list[float](), list[float]()
         for _ in range(options.rounds):
-            theirs.append(statistics.median(run_peer(ranks, order_file, folder / "peer")))
-            mine.append(statistics.median(run_ours(ranks, order_file, folder / "ours.npy")))
+            theirs.append(later(run_peer(ranks, order_file, folder / "peer")))
+            told = run_ours(ranks, order_file, folder / "ours.npy")
+            mine.append(later(told))
         peer = compare(read_image(folder / "peer.png").astype(np.float64)[..., :3], exact)
         ours = compare(read_image(folder / "ours.npy").astype(np.float64)[..., :3], exact)
         row = {
             "ranks": ranks, "peer_s": statistics.median(theirs), "median_s": statistics.median(mine),
             "ratio": statistics.median(a / b for a, b in zip(theirs, mine, strict=True)),
+            "mode": told["mode"], "most_samples": told["samples"],
             "peer_rms": 255 * peer.rms, "peer_max": 255 * peer.max, "rms": 255 * ours.rms, "max": 255 * ours.max,
             "load": os.getloadavg()[0],
         }  # fmt: skip
         print(
             f"{ranks:5}  {row['peer_s']:10.3f} {row['median_s']:12.3f} {row['ratio']:12.1f}   "
-            f"{row['peer_rms']:.2f} ({row['peer_max']:.1f}) {row['rms']:14.3f} ({row['max']:.2f})",
+            f"{row['peer_rms']:.2f} ({row['peer_max']:.1f}) {row['rms']:14.3f} ({row['max']:.2f})   "
+            f"{row['mode']}, {row['most_samples'] / 1e6:.1f} M samples",
             flush=True,
         )
         rows.append(row)
@@ -158,7 +168,7 @@ def main() -> None:
         draw_frames(options.order, options.picture)
         return
     print(f"Wavelet, {options.size}³, {options.width}², step {options.step:g}; load {os.getloadavg()[0]:.1f}")
-    print("ranks  pvbatch, s  clusterviz, s  times faster  pvbatch off by    clusterviz off by")
+    print("ranks  pvbatch, s  clusterviz, s  times faster  pvbatch off by    clusterviz off by   mode, most samples")
     with tempfile.TemporaryDirectory() as folder:
         rows = ratios(options, Path(folder))
     if options.json:
