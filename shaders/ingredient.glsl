@@ -1,8 +1,12 @@
 // One volume of a mixture. It is put in once for each volume, after the files that sample it; what belongs to one volume are macros then, and
 // face_before, begin_before and take_before are the same for the volumes put in before, or nothing.
-ivec2 seen;  // the slabs of the ray whose midpoints lie in the volume, decided for the whole ray: every box finds the same ones
-Place here;  // where the run's first slab is in the volume's own brick
-vec3 stride; // from one midpoint to the next, in voxels
+ivec2 seen;   // the slabs of the ray whose midpoints lie in the volume, decided for the whole ray: every box finds the same ones
+dvec2 within; // the part of the ray that lies in it, in slabs, whose midpoints lie at whole numbers
+dvec2 uncut;  // the part that no clipping plane cuts away
+Place here;   // where the run's first slab is in the volume's own brick
+vec3 stride;  // from one midpoint to the next, in voxels
+int met_at;   // the slab, counted from the run's first, at whose begin the field is known
+float met;    // it
 
 dvec3 in_volume(dvec3 position) {
     return dvec3(dot(frame.x.xyz, position) + frame.x.w, dot(frame.y.xyz, position) + frame.y.w, dot(frame.z.xyz, position) + frame.z.w);
@@ -14,6 +18,8 @@ void see(Ray ray, dvec4 low_side, double extent) {
     ivec2 above = kept_slabs(ray, low_side + dvec4(0.0LF, 0.0LF, 0.0LF, slack));
     ivec2 below = kept_slabs(ray, dvec4(0.0LF, 0.0LF, 0.0LF, extent + slack) - low_side);
     seen = ivec2(max(seen.x, max(above.x, below.x)), min(seen.y, min(above.y, below.y)));
+    dvec2 part = between(dot(low_side.xyz, ray.first) + low_side.w + slack, dot(low_side.xyz, ray.slab), extent + 2.0LF * slack);
+    within = dvec2(max(within.x, part.x), min(within.y, part.y));
 }
 
 void face_all(Ray ray) {
@@ -23,6 +29,8 @@ void face_all(Ray ray) {
     face(own);
     stride = vec3(own.slab);
     seen = ivec2(0, ray.slabs);
+    within = dvec2(-1e300LF, 1e300LF);
+    uncut = ray.kept;
     see(ray, frame.x, frame.last.x);
     see(ray, frame.y, frame.last.y);
     see(ray, frame.z, frame.last.z);
@@ -35,11 +43,32 @@ void begin_all(dvec3 position, int brick) {
     ivec3 cell = ivec3(floor(at));
     brick_begin = ivec3(voxels[part + 1], voxels[part + 2], voxels[part + 3]);
     here = Place(begin < 0 ? GAP : brick + begin, cell - brick_begin, vec3(at - dvec3(cell)), 0);
+    met_at = -1;
 }
 
-void take_all(inout vec4 sum, int k, int at) {
-    take_before(sum, k, at);
-    if (here.brick < 0 || k < seen.x || k >= seen.y) return;
-    vec3 beyond = here.beyond + float(at) * stride;
-    sum += depth_of(scalar_at(here.brick, here.cell, beyond), here, beyond);
+// What of a slab lies in the volume, in slabs from its midpoint, and the field at both ends. Where slabs meet it is sampled once for both.
+bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
+    double middle = 0.5LF * (span.x + span.y);
+    part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);
+    ends = vec2(0.0);
+    if (!(part.x < part.y)) return false;
+    bool is_known = met_at == at && part.x == -0.5;
+    ends.x = is_known ? met : scalar_at(here.brick, here.cell, here.beyond + (float(at) + part.x) * stride);
+    ends.y = scalar_at(here.brick, here.cell, here.beyond + (float(at) + part.y) * stride);
+    met = ends.y;
+    met_at = part.y == 0.5 ? at + 1 : -1;
+    return true;
+}
+
+// What absorbs light in a slab, and its colour times that; and the surfaces in it.
+vec4 absorbing(int k, int at, dvec2 span);
+void meet_surfaces(int at, dvec2 span);
+
+void take_all(inout vec4 sum, int k, int at, dvec2 span) {
+    take_before(sum, k, at, span);
+    if (here.brick < 0) return;
+    double middle = 0.5LF * (span.x + span.y);
+    bool is_kept_there = WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
+    if (IN_VOLUME && is_kept_there) sum += absorbing(k, at, span);
+    meet_surfaces(at, span);
 }

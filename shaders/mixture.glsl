@@ -1,26 +1,33 @@
 // Runs of slabs in which several volumes are mixed: extinctions add up, and a slab's colour is their mean, weighted by them. `ingredient.glsl`
-// gives what each volume adds. A brick begins with four words a volume: where its voxels begin from here, -1 where there are none, and the
-// volume's cell that is their first.
+// gives what each volume adds, `in_order` what light makes of it. A brick begins with four words a volume: where its voxels begin from here,
+// -1 where there are none, and the volume's cell that is their first.
 void face(Ray ray) {
     face_all(ray);
 }
 
-// Premultiplied colour and opacity of a share of slab k, `at` slabs behind the run's first.
-vec4 mixed(int k, int at, float share) {
+// Premultiplied colour and opacity of slab k, `at` slabs behind the run's first, from where to where it goes.
+vec4 mixed(int k, int at, dvec2 span) {
     vec4 sum = vec4(0.0); // of the depths, with colours
-    take_all(sum, k, at);
-    return sum.a > 1e-37 ? absorbed(share * sum.a) * vec4(sum.rgb / sum.a, 1.0) : vec4(0.0);
+    take_all(sum, k, at, span);
+    return in_order(sum, float(span.y - span.x));
 }
 
 vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
     begin_all(midpoint(ray, k), place.brick);
     vec4 sum = vec4(0.0);
-    for (int at = 0; at < slabs; ++at) sum += (1.0 - sum.a) * mixed(k + at, at, 1.0);
+    for (int at = 0; at < slabs; ++at) {
+        double middle = double(k + at);
+        sum += (1.0 - sum.a) * mixed(k + at, at, dvec2(middle - 0.5LF, middle + 0.5LF));
+    }
     run_iterations += slabs * SAMPLE_ITERATIONS;
     return sum;
 }
 
+// The last slab, or a first one that the entry has cut.
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     begin_all(midpoint(ray, k), place.brick);
-    return mixed(k, 0, share);
+    double begin = double(k) - 0.5LF, end = begin + 1.0LF;
+    if (JITTERED && k == 0) begin += 1.0LF - double(ray.first_share);
+    if (k == ray.slabs - 1) end = begin + double(share);
+    return mixed(k, 0, dvec2(begin, end));
 }

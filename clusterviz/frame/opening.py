@@ -98,9 +98,10 @@ def load_bricks(run: Run, opened: Opened, plan: Plan, wanted: Set[Index], holds:
     holds : those that may be asked for again, and are kept in memory where the options say so
     """
     with run.alone("load", "load"):
-        bricks = {index: opened.held[index] for index in wanted & opened.held.keys()}
+        held = opened.fitting(plan)
+        bricks = {index: held[index] for index in wanted & held.keys()}
         if run.options.keep_bricks:
-            kept = {index: opened.held[index] for index in holds & opened.held.keys()}
+            kept = {index: held[index] for index in holds & held.keys()}
         opened.held.clear()
         bricks.update(opened.read(plan, wanted - bricks.keys()))
         if run.options.keep_bricks:

@@ -54,7 +54,12 @@ class OpenedVolumes:
             met = part.cut.bricks_met()
             each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
         for index in wanted:
-            yield index, Portions(index, tuple(samples.pop(index, None) for samples in each))
+            yield index, Portions(index, tuple(samples.pop(index, None) for samples in each), plan.mixture.around)
+
+    def fitting(self, plan: Plan) -> Bricks:
+        """What is held and was read as a plan asks for."""
+        around = plan.mixture.around if plan.mixture else ()
+        return {index: portions for index, portions in self.held.items() if portions.around == around}
 
 
 Opened = OpenedVolume | OpenedVolumes

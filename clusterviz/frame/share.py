@@ -63,6 +63,10 @@ class OpenedVolume:
         """Bricks of a plan, from the source."""
         return read_bricks(self.source, self.layout, wanted)
 
+    def fitting(self, plan: Plan) -> Bricks:
+        """What is held and was read as a plan asks for: all of it."""
+        return self.held
+
 
 @dataclass(frozen=True)
 class Share:

@@ -32,6 +32,7 @@ class Cut:
     shape_zyx : samples of the volume
     index_from_domain : float64 (3, 4), takes (x, y, z, 1) in cells of the domain to samples (x, y, z) of the volume
     margin : samples beyond the corners of its cells that a brick is read with, on every side
+    reach : cells of the domain beyond its own in which a brick samples the volume: slabs end there
     """
 
     layout: BrickLayout
@@ -39,18 +40,23 @@ class Cut:
     shape_zyx: Index
     index_from_domain: Floats
     margin: int = 0
+    reach: int = 0
 
     @property
     def most_cells_zyx(self) -> Index:
         """Cells along each axis for which every box of the cut has room."""
         sides = np.minimum(self.layout.brick, np.array(self.layout.cells_zyx[::-1]))
-        lengths = np.abs(self.index_from_domain[:, :3]) @ sides + 2 * SLACK
+        lengths = np.abs(self.index_from_domain[:, :3]) @ (sides + 2.0 * self.reach) + 2 * SLACK
         x, y, z = (min(max(1, n - 1), int(np.ceil(a)) + 1) for a, n in zip(lengths, self.shape_zyx[::-1], strict=True))
         return z, y, x
 
     def images(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """The boxes [low, high], float64 (…, 3), in samples (x, y, z), around boxes (…, 3) of the domain's cells."""
+        """The boxes [low, high], float64 (…, 3), in samples (x, y, z), around boxes (…, 3) of the domain's cells.
+
+        They are those of all that is sampled from there.
+        """
         matrix, offset = self.index_from_domain[:, :3], self.index_from_domain[:, 3]
+        begin, end = begin - self.reach, end + self.reach
         least, most = np.minimum(matrix, 0), np.maximum(matrix, 0)
         return begin @ most.T + end @ least.T + offset, begin @ least.T + end @ most.T + offset
 
@@ -88,12 +94,12 @@ class Cut:
         return (low_z, low_y, low_x), (z, y, x)
 
 
-def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int) -> Cut:
+def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach: int = 0) -> Cut:
     """The cut of a volume by the bricks of a domain."""
     index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
     offset = index_from_world @ (np.array(domain.origin) - np.array(grid.origin))
     matrix = np.column_stack([index_from_world * domain.spacing, offset])
-    return Cut(layout, domain.extent, grid.shape_zyx, matrix, margin)
+    return Cut(layout, domain.extent, grid.shape_zyx, matrix, margin, reach)
 
 
 def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> Floats:

@@ -24,7 +24,17 @@ from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
 from clusterviz.plan.domain import Domain, domain_layout, make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.grading import make_grading
-from clusterviz.plan.look import Look, is_graded, is_lit, make_look, margin_of, spread_of
+from clusterviz.plan.look import (
+    Look,
+    is_graded,
+    is_lit,
+    is_preintegrated,
+    make_look,
+    margin_of,
+    reach_of,
+    spread_of,
+)
+from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.scene.complete import transfer_function
@@ -61,6 +71,7 @@ class Ingredient:
     interpolation : of its voxels
     spread : samples beyond a cell's corners on which the field in it depends
     slab_units : length of a slab in its opacity unit distances
+    preintegrated : its slabs are classified between their ends, not at their midpoints
     """
 
     cut: Cut
@@ -71,6 +82,7 @@ class Ingredient:
     interpolation: Literal["linear", "nearest", "cubic"]
     spread: int
     slab_units: float
+    preintegrated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +97,11 @@ class Mixture:
 
     domain: Domain
     ingredients: tuple[Ingredient, ...]
+
+    @property
+    def around(self) -> tuple[tuple[int, int], ...]:
+        """Margin and reach of each volume's cut: portions that were read with others are of no use."""
+        return tuple((part.cut.margin, part.cut.reach) for part in self.ingredients)
 
 
 def make_mixture(
@@ -106,7 +123,9 @@ def make_mixture(
     cost = np.zeros(layout.counts_zyx)
     ingredients = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
-        part = _ingredient(volume, known, scene, make_cut(domain, layout, known.grid, margin_of(volume)), step_world)
+        reach = reach_of(volume, scene.quality.classification)
+        cut = make_cut(domain, layout, known.grid, margin_of(volume) - reach_of(volume), reach)
+        part = _ingredient(volume, known, scene, cut, step_world)
         hidden = part.look.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)
         ingredients.append(part)
@@ -115,6 +134,7 @@ def make_mixture(
 
 def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> Ingredient:
     transfer = transfer_function(volume)
+    preintegrated = is_preintegrated(volume, scene.quality.classification)
     return Ingredient(
         cut,
         make_look(
@@ -126,8 +146,9 @@ def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step
         make_encoding(known.dtype, transfer.domain),
         transfer,
         # Extinctions are added, not opacities: the opacity of a unit length is what is needed, and that is linear.
-        make_segments(transfer, 1.0),
+        make_preintegrated(transfer) if preintegrated else make_segments(transfer, 1.0),
         volume.interpolation,
-        spread_of(volume),
+        spread_of(volume) - reach_of(volume),
         min(step_world / transfer.unit_distance, 1e30),
+        preintegrated,
     )

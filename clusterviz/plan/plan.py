@@ -182,7 +182,9 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
     InputError
         The volumes' domain would have too many bricks.
     """
-    step_world = scene.quality.step * min(min(known.grid.spacing) for known in volumes)
+    quality = scene.quality
+    step = min(step_of(volume, quality.step, quality.classification) for volume in scene.volumes)
+    step_world = step * min(min(known.grid.spacing) for known in volumes)
     mixture, cost = make_mixture(scene, volumes, step_world)
     first, grid, layout = mixture.ingredients[0], mixture.domain.grid, mixture.ingredients[0].cut.layout
     planes = clip_planes(scene.clip, grid)

@@ -18,10 +18,12 @@ class Portions:
     ----------
     index_zyx : of the brick in the domain
     samples : of each volume (z, y, x), as its `Cut` and `read_bricks` say; None where nothing of it can be seen
+    around : margin and reach of each volume's cut, with which they were read
     """
 
     index_zyx: Index
     samples: tuple[NDArray[Any] | None, ...]
+    around: tuple[tuple[int, int], ...] = ()
 
     @property
     def size(self) -> int:

@@ -75,12 +75,15 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
     return rgba
 
 
-def integrate(classify: TransferFunction, front: Floats, back: Floats, length: Floats) -> tuple[Floats, Floats]:
+def integrate(
+    classify: TransferFunction, front: Floats, back: Floats, length: Floats, attenuated: bool = True
+) -> tuple[Floats, Floats]:
     """Emission and optical depth of slabs along which the scalar goes linearly from front to back.
 
     Parameters
     ----------
     front, back, length : float64 (n,)
+    attenuated : whether what is in front in a slab hides what is behind; else the integral of κc is given
 
     Returns
     -------
@@ -102,7 +105,8 @@ def integrate(classify: TransferFunction, front: Floats, back: Floats, length: F
         share = begin[some, None] + (end - begin)[some, None] * NODES
         scalar = (front[some, None] + share * span[some, None]) / small
         kappa = classify.extinction(scalar) * ((end - begin) * length)[some, None]
-        light = kappa * np.exp(-depth[some, None] - kappa @ TO_NODES.T) * WEIGHTS
+        before = depth[some, None] + kappa @ TO_NODES.T
+        light = kappa * WEIGHTS * (np.exp(-before) if attenuated else 1.0)
         colour[some] += np.einsum("nk,nkc->nc", light, classify.colour(scalar))
         depth[some] += kappa @ WEIGHTS
     return colour, depth

@@ -21,8 +21,9 @@ from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
+from clusterviz.reference.ingredients import Body
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.mixture import Body, march_mixture
+from clusterviz.reference.mixture import march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, pixel_shifts, to_index_space
@@ -116,10 +117,11 @@ def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArra
             )
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
+    jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
     rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
     for begin in range(0, len(rgba) if bodies else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
-        some = Rays(rays.start[part], rays.direction[part], shifts[part] if scene.quality.jitter else 0.0)
+        some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
         rgba[part] = march_mixture(some, bodies, scene.quality.step if step is None else step, scene)
     return rgba.reshape(height, width, 4)
 

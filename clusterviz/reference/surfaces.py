@@ -64,7 +64,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
                 if not here.size:
                     continue
                 some = Rays(start[here], direction[here])
-                found = _root(some, voxels, sample, value, rises, begin[here], slab.end[here])
+                found = root(some, voxels, sample, value, rises, begin[here], slab.end[here])
                 there = np.isfinite(found)
                 gap = np.where(there, found - begin[here], 0)
                 absorb(slab.rays[here], -np.expm1(-extinction[here] * gap), glow[here])
@@ -76,9 +76,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
     return rgba
 
 
-def _root(
-    rays: Rays, voxels: NDArray[Any], sample: Any, value: float, rises: bool, low: Floats, high: Floats
-) -> Floats:
+def root(rays: Rays, voxels: NDArray[Any], sample: Any, value: float, rises: bool, low: Floats, high: Floats) -> Floats:
     """Where along each ray, between low and high, the field crosses a value; NaN if it is invalid on the way there."""
     met = np.ones(len(low), bool)
     for _ in range(HALVINGS):

@@ -18,6 +18,7 @@ from clusterviz.plan.grading import Table
 from clusterviz.plan.look import Look
 from clusterviz.plan.mixture import Mixture
 from clusterviz.plan.plan import Filter
+from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import Slot
@@ -44,12 +45,14 @@ OWN_NAMES = (
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
     *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
-    *("grading", "world_from_gradient", "magnitude_of", "faded"),
-    *("transfer_table", "entry_at", "classified", "depth_of"),
+    *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
+    *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
+    *("absorbing", "surface", "NOWHERE", "REFINEMENTS", "valid", "crosses", "root", "meet_surfaces"),
+    *("within", "uncut", "met", "met_at", "find_ends"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
 """What the files of one volume define, and another volume's define too."""
-CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at"}
+CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span"}
 """Functions that call those of the volumes before, and their parameters."""
 
 
@@ -66,6 +69,9 @@ class VolumeVariant:
     near : some of them have a place
     smooth : its gradients are those of cubic B-splines
     fading, table : as in `Variant`
+    surfaces : isosurfaces that it shows
+    in_volume : it shows more than those
+    preintegrated : its slabs are classified between their ends, not at their midpoints
     """
 
     filter: Filter
@@ -76,17 +82,26 @@ class VolumeVariant:
     smooth: bool = False
     fading: int = 0
     table: Table = ""
+    surfaces: int = 0
+    in_volume: bool = True
+    preintegrated: bool = False
 
     @property
     def rows(self) -> dict[str, int]:
         """How many rows its look has of each kind; `rows_of` gives them in the same order."""
         found = {"lighting": 7 + self.light_rows * self.lights} if self.lights else {}
-        return found | ({"grading": 4 + self.fading} if self.fading or self.table else {})
+        found |= {"grading": 4 + self.fading} if self.fading or self.table else {}
+        return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
     @property
     def light_rows(self) -> int:
         """Rows for each light."""
         return 5 if self.near else 2
+
+    @property
+    def further_iterations(self) -> int:
+        """Of loops in a slab, at most, beyond those of one sample; those of surfaces that are met count themselves."""
+        return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
     def parts(self, number: int) -> tuple[str, ...]:
         """The files that sample the volume, between the macros that make them its own.
@@ -98,15 +113,18 @@ class VolumeVariant:
         macros, chain = self._macros(number), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
-        gradient = gradient_file(self.filter, self.smooth) if self.rows else "gradient_none.glsl"
+        graded = self.lights or self.fading or self.table
+        gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
-        depth = ("table.glsl", "depth_2d.glsl") if self.table else ("depth.glsl",)
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
+        classified = ("segment.glsl", "table.glsl" if self.table else "classified.glsl", "absorbing.glsl")
+        absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
+        met = ("root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
         files = (voxel, spline_file(self.filter, gradient), field, gradient, *light)
-        return (begin, "transfer.glsl", "segment.glsl", *files, *magnitude, fade, *depth, "ingredient.glsl", end)
+        return (begin, "transfer.glsl", *files, *magnitude, fade, "ingredient.glsl", *absorbing, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
         z, y, x = self.slot.cells_zyx
@@ -130,6 +148,8 @@ class VolumeVariant:
             "FADING_PIECES": str(self.fading),
             "TABLE_BINDING": str(TABLES_BINDING + number),
             "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
+            "SURFACES": str(self.surfaces),
+            "IN_VOLUME": str(self.in_volume).lower(),
         }
 
 
@@ -163,6 +183,9 @@ def volume_variants(mixture: Mixture, slot: Slot) -> tuple[VolumeVariant, ...]:
             part.look.smooth,
             part.look.grading.fading if part.look.grading else 0,
             part.look.grading.table_holds if part.look.grading else "",
+            len(part.look.surfaces),
+            part.look.blending == "composite",
+            part.preintegrated,
         )
         for part, room in zip(mixture.ingredients, slot.parts, strict=True)
     )
@@ -173,7 +196,9 @@ def mixture_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
     each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
     blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Looks", ROWS_BINDING, rows)
-    return (*(blocks if rows else blocks[:1]), *each, "mixture.glsl")
+    sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
+    layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
+    return (*(blocks if rows else blocks[:1]), *sums, layers, *each, "mixture.glsl")
 
 
 def mixture_blocks(mixture: Mixture) -> list[tuple[int, NDArray[Any]]]:
@@ -185,7 +210,8 @@ def mixture_blocks(mixture: Mixture) -> list[tuple[int, NDArray[Any]]]:
 
 def rows_of(look: Look) -> list[NDArray[np.float32]]:
     """The rows of a volume's look, as `VolumeVariant.rows` counts them: float32 (n, 4) each."""
-    return [part.block() for part in (look.shading, look.grading) if part]
+    surfaces = [look.surface_block()] if look.surfaces else []
+    return [part.block() for part in (look.shading, look.grading) if part] + surfaces
 
 
 def mixture_tables(mixture: Mixture) -> list[tuple[int, NDArray[np.float32]]]:
@@ -210,12 +236,19 @@ def volumes_block(mixture: Mixture) -> NDArray[np.void]:
     return blocks
 
 
-def joined_segments(mixture: Mixture) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Buckets and records of all volumes, one after the other; buckets count records from the first volume's on."""
-    buckets, first = [], 0
+def joined_segments(mixture: Mixture) -> tuple[NDArray[np.void], NDArray[np.uint8], NDArray[np.float64] | None]:
+    """Buckets, records and sums of all volumes, one after the other; buckets count records from the first volume's on.
+
+    Records are given as bytes, since there are two kinds of one size; sums are None where no volume has any.
+    """
+    buckets, sums, first = [], [], 0
     for part in mixture.ingredients:
         own = part.segments.buckets.copy()
         own["first"] += first
         buckets.append(own)
-        first += len(part.segments.records)
-    return np.concatenate(buckets), np.concatenate([part.segments.records for part in mixture.ingredients])
+        count = len(part.segments.records)
+        sums.append(np.zeros((count, SUM_ROWS)) if part.segments.sums is None else part.segments.sums)
+        first += count
+    records = np.concatenate([part.segments.records.view(np.uint8) for part in mixture.ingredients])
+    has_sums = any(part.preintegrated for part in mixture.ingredients)
+    return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None

@@ -118,12 +118,13 @@ class Raycaster:
         """
         with Buffers(self._context) as buffers:
             segments = plan.segments
-            table = joined_segments(plan.mixture) if plan.mixture else (segments.buckets, segments.records)
-            buffers.bind(4, table[0])
-            records = buffers.make(_padded(table[1], self._variant.block_bytes))
+            own = segments.buckets, segments.records, segments.sums
+            table, rows, sums = joined_segments(plan.mixture) if plan.mixture else own
+            buffers.bind(4, table)
+            records = buffers.make(_padded(rows, self._variant.block_bytes))
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
-            if segments.sums is not None:
-                buffers.bind(0, segments.sums)
+            if sums is not None:
+                buffers.bind(0, sums)
             for binding, block in mixture_blocks(plan.mixture) if plan.mixture else ():
                 buffers.make(block).bind_to_uniform_block(binding)
             for binding, texels in mixture_tables(plan.mixture) if plan.mixture else ():
@@ -232,7 +233,7 @@ def _only(tables: _Tables) -> Callable[[March], Iterator[_Tables]]:
     return lambda march: iter([tables])
 
 
-def _padded(records: NDArray[np.void], size: int) -> NDArray[np.uint8]:
+def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
     """Bytes of an array, with zeros up to a size: a uniform block has the size that its program declares."""
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)

@@ -148,7 +148,8 @@ def slot_of(plan: Plan) -> Slot:
     if plan.mixture is None:
         return slot
     parts = (
-        Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, 0, part.spread)
+        # Their cells hold what they reach; it is told so that bricks that reach farther are others.
+        Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
         for part in plan.mixture.ingredients
     )
     return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts))

@@ -22,16 +22,17 @@ from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
 NOTHING = "// nothing\n"
-BLENDING_FILES: dict[Blending, tuple[str, str, str]] = {
+Files = str | tuple[str, ...]
+BLENDING_FILES: dict[Blending, tuple[Files, str, str]] = {
     "composite": ("samples.glsl", "composite.glsl", "over.glsl"),
     "maximum": ("samples.glsl", "extreme.glsl", NOTHING),
     "minimum": ("samples.glsl", "extreme.glsl", NOTHING),
     "average": ("samples.glsl", "sum.glsl", NOTHING),
     "additive": ("samples.glsl", "sum.glsl", NOTHING),
     "local-maximum": ("samples.glsl", "local_maximum.glsl", NOTHING),
-    "isosurface": ("surfaces.glsl", "composite.glsl", "over.glsl"),
+    "isosurface": (("root.glsl", "surfaces.glsl"), "composite.glsl", "over.glsl"),
 }
-PREINTEGRATED_FILES = ("preintegrated.glsl", NOTHING, "over.glsl")
+PREINTEGRATED_FILES = (("sums.glsl", "ramp.glsl", "preintegrated.glsl"), NOTHING, "over.glsl")
 """What runs of slabs are made of, what is taken of a sample, and how runs are added."""
 
 
@@ -85,7 +86,7 @@ class Variant:
         files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
         run, sampled, behind = PREINTEGRATED_FILES if self.preintegrated else files
         sample = ("table.glsl", "composite_2d.glsl") if self.table else sampled
-        slots: dict[str, str | tuple[str, ...]] = {
+        slots: dict[str, Files] = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
             "TRANSFER": "transfer.glsl",
@@ -116,10 +117,10 @@ class Variant:
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
-    def _mixture(self) -> dict[str, str | tuple[str, ...]]:
+    def _mixture(self) -> dict[str, Files]:
         """What of the slots is other for several volumes: nothing samples one alone."""
         names = "TRANSFER SEGMENT VOXEL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
-        one: dict[str, str | tuple[str, ...]] = dict.fromkeys(names.split(), NOTHING)
+        one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
 
@@ -131,7 +132,12 @@ class Variant:
     def _sample_iterations(self) -> int:
         """Of loops in a sample, at most."""
         searches = self.volumes or (self,)
-        return 1 + sum(one.further_starts.bit_length() + one.lights + one.fading for one in searches)
+        each = (one.further_starts.bit_length() + one.lights + one.fading for one in searches)
+        return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
+
+    @property
+    def _shows_surfaces(self) -> bool:
+        return bool(self.surfaces) or any(volume.surfaces for volume in self.volumes)
 
     @property
     def constants(self) -> str:
@@ -158,12 +164,15 @@ class Variant:
         ]
         if self.slot.margin or self.preintegrated:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
-        lines.append(f"const bool WHOLE_SLABS = {str(not self.surfaces).lower()}; // in which volumes are cut")
+        lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": 2 * self.surfaces}))
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
+        if self.volumes:
+            most = sum(volume.surfaces for volume in self.volumes)
+            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of a mixture")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")

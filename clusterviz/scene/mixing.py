@@ -1,4 +1,4 @@
-"""What several volumes in one scene can be asked for: emission and absorption at midpoints of slabs."""
+"""What several volumes in one scene cannot be asked for."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 from clusterviz.scene.checks import UnusableError
 
-LOOKS = ("blending", "isosurfaces")
-QUALITIES = ("classification", "filter", "adaptive")
-MIXED = ("composite", "post", "exact")
+QUALITIES = ("borders", "filter", "adaptive")
+MIXED = ("composite", "isosurface", "overlap", "exact")
+MOST_SURFACES = 32
+"""In all volumes: those in a slab are kept in a list until they are in order."""
 
 
 def check_mixed(volumes: Sequence[Any], quality: Any) -> None:
@@ -21,8 +22,12 @@ def check_mixed(volumes: Sequence[Any], quality: Any) -> None:
     """
     if len(volumes) < 2:
         return
-    keys = [(f"volumes[{n}].{name}", getattr(volume, name)) for n, volume in enumerate(volumes) for name in LOOKS]
+    keys = [(f"volumes[{n}].blending", volume.blending) for n, volume in enumerate(volumes)]
     keys += [(f"quality.{name}", getattr(quality, name)) for name in QUALITIES]
     for key, found in keys:
         if found and found not in MIXED:
             raise UnusableError("not for several volumes", "one volume with it", key=key, found=found)
+    surfaces = sum(len(volume.isosurfaces) for volume in volumes)
+    if surfaces > MOST_SURFACES:
+        told = f"{MOST_SURFACES} isosurfaces in all volumes"
+        raise UnusableError("too many", told, key="volumes: isosurfaces", found=surfaces)

@@ -83,3 +83,58 @@ def test_a_flat_volume_shows_nothing_but_is_part_of_the_box() -> None:
     found = mixed(scene_of(volume(), volume()), (GRID, VOXELS), (flat, np.ones(flat.shape_zyx)))
     alone = render_reference(scene_of(volume()), GRID, VOXELS)
     assert 1e-6 < np.abs(found - alone).max() < 0.05  # slabs begin elsewhere
+
+
+def test_surfaces_of_one_of_two_volumes_are_those_of_one_alone() -> None:
+    """The other is transparent, and in the same box."""
+    look = {"isosurfaces": (0.4, (0.6, 0.7)), "shade": True}
+    for blending in ("composite", "isosurface"):
+        one = volume(blending=blending, **look)
+        alone = render_reference(scene_of(one), GRID, VOXELS)
+        found = mixed(scene_of(volume(opacity=0.0), one), (GRID, VOXELS), (GRID, VOXELS))
+        assert alone[..., 3].max() > 0.5
+        assert np.allclose(found, alone, rtol=0, atol=1e-9)
+
+
+def test_where_surfaces_of_two_volumes_meet_the_nearer_one_is_in_front() -> None:
+    """Along the axis through two ramps: opaque planes a quarter of a slab apart."""
+    ramp = np.broadcast_to(np.arange(5.0)[:, None, None] / 4, (5, 5, 5)).copy()
+    near = volume((1.0, 0.0, 0.0), isosurfaces=((0.55, 1.0),), blending="isosurface")
+    far = volume((0.0, 0.0, 1.0), isosurfaces=((0.6, 1.0),), blending="isosurface")
+    for volumes in ((near, far), (far, near)):
+        scene = scene_of(*volumes, camera=AXIS, size=(1, 1), step=1.0)
+        found = mixed(scene, (Grid((5, 5, 5)), ramp), (Grid((5, 5, 5)), ramp))[0, 0]
+        share = 0.55
+        assert np.allclose(found[:3], (1 - share) * np.array([0, 0.2, 0.4]) + share * np.array([1, 0, 0]), atol=1e-9)
+
+
+def preintegrated(scene: Scene) -> Scene:
+    return scene.model_copy(update={"quality": scene.quality.model_copy(update={"classification": "pre-integrated"})})
+
+
+def test_integrals_of_a_faint_volume_are_those_of_one_alone_and_all_opacities_are() -> None:
+    """In which order a slab absorbs is of account in the square of its depth only, and for colours only."""
+    for opacity, colours in ((1e-4, 1e-9), (((0.0, 0.0), (0.4, 0.0), (0.5, 0.9), (0.6, 0.0)), 0.05)):
+        one = volume(opacity=opacity)
+        alone = render_reference(preintegrated(scene_of(one)), GRID, VOXELS)
+        scene = preintegrated(scene_of(volume(opacity=0.0), one))
+        apart = np.abs(mixed(scene, (GRID, VOXELS), (GRID, VOXELS)) - alone)
+        assert alone[..., 3].max() > 3e-4
+        assert apart[..., 3].max() <= 1e-12
+        assert apart[..., :3].max() <= colours
+
+
+def test_integrals_converge_with_the_square_of_the_step_and_sooner_than_midpoints_where_opacity_has_a_peak() -> None:
+    """Smooth fields on turned grids, one of which begins within the other."""
+    axes = np.indices((9, 9, 9)) / 4 - 1
+    blob = np.exp(-(axes**2).sum(axis=0))
+    peak = ((0.0, 0.0), (0.45, 0.0), (0.5, 0.8), (0.55, 0.0))
+    parts = (Grid((9, 9, 9)), blob), (Grid((9, 9, 9), (0.7, 0.8, 0.6), (3.0, 1.2, 1.0), TURN), blob)
+    scene = scene_of(volume(opacity=peak), volume((0.0, 0.3, 1.0), peak), size=(10, 8))
+    at = lambda scene, step: render_reference(scene, [g for g, _ in parts], [v for _, v in parts], step)  # noqa: E731
+    truth = at(preintegrated(scene), 1 / 32)
+    rms = [float(np.sqrt(np.mean((at(preintegrated(scene), step) - truth) ** 2))) for step in (1, 1 / 2, 1 / 4)]
+    midpoints = float(np.sqrt(np.mean((at(scene, 1 / 2) - truth) ** 2)))
+    assert rms[0] / rms[1] > 3
+    assert rms[1] / rms[2] > 3
+    assert rms[1] < midpoints / 3

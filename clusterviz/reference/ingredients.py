@@ -1,0 +1,192 @@
+"""The witness of one volume of a mixture: what it absorbs in a slab, and its isosurfaces there.
+
+By its midpoint a slab lies in a volume or it does not. Where the transfer function is integrated between the ends of
+slabs, and where there are isosurfaces, what counts is the part of the slab that lies in the volume: the scalar goes
+linearly from one end of that part to the other, or crosses an isosurface's value between them. The integral gives the
+part's optical depth and the mean colour of what absorbs in it, weighted by κ; in which order it does so within a slab
+is of no account, since it is mixed with other volumes.
+
+References
+----------
+K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
+Graphics Hardware 2001, section 3.3 (integral functions, without attenuation within a slab).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.reference.clipping import kept
+from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.grading import fading, magnitude_of, needs_gradient, optics
+from clusterviz.reference.lighting import lit
+from clusterviz.reference.preintegrated import integrate
+from clusterviz.reference.rays import Floats, Rays, inside, to_index_space
+from clusterviz.reference.slabs import Slab
+from clusterviz.reference.surfaces import root
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.values import Scene, Volume
+
+Flags = NDArray[np.bool_]
+SLACK = 1e-9
+"""Of its length, by which a volume's box is widened, so that rounding does not decide who sees what lies on a face."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One of the volumes: its scene entry, its grid and its voxels (z, y, x)."""
+
+    volume: Volume
+    grid: Grid
+    voxels: NDArray[Any]
+
+    @property
+    def has_extent(self) -> bool:
+        """Whether it is thick along every axis; else it shows nothing."""
+        return min(self.grid.shape_zyx) > 1
+
+
+@dataclass(frozen=True)
+class Met:
+    """A surface in a slab of some rays.
+
+    Attributes
+    ----------
+    place : float64 (m,), world length along the ray
+    opacity : float64 (m,), 0 where the slab has none
+    colour : float64 (m, 3), straight
+    """
+
+    place: Floats
+    opacity: Floats
+    colour: Floats
+
+
+def is_ramped(volume: Volume, scene: Scene) -> bool:
+    """Whether the transfer function is integrated between the ends of slabs."""
+    has_ramps = volume.interpolation != "nearest" and not volume.isosurfaces and volume.transfer_2d is None
+    return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
+
+
+def has_ends(volume: Volume, scene: Scene) -> bool:
+    """Whether what is shown depends on the field at the ends of slabs."""
+    return bool(volume.isosurfaces) or is_ramped(volume, scene)
+
+
+class Passage:
+    """Some rays on their way through one volume.
+
+    Parameters
+    ----------
+    rays : in the world
+    """
+
+    def __init__(self, rays: Rays, body: Body, scene: Scene) -> None:
+        self.volume, self.grid, self.voxels, self.scene = body.volume, body.grid, body.voxels, scene
+        self.rays, self.last = to_index_space(rays, body.grid), np.array(body.grid.shape_zyx[::-1], np.float64) - 1
+        self.transfer, self.sampler = transfer_function(body.volume), SAMPLERS[body.volume.interpolation]
+        wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
+        self.entry, self.leave = inside(wider, (1 + 2 * SLACK) * self.last)
+
+    def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """The optical depth (m,) of a slab, and its colour times that (m, 3).
+
+        Parameters
+        ----------
+        seen : bool (m,), what is not clipped
+        """
+        if self.volume.blending != "composite":
+            return np.zeros(len(seen)), np.zeros((len(seen), 3))
+        return self._ramp(slab, seen) if is_ramped(self.volume, self.scene) else self._midpoint(slab, seen)
+
+    def surfaces(self, slab: Slab) -> Iterator[Met]:
+        """The isosurfaces in a slab; clipping cuts them where they are."""
+        volume = self.volume
+        entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in volume.isosurfaces)
+        wanted = sorted(entry for entry in entries if entry[1] > 0)
+        if not wanted:
+            return
+        begin, end = self._part(slab)
+        (front, front_valid), (behind, behind_valid) = self._sample(slab, begin), self._sample(slab, end)
+        valid = front_valid & behind_valid & (end > begin)
+        for ordered, rises in ((wanted, True), (wanted[::-1], False)):
+            low = begin.copy()
+            for value, opacity in ordered:
+                here = np.flatnonzero(valid & ((front < value) != (behind < value)) & ((behind > front) == rises))
+                some = Rays(self.rays.start[slab.rays[here]], self.rays.direction[slab.rays[here]])
+                found = root(some, self.voxels, self.sampler, value, rises, low[here], end[here])
+                there = np.isfinite(found)
+                low[here] = np.where(there, found, low[here])
+                yield self._met(slab, value, opacity, low, here[there])
+
+    def _met(self, slab: Slab, value: float, opacity: float, places: Floats, here: NDArray[np.int64]) -> Met:
+        """A surface, where it is."""
+        alpha, place = np.zeros(len(slab.rays)), np.full(len(slab.rays), np.inf)
+        place[here] = places[here]
+        point = self._points(slab, places)[here]
+        alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
+        colour = np.zeros((len(slab.rays), 3))
+        colour[here] = self._lit(slab.rays[here], point, self.transfer.colour(np.full(len(here), value)), None)
+        return Met(place, alpha, colour)
+
+    def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """All of a slab is what its midpoint is."""
+        middle = slab.begin + (slab.end - slab.begin) / 2
+        inside = np.flatnonzero(seen & (middle >= self.entry[slab.rays]) & (middle <= self.leave[slab.rays]))
+        depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
+        point = np.clip(self._points(slab, middle)[inside], 0, self.last)
+        scalar, valid = self.sampler(self.voxels, *point.T)
+        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
+        colour, extinction = optics(self.volume, self.transfer, scalar, gradient, self.grid)
+        depth[inside] = np.where(valid, extinction, 0) * (slab.end - slab.begin)[inside]
+        colour = self._lit(slab.rays[inside], point, np.where(valid[:, None], colour, 0), gradient)
+        glow[inside] = depth[inside, None] * colour
+        return depth, glow
+
+    def _ramp(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """Light, and opacity by the gradient, are those of the part's midpoint; an end without a scalar is as it is."""
+        begin, end = self._part(slab)
+        middle = begin + (end - begin) / 2
+        scalar, known = self._sample(slab, middle)
+        ends = [self._sample(slab, at) for at in (begin, end)]
+        front, back = (np.where(valid, found, scalar) for found, valid in ends)
+        there = seen & (known | (ends[0][1] & ends[1][1]))
+        way = np.where(there, np.maximum(end - begin, 0), 0)
+        point = np.clip(self._points(slab, middle), 0, self.last)
+        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
+        if gradient is not None:
+            gradient = np.where(known[:, None], gradient, 0)
+            if self.volume.gradient_opacity:
+                way = way * fading(self.volume, magnitude_of(gradient, self.grid))
+        glow, depth = integrate(self.transfer, front, back, way, attenuated=False)
+        colour = glow / np.where(depth > 0, depth, 1)[:, None]
+        return depth, depth[:, None] * self._lit(slab.rays, point, colour, gradient)
+
+    def _part(self, slab: Slab) -> tuple[Floats, Floats]:
+        """From where to where, (m,) each, a slab lies in the volume; the end before the begin where it does not."""
+        return np.maximum(slab.begin, self.entry[slab.rays]), np.minimum(slab.end, self.leave[slab.rays])
+
+    def _points(self, slab: Slab, at: Floats) -> Floats:
+        """The points (m, 3) of a slab's rays at some lengths."""
+        points: Floats = self.rays.start[slab.rays] + at[:, None] * self.rays.direction[slab.rays]
+        return points
+
+    def _sample(self, slab: Slab, at: Floats) -> tuple[Floats, Flags]:
+        """The field at some lengths along a slab's rays, and where it is valid."""
+        scalar, valid = self.sampler(self.voxels, *np.clip(self._points(slab, at), 0, self.last).T)
+        return scalar, valid
+
+    def _lit(self, rays: NDArray[np.int64], point: Floats, colour: Floats, gradient: Floats | None) -> Floats:
+        """Straight colours (m, 3) under the scene's lights, where the volume is lit."""
+        if not self.volume.shade:
+            return colour
+        if gradient is None:
+            gradient = gradient_at(self.volume, self.voxels, np.clip(point, 0, self.last))
+        direction = self.rays.direction[rays]
+        return lit(colour, gradient, point, direction, self.volume, self.scene.lights, self.grid)

@@ -1,0 +1,11 @@
+// What a slab's midpoint adds to a mixture: the optical depth of the slab in one volume, and its colour times that.
+vec4 absorbing(int k, int at, dvec2 span) {
+    if (k < seen.x || k >= seen.y) return vec4(0.0);
+    vec3 beyond = here.beyond + float(at) * stride;
+    float s = scalar_at(here.brick, here.cell, beyond);
+    if (!(s >= buckets.w)) return vec4(0.0); // nothing is visible below, and NaN compares false
+    vec3 gradient = gradient_at(here.brick, here.cell, beyond);
+    vec4 entry = classified(s, gradient);
+    float depth = frame.optics.x * float(span.y - span.x) * optical_depth(entry.a) * faded(gradient);
+    return depth * vec4(lit(entry.rgb, gradient, here, beyond), 1.0);
+}

@@ -1,0 +1,14 @@
+// What a slab adds to a mixture where the transfer function of one volume is integrated between the slab's ends: optical depth, exact for a
+// field that is linear between them, and the mean colour of what absorbs. In which order it does so within a slab is of no account.
+void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
+    sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0);
+}
+
+vec4 absorbing(int k, int at, dvec2 span) {
+    vec2 part, ends;
+    if (!find_ends(at, span, part, ends)) return vec4(0.0);
+    vec4 sum = vec4(0.0);
+    vec3 middle = here.beyond + (float(at) + 0.5 * (part.x + part.y)) * stride;
+    take_slab(sum, class_at(ends.x), class_at(ends.y), frame.optics.x * (part.y - part.x), here, middle);
+    return sum;
+}

@@ -1,0 +1,77 @@
+// A slab along which the scalar goes linearly from its value in front to that behind: what lies between them in the transfer function is
+// integrated. The parts of a record and the sums are those of plan/preintegration.py.
+struct Class {
+    float s;
+    int segment;
+    float start, end, per_scalar;
+    vec3 kappa;          // over one opacity unit distance: k0 + k1 x + k2 x^2
+    vec3 colour, change; // straight: at x = 0, and to x = 1
+};
+
+bool is_valid(float s) {
+    return !MAY_BE_INVALID || abs(s) <= 3e38; // NaN compares false
+}
+
+Class class_at(float s) {
+    int segment = segment_of(is_valid(s) ? s : 0.0);
+    vec4 a = part_of(segment, 0), b = part_of(segment, 1), c = part_of(segment, 2);
+    return Class(s, segment, a.x, a.y, c.w, vec3(a.zw, b.x), b.yzw, c.xyz);
+}
+
+// What becomes of a part of a slab: its depth, the mean of its colour, and how far that changes with the depth.
+void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change);
+
+// A part of a slab, `units` long, in one segment of the transfer function.
+void absorb_within(inout vec4 sum, Class of, float from, float to, float units) {
+    float x = (0.5 * (from + to) - of.start) * of.per_scalar, d = (to - from) * of.per_scalar;
+    x = of.per_scalar == 0.0 ? 0.0 : x;
+    float kappa = max(of.kappa.x + x * (of.kappa.y + x * of.kappa.z) + of.kappa.z * d * d / 12.0, 0.0);
+    // How much more absorbs behind than in front: it moves the mean colour.
+    float tilt = kappa > 0.0 ? clamp((of.kappa.y + 2.0 * of.kappa.z * x) * d / kappa, -4.0, 4.0) : 0.0;
+    vec3 change = of.change * d;
+    absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt / 12.0), change * (1.0 - tilt * tilt / 20.0));
+}
+
+// The whole segments from `low` up to `high`; `per_scalar` is the slab's length over how far its scalar goes.
+void absorb_between(inout vec4 sum, int low, int high, bool rises, float per_scalar) {
+    dvec4 at_low = sums[2 * low], passed = sums[2 * high] - at_low;
+    if (!(passed.x > 0.0LF)) return;
+    dvec3 mean = passed.yzw / passed.x;
+    dvec3 moment = (sums[2 * high + 1].xyz - sums[2 * low + 1].xyz - at_low.x * passed.yzw) / (passed.x * passed.x);
+    vec3 change = clamp(vec3(12.0LF * moment - 6.0LF * mean), -1.5, 1.5);
+    absorb(sum, float(min(passed.x * double(per_scalar), 1e30LF)), vec3(mean), rises ? change : -change);
+}
+
+// A slab from its front to its back, `units` opacity unit distances long.
+vec4 integrated(Class front, Class back, float units) {
+    vec4 sum = vec4(0.0);
+    if (front.segment == back.segment) {
+        absorb_within(sum, front, front.s, back.s, units);
+        return sum;
+    }
+    bool rises = back.s > front.s;
+    float per_scalar = units / abs(back.s - front.s);
+    float leaves = rises ? front.end : front.start, enters = rises ? back.start : back.end;
+    absorb_within(sum, front, front.s, leaves, per_scalar * abs(leaves - front.s));
+    int low = min(front.segment, back.segment) + 1, high = max(front.segment, back.segment);
+    if (low < high) absorb_between(sum, low, high, rises, per_scalar);
+    absorb_within(sum, back, enters, back.s, per_scalar * abs(back.s - enters));
+    return sum;
+}
+
+// An end next to an invalid voxel counts as the midpoint; a slab whose midpoint is invalid as well is transparent.
+void take_slab(inout vec4 sum, Class front, Class back, float units, Place place, vec3 beyond) {
+    if (!is_valid(front.s) || !is_valid(back.s)) {
+        Class middle = class_at(scalar_at(place.brick, place.cell, beyond));
+        if (!is_valid(middle.s)) return;
+        if (!is_valid(front.s)) front = middle;
+        if (!is_valid(back.s)) back = middle;
+    }
+    // Most slabs end where nothing is visible.
+    if (max(front.s, back.s) < buckets.w || (front.segment == back.segment && front.kappa == vec3(0.0))) return;
+    vec3 gradient = gradient_at(place.brick, place.cell, beyond);
+    // Between two valid ends, the midpoint's cell may still have an invalid corner: there is no gradient.
+    if (MAY_BE_INVALID && !(abs(gradient.x) + abs(gradient.y) + abs(gradient.z) <= 3e38)) gradient = vec3(0.0);
+    vec4 slab = integrated(front, back, units * faded(gradient));
+    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient, place, beyond), 1.0);
+}
