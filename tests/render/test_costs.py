@@ -94,30 +94,30 @@ CASES = {
         side=19,
     ),
     "clip": Case({"parts": CLIP}, "unclipped", "clip kept", buffers=1),
-    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces", buffers=1, side=19),
-    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces", buffers=1, side=19),
+    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces root", buffers=1, side=19),
+    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces root", buffers=1, side=19),
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces spline cubic gradient_cubic lights lights_far clip kept",
+        "surfaces root spline cubic gradient_cubic lights lights_far clip kept",
         buffers=3,
         side=19 + 2,
     ),
     "adaptive": Case({"adaptive": 0.01}, "even", "stretched"),
     "pre-integrated": Case(
-        {"classification": "pre-integrated"}, "composite samples segment", "preintegrated", buffers=1, side=19
+        {"classification": "pre-integrated"}, "composite samples segment", "preintegrated ramp sums", buffers=1, side=19
     ),
     "pre-integrated, split": Case(
         {"classification": "pre-integrated", "borders": "split"},
         "composite samples segment unsplit",
-        "preintegrated split",
+        "preintegrated ramp sums split",
         buffers=1,
     ),
     "midpoints, which need no split": Case({"borders": "split"}),
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated", "look": SHADE},
         "composite samples segment unlit gradient_none",
-        "preintegrated gradient lights lights_far",
+        "preintegrated ramp sums gradient lights lights_far",
         buffers=2,
         side=19 + 2,
     ),
@@ -135,12 +135,12 @@ CASES = {
     "gradient opacity, pre-integrated": Case(
         {"look": FADED, "classification": "pre-integrated"},
         "composite samples segment gradient_none unfaded",
-        "preintegrated gradient magnitude faded",
+        "preintegrated ramp sums gradient magnitude faded",
         buffers=2,
         side=19 + 2,
     ),
     "jitter": Case({"jitter": True}, "unjittered", "jitter"),
-    "jitter, but surfaces": Case({"jitter": True, "look": SURFACES}, "samples", "surfaces", buffers=1, side=19),
+    "jitter, but surfaces": Case({"jitter": True, "look": SURFACES}, "samples", "surfaces root", buffers=1, side=19),
     "cubic, hardware": Case(
         {"filter": "hardware", "interpolation": "cubic"},
         "linear_u8 voxel_u8",
