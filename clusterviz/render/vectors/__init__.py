@@ -1,37 +1,20 @@
 """The room of the CPU's ray caster: packets of rays in vectors, compiled by LLVM.
 
-- caster.py     one rank's ray caster
-- kernel.py     the code of a variant, and its machine code
-- order.py      a draw as a job
-- job.py        the job's record
-- width.py      how wide vectors are
-- tile.py       a tile of the picture
-- state.py      what is known of its packets
-- clip.py       which slabs clipping planes keep
-- memory.py     bricks in memory, laid out for few fetches
-- leaps.py      how far rays may leap over what is empty
-- rays.py       rays and their slabs
-- jitter.py     where lattices begin that are other in every pixel
-- place.py      where slabs are
-- stretch.py    slabs that are longer where groups of cells allow it
-- march.py      from run to run
-- field.py      the scalar at a place
-- tables.py     rows of tables, a lane each
-- classify.py   what the transfer function gives
-- pieces.py     the same where pieces are few, in registers
-- opacity.py    opacities of slabs
-- gradient.py   gradients of the field
-- cubic.py      cubic B-splines
-- directions.py  directions and lengths
-- light.py      lights on a volume
-- grading.py    opacity by the gradient's magnitude
-- relief.py     all that depends on the gradient
-- optics.py     what samples come to, all in all
-- samples.py    the samples of runs
-- composite.py  emission and absorption
-- preintegrated.py  the same for slabs that are classified between their ends
-- ramps.py      what the transfer function gives those
-- over.py       how runs of either are put behind others
-- projections.py  maximum, minimum, average and sum
-- local_maximum.py  the first stretch above a threshold
+    plan -> order -> job ------------> caster -> pixels
+         -> kernel -> program -> machine code
+
+- caster.py        one rank's ray caster
+- order.py         a draw as a job
+- job.py           the job's record
+- memory.py        bricks in memory, laid out for few fetches
+- kernel.py        what a kernel is made for
+- program.py       its code, put together from the rooms below
+- machine_code.py  the same, compiled
+- width.py         how wide vectors are
+- marching/        tiles, rays, and where their slabs are
+- fields/          the scalar at a place, and its gradient
+- transfer/        what the transfer function gives
+- looks/           what samples come to, all in all
+
+Files of the rooms below are the twins of shaders, and named after them.
 """

@@ -31,12 +31,13 @@ from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.storage import make_slot
 from clusterviz.render.stored import store
-from clusterviz.render.vectors.kernel import Kernel, can_draw, compiled, kernel_of
-from clusterviz.render.vectors.leaps import leaps_of
+from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of
+from clusterviz.render.vectors.machine_code import compiled
+from clusterviz.render.vectors.marching.leaps import leaps_of
+from clusterviz.render.vectors.marching.stretch import with_doublings
 from clusterviz.render.vectors.memory import Memory
 from clusterviz.render.vectors.order import job_of, tables_of
-from clusterviz.render.vectors.pieces import Pieces, pieces_of
-from clusterviz.render.vectors.stretch import with_doublings
+from clusterviz.render.vectors.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
 Index = tuple[int, int, int]

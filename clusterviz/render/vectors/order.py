@@ -12,11 +12,11 @@ from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import GROUP, Slot
-from clusterviz.render.vectors.classify import bucket_rows, colour_rows
 from clusterviz.render.vectors.job import JOB
-from clusterviz.render.vectors.leaps import FARTHEST
+from clusterviz.render.vectors.marching.leaps import FARTHEST
+from clusterviz.render.vectors.marching.tile import TILE
 from clusterviz.render.vectors.memory import VOXEL_BYTES
-from clusterviz.render.vectors.tile import TILE
+from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 
 LONGEST_RUN = 32  # slabs, as in march.glsl
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32

@@ -9,16 +9,18 @@ from render.scenes import camera_at, noise, prepare, scene_of
 from render.test_shading import LIGHTS, LIT, places
 
 from clusterviz.data.grid import Grid
-from clusterviz.render.vectors import kernel, rays
+from clusterviz.render.vectors import program
 from clusterviz.render.vectors.kernel import Kernel, kernel_of
+from clusterviz.render.vectors.marching import rays
+from clusterviz.render.vectors.program import program_of
 
 SHAPE = (5, 6, 7)
 VOXELS = noise(SHAPE, "uint8")
 EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
-    "pre-integrated": ({"classification": "pre-integrated"}, kernel, "Preintegrated"),
+    "pre-integrated": ({"classification": "pre-integrated"}, program, "Preintegrated"),
     "jittered": ({"jitter": True}, rays, "shift_of"),
-    "stretched": ({"adaptive": 1 / 64}, kernel, "Stretch"),
-    "local maximum": ({"look": {"blending": "local-maximum"}}, kernel, "LocalMaximum"),
+    "stretched": ({"adaptive": 1 / 64}, program, "Stretch"),
+    "local maximum": ({"look": {"blending": "local-maximum"}}, program, "LocalMaximum"),
 }
 
 
@@ -33,7 +35,7 @@ def kernel_with(**keys: Any) -> Kernel:
 
 def code_of(lights: Any = (), **look: Any) -> str:
     """The kernel of a scene, as text."""
-    return kernel_with(look=look, parts={"lights": lights}).write()
+    return program_of(kernel_with(look=look, parts={"lights": lights}))
 
 
 def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:
@@ -60,7 +62,7 @@ def test_only_plans_that_need_it_have_it_in_their_kernel(name: str, monkeypatch:
 
     monkeypatch.setattr(module, part, write)
     plain, special = kernel_with(), kernel_with(**keys)
-    assert plain.write()
+    assert program_of(plain)
     with pytest.raises(WrittenError):
-        special.write()
+        program_of(special)
     assert plain.name != special.name

@@ -11,7 +11,7 @@ from render.scenes import camera_at, draw_on_processor, noise, prepare, scene_of
 from clusterviz.data.grid import Grid
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
-from clusterviz.render.vectors.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of
+from clusterviz.render.vectors.transfer.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of
 
 SHAPE = (12, 13, 14)
 VOXELS = noise(SHAPE)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, F64, Value, Vector
 from clusterviz.plan.preintegration import SUM_ROWS
-from clusterviz.render.vectors.classify import Classifier
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.opacity import absorbed, polynomial
-from clusterviz.render.vectors.samples import zeros
-from clusterviz.render.vectors.tables import rows
+from clusterviz.render.vectors.looks.samples import zeros
+from clusterviz.render.vectors.transfer.classify import Classifier
+from clusterviz.render.vectors.transfer.opacity import absorbed, polynomial
+from clusterviz.render.vectors.transfer.tables import rows
 
 RECORD_FLOATS = 12
 LEANING = (8.26719577e-7, -3.30687831e-5, 0.00138888889, -0.0833333333)

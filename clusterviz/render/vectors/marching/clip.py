@@ -5,7 +5,7 @@ from __future__ import annotations
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F64, I32, I64, Value, Vector
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.rays import Rays
+from clusterviz.render.vectors.marching.rays import Rays
 
 PLANE_BYTES = 32
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.render.storage import GROUP
-from clusterviz.render.vectors.place import WHOLE_BRICK
+from clusterviz.render.vectors.marching.place import WHOLE_BRICK
 
 FARTHEST = 16  # groups
 Index = tuple[int, int, int]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.rays import cell_of
-from clusterviz.render.vectors.stretch import Stretch
+from clusterviz.render.vectors.marching.rays import cell_of
+from clusterviz.render.vectors.marching.stretch import Stretch
 
 VOXEL_SHIFT = 2  # a voxel takes four bytes
 GROUP_SHIFT = 3  # groups of 8 cells a side, as in storage.py

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.march import Four, Variables
-from clusterviz.render.vectors.over import put_behind, too_little_left
-from clusterviz.render.vectors.ramps import RECORD_FLOATS, End, Ramps
-from clusterviz.render.vectors.relief import Relief
-from clusterviz.render.vectors.samples import LARGEST, Samples, four, zeros
+from clusterviz.render.vectors.looks.over import put_behind, too_little_left
+from clusterviz.render.vectors.looks.relief import Relief
+from clusterviz.render.vectors.looks.samples import LARGEST, Samples, four, zeros
+from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.transfer.ramps import RECORD_FLOATS, End, Ramps
 
 # Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.
 WITHIN = 0.5 - 1e-6

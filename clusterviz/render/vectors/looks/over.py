@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import Value
-from clusterviz.render.vectors.march import Four, Variables
-from clusterviz.render.vectors.samples import add_exactly
+from clusterviz.render.vectors.looks.samples import add_exactly
+from clusterviz.render.vectors.marching.march import Four, Variables
 
 
 def put_behind(code: Code, kept: Variables, run: Four, drawn: Value) -> None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.plan.stretching import LONGEST
-from clusterviz.render.vectors.classify import Class
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.transfer.classify import Class
 
 ONCE = -2
 """In a table of leaps: slabs may be doubled once; a number lower, once more."""

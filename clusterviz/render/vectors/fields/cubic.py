@@ -15,8 +15,8 @@ from itertools import product
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import Value, Vector
-from clusterviz.render.vectors.field import Field, Spot
-from clusterviz.render.vectors.samples import LARGEST
+from clusterviz.render.vectors.fields.field import Field, Spot
+from clusterviz.render.vectors.looks.samples import LARGEST
 
 TAPS = range(4)
 Weights = tuple[Value, Value, Value, Value]

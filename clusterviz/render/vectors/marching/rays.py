@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, F64, I32, Operand, Value, Vector
-from clusterviz.render.vectors.jitter import shift_of
 from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.marching.jitter import shift_of
 
 FAR = 1e300
 MOST_SLABS = 2.0**31 - 2

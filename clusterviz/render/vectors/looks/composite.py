@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import Value, Vector
-from clusterviz.render.vectors.classify import Class
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.march import Four, Variables
-from clusterviz.render.vectors.optics import Optics
-from clusterviz.render.vectors.over import put_behind, too_little_left
-from clusterviz.render.vectors.samples import Samples, four, zeros
-from clusterviz.render.vectors.stretch import Stretch
+from clusterviz.render.vectors.looks.optics import Optics
+from clusterviz.render.vectors.looks.over import put_behind, too_little_left
+from clusterviz.render.vectors.looks.samples import Samples, four, zeros
+from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.marching.stretch import Stretch
+from clusterviz.render.vectors.transfer.classify import Class
 
 
 class Composite:

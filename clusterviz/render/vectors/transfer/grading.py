@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value, Vector
-from clusterviz.render.vectors.classify import BELOW_ONE, Class, Classifier
-from clusterviz.render.vectors.directions import ROW_BYTES, length, number_at, turned, vector_at
+from clusterviz.render.vectors.fields.directions import ROW_BYTES, length, number_at, turned, vector_at
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.opacity import slab_opacity
-from clusterviz.render.vectors.tables import rows
+from clusterviz.render.vectors.transfer.classify import BELOW_ONE, Class, Classifier
+from clusterviz.render.vectors.transfer.opacity import slab_opacity
+from clusterviz.render.vectors.transfer.tables import rows
 
 FIRST_ROW, PIECES_ROW = 3, 4
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.field import Field, Spot
+from clusterviz.render.vectors.fields.field import Field, Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.march import Four, Variables
+from clusterviz.render.vectors.marching.march import Four, Variables
 
 AHEAD = 2.0  # slabs; what is asked for now should be there by then
 LARGEST = 3e38  # of what is a number

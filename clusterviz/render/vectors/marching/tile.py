@@ -9,8 +9,8 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value
 from clusterviz.render.drawn import SQUARE
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.march import NEVER, March
-from clusterviz.render.vectors.state import LOOK_VECTORS, State
+from clusterviz.render.vectors.marching.march import NEVER, March
+from clusterviz.render.vectors.marching.state import LOOK_VECTORS, State
 
 TILE = 32
 CHANNELS = 4

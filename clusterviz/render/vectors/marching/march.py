@@ -10,13 +10,13 @@ from typing import Protocol
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.clip import keeps, kept_range
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.place import Place, Places
-from clusterviz.render.vectors.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
-from clusterviz.render.vectors.state import Packet
-from clusterviz.render.vectors.stretch import Stretch
+from clusterviz.render.vectors.marching.clip import keeps, kept_range
+from clusterviz.render.vectors.marching.place import Place, Places
+from clusterviz.render.vectors.marching.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
+from clusterviz.render.vectors.marching.state import Packet
+from clusterviz.render.vectors.marching.stretch import Stretch
 
 Four = tuple[Value, Value, Value, Value]
 Variables = list[Variable]

@@ -16,9 +16,9 @@ from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, I32, Value
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
-from clusterviz.render.vectors.classify import BELOW_ONE, Class, Classifier
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.opacity import slab_opacity
+from clusterviz.render.vectors.transfer.classify import BELOW_ONE, Class, Classifier
+from clusterviz.render.vectors.transfer.opacity import slab_opacity
 from clusterviz.scene.transfer import OPAQUE
 
 MOST = 16  # floats in a register of AVX-512

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, Value, Vector
-from clusterviz.render.vectors.classify import Class, Classifier
-from clusterviz.render.vectors.field import Spot
-from clusterviz.render.vectors.grading import Table
-from clusterviz.render.vectors.relief import Relief
+from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.looks.relief import Relief
+from clusterviz.render.vectors.transfer.classify import Class, Classifier
+from clusterviz.render.vectors.transfer.grading import Table
 
 
 class Optics:

@@ -9,7 +9,7 @@ from typing import Any
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, I64, Value, Vector
-from clusterviz.render.vectors.rays import Rays
+from clusterviz.render.vectors.marching.rays import Rays
 
 LOOK_VECTORS = 8
 _LAYOUT: tuple[tuple[str, Any, int], ...] = (

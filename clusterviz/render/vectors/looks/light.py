@@ -13,10 +13,10 @@ from typing import Literal
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
-from clusterviz.render.vectors.directions import ROW_BYTES, dot, number_at, scaled, turned, unit, vector_at
-from clusterviz.render.vectors.field import Spot
+from clusterviz.render.vectors.fields.directions import ROW_BYTES, dot, number_at, scaled, turned, unit, vector_at
+from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.opacity import power
+from clusterviz.render.vectors.transfer.opacity import power
 
 Light = Literal["", "far", "near"]
 """None; all are far away or at the eye; some have a place."""

@@ -11,8 +11,8 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.plan.segments import FAR, Segments
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.opacity import slab_opacity
-from clusterviz.render.vectors.tables import rows
+from clusterviz.render.vectors.transfer.opacity import slab_opacity
+from clusterviz.render.vectors.transfer.tables import rows
 
 BELOW_ONE = 1.0 - 2.0**-24
 

@@ -1,0 +1,12 @@
+"""Looks: what the samples of rays come to.
+
+- samples.py          the samples of runs
+- composite.py        emission and absorption
+- preintegrated.py    the same for slabs that are classified between their ends
+- over.py             how runs of either are put behind others
+- projections.py      maximum, minimum, average and sum
+- local_maximum.py    the first stretch above a threshold
+- optics.py           what samples are, all in all
+- relief.py           all that depends on the gradient
+- light.py            lights on a volume
+"""

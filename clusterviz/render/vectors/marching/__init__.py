@@ -1,0 +1,12 @@
+"""Rays, their slabs, and the march from run to run.
+
+- tile.py     a tile of the picture
+- state.py    what is known of its packets
+- rays.py     rays and their slabs
+- jitter.py   where lattices begin that are other in every pixel
+- clip.py     which slabs clipping planes keep
+- place.py    where slabs are
+- leaps.py    how far rays may leap over what is empty
+- stretch.py  slabs that are longer where groups of cells allow it
+- march.py    from run to run
+"""
