@@ -152,6 +152,14 @@ class Code:
         mask = ir.Constant(kind_of(I32, len(numbers)), list(numbers))
         return Value(self.builder, self.builder.shuffle_vector(a.raw, b.raw, mask))
 
+    def packed(self, values: Sequence[Value]) -> Value:
+        """Numbers as the lanes of a vector."""
+        kind = kind_of(values[0].element, len(values))
+        found = Value(self.builder, ir.Constant(kind, ir.Undefined))
+        for lane, value in enumerate(values):
+            found = found.with_lane(lane, value)
+        return found
+
     def permuted(self, table: Value, numbers: Value) -> Value:
         """Of 16 floats, those with the numbers of 16 lanes; only where `HAS_PERMUTATIONS` says so."""
         return self._intrinsic("llvm.x86.avx512.permvar.sf.512", table.raw.type, table, numbers)
@@ -159,11 +167,6 @@ class Code:
     def join(self, a: Value, b: Value) -> Value:
         """The lanes of two vectors, end to end."""
         return self.shuffle(a, b, range(2 * a.lanes))
-
-    def halves(self, a: Value) -> tuple[Value, Value]:
-        """The lower and the upper lanes."""
-        n = a.lanes // 2
-        return self.shuffle(a, a, range(n)), self.shuffle(a, a, range(n, 2 * n))
 
     def load(self, element: Any, address: Value, lanes: int = 0) -> Value:
         """A number or a vector at an address, aligned to nothing but its element's size."""
@@ -180,11 +183,6 @@ class Code:
         unit = {1: I8, 2: I16, 4: I32, 8: I64}[scale]
         place = splat(Value(self.builder, self.builder.inttoptr(address.raw, POINTER)), index.lanes)
         return self._gathered(element, self.builder.gep(place.raw, [index.raw], source_etype=unit), index.lanes)
-
-    def fetch(self, element: Any, addresses: Value) -> Value:
-        """What lies at the address of each lane."""
-        places = self.builder.inttoptr(addresses.raw, kind_of(POINTER, addresses.lanes))
-        return self._gathered(element, places, addresses.lanes)
 
     def prefetch(self, addresses: Value, lanes: Iterable[int]) -> None:
         """Ask for the cache lines at the addresses of some lanes."""

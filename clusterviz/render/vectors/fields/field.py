@@ -14,7 +14,6 @@ from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.render.vectors.job import Job
 
-LANES_OF_LOAD = 8
 PREFETCHED = {16: (0, 2, 5, 7, 8, 10, 13, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
 """Every second pixel of a packet, like the black squares of a chessboard."""
 Corners = tuple[Value, ...]
@@ -51,7 +50,7 @@ class Field:
     def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool) -> None:
         self._code, self._kind, self._nearest = code, kind, nearest
         self._row_real, self._layer_real = (code.splat(job[name]).to(F32) for name in ("row", "layer"))
-        self._row_bytes, self._layer_bytes = (code.splat((job[name] << 2).to(I64)) for name in ("row", "layer"))
+        self._row_bytes, self._layer_bytes = ((job[name] << 2).to(I64) for name in ("row", "layer"))
         self._scale, self._bias = (code.splat(job.part("scalar", k)) for k in range(2))
         self._base = code.splat(job["base"])
 
@@ -115,24 +114,29 @@ class Field:
     def corners(self, voxel: Value) -> Corners:
         """The corners of the cell whose first one lies at an address, as stored, float32; x fastest, then y."""
         if self._kind == "u8":
-            words = self._pair(voxel)
+            words = self._pairs(voxel, [None])[0]
             return tuple(
                 ((words[k & 1] >> 8 * (k >> 1)) & 255 if k < 6 else words[k & 1] >> 24).to(F32) for k in range(8)
             )
-        layers = (voxel, voxel + self._layer_bytes)
+        row, layer = self._row_bytes, self._layer_bytes
         if self._kind == "u16":
             corners: list[Value] = []
-            for layer in layers:
-                words = self._pair(layer)
+            for words in self._pairs(voxel, [None, layer]):
                 corners += [(words[k & 1] & 65535 if k < 2 else words[k & 1] >> 16) - self._base for k in range(4)]
             return tuple(corner.to(F32) for corner in corners)
-        rows = [row for layer in layers for row in (layer, layer + self._row_bytes)]
-        return tuple(word.bits(F32) for row in rows for word in self._pair(row))
+        return tuple(word.bits(F32) for pair in self._pairs(voxel, [None, row, layer, layer + row]) for word in pair)
 
-    def _pair(self, voxel: Value) -> tuple[Value, Value]:
-        """The 32 bits at a voxel and those behind them, along x."""
-        code, every = self._code, 2 * self._code.lanes
-        parts = [voxel] if code.lanes <= LANES_OF_LOAD else code.halves(voxel)
-        words = [code.fetch(I64, part).bits(I32) for part in parts]
-        both = words[0] if len(words) == 1 else code.join(words[0], words[1])
-        return code.shuffle(both, both, range(0, every, 2)), code.shuffle(both, both, range(1, every, 2))
+    def _pairs(self, voxel: Value, offsets: list[Value | None]) -> list[tuple[Value, Value]]:
+        """The 32 bits at each of some voxels and those behind them, along x; so many bytes from a voxel of each lane.
+
+        Loads of single numbers: where they were measured, a gather took longer.
+        """
+        code, lanes = self._code, self._code.lanes
+        places = [voxel.lane(lane) for lane in range(lanes)]
+        found = []
+        for offset in offsets:
+            spots = places if offset is None else [place + offset for place in places]
+            both = code.packed([code.load(I64, spot) for spot in spots]).bits(I32)
+            low, high = (code.shuffle(both, both, range(word, 2 * lanes, 2)) for word in (0, 1))
+            found.append((low, high))
+        return found
