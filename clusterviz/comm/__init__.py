@@ -19,6 +19,7 @@ library.py   which MPI, and which launcher
 from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
+from clusterviz.comm.agreed import mark_agreed
 from clusterviz.comm.channel import Channel, MessageError
 from clusterviz.comm.counters import Counters
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
@@ -43,6 +44,7 @@ __all__ = [
     "as_channel",
     "launch_warning",
     "limit_threads",
+    "mark_agreed",
     "open_channel",
     "run_loopback",
 ]

@@ -8,6 +8,7 @@ Stages are functions from values to values, and only this room calls them:
 - several.py       several volumes as one domain
 - dealing.py       a scene to a plan, and the plan to pieces, by a distribution
 - distribution.py  what a distribution is; coherent.py and the others are one each
+- alike.py         whether all ranks have decided the same
 - companion.py     what some of them need around drawing: moving.py, turns.py
 - drawing.py       pieces to partial images
 - compositing.py   partial images to the picture; finishing.py: and the rest of a frame
@@ -26,6 +27,7 @@ from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
+from clusterviz.frame.alike import check_alike
 from clusterviz.frame.behind import open_behind
 from clusterviz.frame.calibration import calibrate, chosen
 from clusterviz.frame.choice import choose_distribution, sharing_of
@@ -174,6 +176,7 @@ class FrameLoop:
             if accuracy and not self._run.options.keep_bricks:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
             share = self._companion.before(self._opened, share) if self._companion else share
+        check_alike(self._run, share)
         partials, counts = self._drawing.draw(share)
         counts = self._companion.counted(counts) if self._companion else counts
         if not self._several:
@@ -184,7 +187,7 @@ class FrameLoop:
         if share.plan is not None:
             self._distribution.learn(share.plan, costs)
             if self._companion:
-                self._companion.after(share)
+                self._companion.after(share, costs)
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
         """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""

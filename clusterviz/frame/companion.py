@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from clusterviz.frame.distribution import Distribution
@@ -27,8 +28,8 @@ class Companion(Protocol):
         """A frame's counts, with its own."""
         ...
 
-    def after(self, share: Share) -> None:
-        """After it was drawn, and its cost is known."""
+    def after(self, share: Share, costs: Sequence[RankFrame]) -> None:
+        """After it was drawn, and what it cost each rank is known."""
         ...
 
     def close(self) -> None:

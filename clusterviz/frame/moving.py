@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
+from clusterviz.frame.alike import check_same
 from clusterviz.frame.courier import Courier
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.dynamic import Dynamic
@@ -46,8 +49,10 @@ class Moving:
         so_far = {"bricks_received": self._received, "bricks_lost": self._lost}
         return replace(counts, balance=self._counts | so_far)
 
-    def after(self, share: Share) -> None:
+    def after(self, share: Share, costs: Sequence[RankFrame]) -> None:
         """What has come by now changes hands; of damaged messages all ranks hear."""
+        told = [int(rank.balance.get("planned", 0)) for rank in costs]
+        check_same(self._run, {"which bricks fly": told})
         if share.plan is not None:
             self._land()
 
@@ -67,6 +72,7 @@ class Moving:
             "planned_imbalance": distribution.planned_imbalance,
             "images": len(list(share.pieces_of(rank))),
             "flights": len(flights),
+            "planned": zlib.crc32(repr(flights).encode()),
             "bricks_sent": sum(flight.source == rank for flight in flights),
             "bytes_sent": 0,
             "bricks_recalled": distribution.recalled(rank),

@@ -5,7 +5,7 @@ deal -> (estimated: the pre-pass, and deal again) -> (scheduled: start the queue
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from clusterviz.comm import WorkQueue
@@ -57,7 +57,7 @@ class Turns:
         extra = self._samples_estimate
         return replace(counts, samples=counts.samples + extra, samples_estimate=extra) if extra else counts
 
-    def after(self, share: Share) -> None:
+    def after(self, share: Share, costs: Sequence[RankFrame]) -> None:
         """Follow what the frame cost."""
         if share.plan is not None and self._screen.tiling.settings.strategy == "temporal":
             self._screen.follow(self._cost(share))

@@ -1,6 +1,7 @@
 """clusterviz with one function that fails on one rank: failing_rank.py RANK MODULE:NAME HOW ARGUMENTS…
 
-HOW is "raise", "kill" (SIGKILL), or "wait" (says so, and waits for ctrl-C). All else is the product as it is.
+HOW is "raise", "kill" (SIGKILL), "wait" (says so, and waits for ctrl-C), or "turn" (gives its array the other way
+round, and fails by nothing else). All else is the product as it is.
 """
 
 from __future__ import annotations
@@ -26,6 +27,11 @@ def fail(*_: Any, **__: Any) -> NoReturn:
     raise ValueError("odd")
 
 
+def turned(function: Any) -> Any:
+    """The function, whose array comes out the other way round."""
+    return lambda *args, **keys: function(*args, **keys)[::-1].copy()
+
+
 def main() -> int:
     """Put `fail` in its place, then do what the command line says."""
     # A shell that runs the tests in its background has them, and their children, ignore ctrl-C.
@@ -37,8 +43,8 @@ def main() -> int:
         owner: Any = import_module(module)
         for part in owners:
             owner = getattr(owner, part)
-        getattr(owner, last)  # a name that is not there would fail nowhere
-        setattr(owner, last, fail)
+        found = getattr(owner, last)  # a name that is not there would fail nowhere
+        setattr(owner, last, turned(found) if sys.argv[3] == "turn" else fail)
     return run(sys.argv[4:])
 
 

@@ -67,6 +67,16 @@ def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, h
         assert re.search(r"rank 1, frame [123], migrate: ValueError: odd", messages[0])
 
 
+def test_a_rank_that_decides_otherwise_ends_the_job_before_a_wrong_picture(tmp_path: Path) -> None:
+    arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
+    ended = finish(failing(1, "clusterviz.frame.dynamic:expected_samples", "turn", 3, *arguments), SECONDS)
+    messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
+    assert (ended.status, len(messages)) == (1, 1)
+    assert "rank 1, frame 0, compare: decides otherwise than the other ranks who draws what; all ranks" in messages[0]
+    assert "Traceback" not in ended.err + ended.out
+    assert list(tmp_path.glob("*.png")) == []
+
+
 def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
     arguments = ("render", FIELD, "-o", str(tmp_path / "a.npy"), "--stats", str(tmp_path / "s.json"), *SMALL)
     ended = finish(failing(0, "clusterviz.cli.render:statistics_file", "raise", 2, *arguments))
