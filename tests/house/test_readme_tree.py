@@ -38,15 +38,16 @@ def on_disk() -> set[PurePosixPath]:
     return {path for path in files | folders if path.name != "__init__.py"}
 
 
-def open_folders(paths: set[PurePosixPath]) -> set[PurePosixPath]:
+def open_folders(named: set[PurePosixPath], present: set[PurePosixPath]) -> set[PurePosixPath]:
     """Folders that the tree shows from inside: those it names a child of, and the whole package in any case."""
-    package = {path for path in on_disk() if path.parts[0] == "clusterviz" and (ROOT / path).is_dir()}
-    return {path.parent for path in paths} | package | {PurePosixPath(".")}
+    package = {path for path in present if path.parts[0] == "clusterviz" and (ROOT / path).is_dir()}
+    return {path.parent for path in named} | package | {PurePosixPath(".")}
 
 
 def test_tree_names_every_file_and_no_other() -> None:
-    named = set(described())
-    expected = {path for path in on_disk() if path.parent in open_folders(named)}
+    named, present = set(described()), on_disk()
+    shown = open_folders(named, present)
+    expected = {path for path in present if path.parent in shown}
     assert named, f"README.md has no section '{HEADING}' with a text block"
     assert sorted(map(str, expected - named)) == [], "missing in the README's tree"
     assert sorted(map(str, named - expected)) == [], "in the README's tree, but not on the disk"
