@@ -35,6 +35,7 @@ class Kernel:
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     stretched : slabs are longer where groups of cells allow it
+    leaping : rays start where the last frame says
     """
 
     kind: VoxelKind
@@ -48,6 +49,7 @@ class Kernel:
     smooth: bool = False
     jittered: bool = False
     stretched: bool = False
+    leaping: bool = False
 
     @property
     def name(self) -> str:
@@ -64,6 +66,7 @@ class Kernel:
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
             *(["stretched"] if self.stretched else []),
+            *(["leaping"] if self.leaping else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -84,9 +87,19 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     shading, smooth = plan.look.shading, plan.look.smooth
     light: Light = ("near" if shading.has_places else "far") if shading else ""
     kind, graded, jittered = plan.encoding.kind, graded_of(plan), plan.march.jittered
-    stretched = plan.march.stretching is not None
     return Kernel(
-        kind, plan.march.filter, blending, held, lanes, preintegrated, light, graded, smooth, jittered, stretched
+        kind,
+        plan.march.filter,
+        blending,
+        held,
+        lanes,
+        preintegrated,
+        light,
+        graded,
+        smooth,
+        jittered,
+        stretched=plan.march.stretching is not None,
+        leaping=plan.march.leaping is not None,
     )
 
 

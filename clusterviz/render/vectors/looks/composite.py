@@ -37,6 +37,7 @@ class Composite:
             with code.when(code.any(seen)):
                 found = self._optics.of_slab(s, here, slab)
                 self._take(sums, seen, self._stretch.of_stretches(found) if self._stretch else found)
+                self._samples.note(sums[3].now, number)
                 with code.when(self._stops):
                     # A ray ends with the sample that leaves too little light, not with its run.
                     ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)

@@ -11,16 +11,22 @@ from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Field, Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.marching.starts import Starts
 
 AHEAD = 2.0  # slabs; what is asked for now should be there by then
 LARGEST = 3e38  # of what is a number
 
 
 class Samples:
-    """The samples of a kernel."""
+    """The samples of a kernel.
 
-    def __init__(self, code: Code, job: Job, field: Field) -> None:
-        self._code, self._field, self._far = code, field, job["far"].equals(1)
+    Parameters
+    ----------
+    starts : where rays start; None: at their first slab
+    """
+
+    def __init__(self, code: Code, job: Job, field: Field, starts: Starts | None = None) -> None:
+        self._code, self._field, self._far, self._starts = code, field, job["far"].equals(1), starts
 
     @contextmanager
     def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value, Spot]]:
@@ -34,6 +40,11 @@ class Samples:
                 self._field.ask_for(self.moved(spot, slab, along + AHEAD))
             yield s, number.now, here
             number.set(number.now + 1)
+
+    def note(self, opacity: Value, number: Value) -> None:
+        """What a run's opacity is behind one of its slabs: the next frame may want to know where it began."""
+        if self._starts:
+            self._starts.note(opacity > 0.0, number)
 
     def at(self, spot: Spot) -> Value:
         """The scalars at spots."""

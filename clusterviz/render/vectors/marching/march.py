@@ -15,7 +15,8 @@ from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import keeps, kept_range
 from clusterviz.render.vectors.marching.place import Place, Places
 from clusterviz.render.vectors.marching.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
-from clusterviz.render.vectors.marching.state import Packet
+from clusterviz.render.vectors.marching.starts import Starts
+from clusterviz.render.vectors.marching.state import NEVER, Packet
 from clusterviz.render.vectors.marching.stretch import Stretch
 
 Four = tuple[Value, Value, Value, Value]
@@ -58,6 +59,7 @@ class March:
     ----------
     jittered : every pixel has a lattice of slabs of its own
     stretch : where slabs may be longer; None: nowhere
+    starts : where rays start; None: at their first slab
     """
 
     def __init__(
@@ -68,9 +70,10 @@ class March:
         look: Look,
         jittered: bool = False,
         stretch: Stretch | None = None,
+        starts: Starts | None = None,
     ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
-        self._jittered, self._stretch = jittered, stretch
+        self._jittered, self._stretch, self._starts = jittered, stretch, starts
 
     def rays_through(self, x: Value, y: Value) -> Rays:
         """The rays through the pixels (x, y) of the picture."""
@@ -122,7 +125,7 @@ class March:
         slab = _float(rays.slab)
         per_slab = _inverse(code, slab)
         at, done, samples = (Variable(packet.get(name)) for name in ("at", "done", "samples"))
-        behind = packet.get("behind")
+        behind, ahead = packet.get("behind"), self._starts.ahead(packet) if self._starts else None
 
         def active() -> Value:
             return (at.now < behind) & done.now.equals(0)
@@ -137,12 +140,18 @@ class March:
             with code.when(~code.any(gap & (at.now < behind))):
                 slabs = code.select(here & place.visible, step, 0)
                 run, taken, sampled = self._run(kept, place, slab, slabs, at.now)
-                look.add(kept, run, slabs > 0)
-                at.set(at.now + taken)
+                drawn, on = slabs > 0, at.now + taken
+                if ahead:
+                    late = ahead.passed(at.now, drawn)
+                    drawn, on = drawn & ~late, code.select(late, ahead.entry, on)
+                look.add(kept, run, drawn)
+                at.set(on)
                 samples.set(samples.now + sampled)
                 done.set(code.select(look.is_done(kept), 1, done.now))
         for name, variable in (("at", at), ("done", done), ("samples", samples)):
             packet.set(name, variable.now)
+        if ahead:
+            ahead.keep(packet)
         return code.smallest(code.select(active(), at.now, NEVER))
 
     def _run(self, kept: Variables, place: Place, slab: Vector, slabs: Value, at: Value) -> tuple[Four, Value, Value]:
@@ -167,11 +176,11 @@ class March:
             place = self._places.of(rays.last, slab, _inverse(code, slab))
             seen = mine & place.visible
             drawn.set(seen.to(I32))
-            self._look.add(kept, self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1)), seen)
+            last = self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1))
+            self._look.add(kept, last, seen)
+            if self._starts:
+                self._starts.end(packet, seen & (last[3] > 0.0))
         return packet.get("samples") + drawn.now
-
-
-NEVER = (1 << 31) - 1
 
 
 def _float(vector: Vector) -> Vector:
