@@ -172,7 +172,7 @@ class Variant:
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.volumes:
-            most = sum(volume.surfaces for volume in self.volumes)
+            most = sum(2 * volume.surfaces for volume in self.volumes)
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of a mixture")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")

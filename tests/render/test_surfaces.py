@@ -104,6 +104,18 @@ def test_position_does_not_depend_on_the_step(context: moderngl.Context) -> None
     assert wrong(pictures[1], pictures[2], 1e-4) <= 0.01
 
 
+def test_shells_thinner_than_slabs_have_no_holes(context: moderngl.Context) -> None:
+    """Rays enter and leave them within a slab, whose ends are both outside."""
+    z, y, x = np.indices((24, 24, 24)) - 11.5
+    voxels = np.exp(-(((np.sqrt(x * x + y * y + z * z) - 7) / 0.7) ** 2)).astype(np.float32)
+    grid = Grid(voxels.shape)
+    look = {"blending": "isosurface", "isosurfaces": [(0.5, 1.0)], "shade": True}
+    scenes = [scene_of(voxels, camera_at("outside", grid), step=step, look=look) for step in (1.0, 0.1)]
+    coarse, fine = (render_reference(scene, grid, voxels) for scene in scenes)
+    assert wrong(coarse, fine, 1e-2) <= FEW
+    assert wrong(picture(context, scenes[0], voxels, grid), fine, 1e-2) <= FEW
+
+
 @pytest.mark.parametrize("brick", [5, 16, 33, 64])
 def test_bricks_leave_no_seams(context: moderngl.Context, brick: int) -> None:
     voxels = smooth((40, 35, 70), np.uint8)
