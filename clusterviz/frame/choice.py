@@ -80,8 +80,7 @@ def _leaves_open(scene: Scene) -> bool:
     """Whether nothing was said that belongs to sort-last, nor anything that is settled later."""
     cluster = scene.cluster
     said = (cluster.distribution, cluster.compositing, cluster.transport)
-    settled = scene.quality.max_error is None and not scene.quality.leaping
-    return said == ("auto", "auto", "auto") and settled
+    return said == ("auto", "auto", "auto") and scene.quality.max_error is None
 
 
 def _fastest(
