@@ -60,7 +60,7 @@ def rebalance(
     present : who draws what once all bricks in flight have landed
     wish : where bricks should be
     free_bytes : int64 (ranks,): memory that each rank can still give to bricks
-    budget_bytes : that all ranks together may send in a frame
+    budget_bytes : that all ranks together may send in a frame; 0: nothing now, only what targets have already goes
     moving : bool (bz, by, bx), bricks that must stay where they are, as they are in flight
 
     Returns
@@ -79,7 +79,7 @@ def rebalance(
         return ()
     at = tuple(bricks.T)
     smallest = int(wish.wire_bytes[at].min())
-    if smallest > budget_bytes:
+    if smallest > budget_bytes > 0:
         raise InputError("cannot carry one brick", where="budget", found=budget_bytes, allowed=f"{smallest} bytes")
     parcels = _parcels(present, wish, bricks, budget_bytes)
     chosen = _choose(parcels, present.loads(wish.cost), free_bytes, budget_bytes)

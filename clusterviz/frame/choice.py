@@ -114,7 +114,7 @@ def _of_data(cluster: Cluster, ranks: int) -> Distribution:
         case "replicated":
             return Replicated(ranks, cluster.copies, limit)
         case "dynamic":
-            return Dynamic(ranks, limit, cluster.migration_bytes)
+            return Dynamic(ranks, limit, cluster.migration_bytes, cluster.migration_share)
         case _:
             return Coherent(ranks, limit)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import replace
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
@@ -74,9 +74,12 @@ class Drawing:
             caster.load(plan, bricks)
             caster.put(plan, taken)
 
-    def take(self, bricks: Mapping[Index, tuple[int, Stored]]) -> None:
-        """Bricks that came from other ranks, with the stamps of how they are stored: for the next frame."""
-        self._taken.update(bricks)
+    def take(self, plan: Plan, brick: Index, stored: Stored) -> None:
+        """A brick that came from another rank, stored for a plan; kept for later where nothing could draw it yet."""
+        if self._caster is not None and self._caster.is_compiled(plan):
+            self._caster.put(plan, {brick: stored})
+        else:
+            self._taken[brick] = stamp_of(plan), stored
 
     def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
         """Bricks that are here, as they lie in GPU memory."""

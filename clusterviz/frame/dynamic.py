@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.balance import (
+    WHOLE,
     Balance,
     Flight,
+    Pace,
     Policy,
     begin,
     check_memory,
@@ -40,6 +42,7 @@ from clusterviz.report.statistics import RankFrame
 EVEN_SHARES = 3  # that a rank may hold where no limit is given: its own bricks, others to come, and a cache
 BUDGET, JUMP_BUDGET = 1 / 20, 1 / 4  # of all bricks a frame, where none is given: in general, and far from even
 FAR_FROM_EVEN = 1.25  # busiest over mean
+HANDLED = ("bytes_raw", "bytes_opened")  # of what a rank tells of a frame
 UNIT = 8  # longest side of what moves as one, in bricks
 
 
@@ -51,13 +54,23 @@ class Dynamic:
     ranks : how many there are
     limit_bytes : of bricks that a rank may hold; None: thrice an even share
     budget_bytes : of bricks that all ranks together may send in a frame; None: a share of all
+    share : of a frame's time that a rank may give to migration
+
+    Attributes
+    ----------
+    share : the same
+    beginnings : how often bricks were dealt anew
+    planned_imbalance : busiest over mean of the last deal, as expected
     """
 
-    def __init__(self, ranks: int, limit_bytes: int | None = None, budget_bytes: int | None = None) -> None:
+    def __init__(
+        self, ranks: int, limit_bytes: int | None = None, budget_bytes: int | None = None, share: float = WHOLE
+    ) -> None:
         self._ranks, self._limit_bytes, self._budget_bytes = ranks, limit_bytes, budget_bytes
         self._balance: Balance | None = None
         self._sizes: NDArray[np.int64] = np.zeros((1, 1, 1), np.int64)
-        self._policy = Policy(0, 0)
+        self._policy, self._pace = Policy(0, 0), Pace(share)
+        self.share = share
         self.beginnings = 0
         self.planned_imbalance = 1.0
 
@@ -97,7 +110,10 @@ class Dynamic:
         return planned
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """What bricks cost, from what they cost together."""
+        """What bricks cost, from what they cost together; and how fast they move."""
+        told = [rank.balance for rank in costs]
+        work = [(float(each.get("seconds", 0)), sum(map(each.get, HANDLED, (0, 0)))) for each in told]
+        self._pace = self._pace.after(max(float(each.get("frame_seconds", 0)) for each in told), work)
         if self._balance is not None:
             self._balance = learn(self._balance, expected_samples(plan), rank_costs(costs), self._policy)
 
@@ -141,7 +157,15 @@ class Dynamic:
         assert self._balance, "steering follows the first frame"
         cost = predict(self._balance.measured, model, self._sizes > 0)
         far = self._balance.migration.landed.imbalance(cost) > FAR_FROM_EVEN
-        return replace(self._policy, budget_bytes=self._share(JUMP_BUDGET if far else BUDGET))
+        budget, under_way = self._share(JUMP_BUDGET if far else BUDGET), self._under_way()
+        affordable = self._pace.affordable_bytes(self._ranks, under_way, int(self._sizes.max()))
+        return replace(self._policy, budget_bytes=budget if affordable is None else min(budget, affordable))
+
+    def _under_way(self) -> int:
+        """Bytes of bricks that have been sent, or shall be."""
+        assert self._balance, "something was planned"
+        flights = self._balance.migration.flights
+        return sum(int(self._sizes[flight.brick]) for flight in flights if flight.stage != "held")
 
     def _share(self, share: float) -> int:
         """Bytes a frame, at least a brick."""

@@ -5,18 +5,23 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
+from clusterviz.balance import Flight
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
 from clusterviz.frame.alike import check_same
 from clusterviz.frame.courier import Courier
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.dynamic import Dynamic
-from clusterviz.frame.parcel import parcels_of
+from clusterviz.frame.parcel import Parcels, parcels_of, stamp_of
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.time_slice import TimeSlice
+from clusterviz.plan.plan import Plan
+from clusterviz.render.stored import Stored
 from clusterviz.report.statistics import RankFrame
 
 
@@ -32,29 +37,54 @@ class Moving:
 
     def __init__(self, run: Run, distribution: Dynamic, drawing: Drawing) -> None:
         self._run, self._distribution, self._drawing = run, distribution, drawing
+        self._slice = TimeSlice(distribution.share)
         self._courier: Courier | None = None
         self._flying: dict[int, Index] = {}
-        self._under_way: set[int] = set()
         self._beginnings = 0
         self._counts: dict[str, Any] = {}
-        self._received, self._lost = 0, 0
+        self._received, self._lost, self._frames = 0, 0, 0
+        self._began = 0.0
+        self._plan: Plan | None = None
+        self._sums: dict[str, int] = {}
 
     def before(self, opened: Opened, share: Share) -> Share:
-        """Send what shall fly; what is drawn stays as it was dealt."""
+        """Send what shall fly, as far as there is time; what is drawn stays as it was dealt."""
+        done = self._run.clock.seconds
+        self._began = perf_counter() - done["plan"] - done["load"]
+        self._slice.begin()
         self._depart(opened, share)
         return share
 
     def counted(self, counts: RankFrame) -> RankFrame:
-        """A frame's counts with what was sent in it, and what has been received so far."""
-        so_far = {"bricks_received": self._received, "bricks_lost": self._lost}
-        return replace(counts, balance=self._counts | so_far)
+        """Take what has come by now; a frame's counts with what was sent and received in it, and so far."""
+        courier, found = self._courier, dict[str, Any]()
+        if courier is not None:
+            with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+                courier.collect(self._store)
+            delivery = courier.delivered()
+            self._run.clock.note(*delivery.spans)
+            self._received += len(delivery.arrived)
+            self._lost += sum(number in self._flying for number in delivery.lost)
+            found = {"arrived": delivery.arrived, "lost": delivery.lost}
+            for name, before in self._sums.items():
+                found[name] = getattr(courier, name) - before
+        found |= {"bricks_received": self._received, "bricks_lost": self._lost}
+        found |= {"seconds": self._slice.seconds, "frame_seconds": self._slice.frame_seconds}
+        return replace(counts, balance=self._counts | found)
 
     def after(self, share: Share, costs: Sequence[RankFrame]) -> None:
-        """What has come by now changes hands; of damaged messages all ranks hear."""
-        told = [int(rank.balance.get("planned", 0)) for rank in costs]
-        check_same(self._run, {"which bricks fly": told})
+        """What has come changes hands; of damaged messages all ranks hear."""
+        check_same(self._run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
         if share.plan is not None:
-            self._land()
+            arrived, lost = (
+                sorted(number for rank in costs for number in rank.balance.get(name, ()))
+                for name in ("arrived", "lost")
+            )
+            self._distribution.land(self._known(arrived), self._known(lost))
+            # The first frame opens the volume: it tells nothing of others.
+            if self._frames > 0:
+                self._slice.end(perf_counter() - self._began)
+            self._frames += 1
 
     def close(self) -> None:
         """Let what is under way arrive, and give the channel back."""
@@ -67,6 +97,8 @@ class Moving:
             # What still flies was planned for bricks that have been dealt anew.
             self._beginnings = distribution.beginnings
             self._flying.clear()
+            if self._courier is not None:
+                self._courier.void()
         flights = distribution.depart()
         self._counts = {
             "planned_imbalance": distribution.planned_imbalance,
@@ -77,32 +109,30 @@ class Moving:
             "bytes_sent": 0,
             "bricks_recalled": distribution.recalled(rank),
         }
-        if not flights or share.plan is None or not isinstance(opened, OpenedVolume):
-            return
-        with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
-            courier = self._courier = self._courier or Courier(self._run.channel)
-            before = courier.bytes_sent
-            mine = self._drawing.stored([flight.brick for flight in flights if flight.source == rank])
-            numbers = courier.post(flights, parcels_of(share.plan, opened.source.dtype), mine)
-            self._counts["bytes_sent"] = courier.bytes_sent - before
-        self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
-        self._under_way.update(numbers)
+        if share.plan is not None and isinstance(opened, OpenedVolume):
+            with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+                self._send(share.plan, parcels_of(share.plan, opened.source.dtype), flights, share.holds)
 
-    def _land(self) -> None:
-        if self._courier is None or not self._under_way:
-            self._distribution.land([], [])
-            return
-        with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
-            delivery = self._courier.collect()
-            told = self._run.channel.allgather((sorted(delivery.bricks), delivery.lost))
-        self._run.clock.note(*delivery.spans)
-        came = {number: brick for number, brick in delivery.bricks.items() if number in self._flying}
-        self._drawing.take({brick: (stamp, stored) for brick, stamp, stored in came.values()})
-        self._received += len(delivery.bricks)
-        self._lost += len(delivery.lost)
-        arrived, lost = (sorted(number for rank in told for number in rank[side]) for side in (0, 1))
-        self._under_way -= {*arrived, *lost}
-        self._distribution.land(self._known(arrived), self._known(lost))
+    def _send(self, plan: Plan, parcels: Parcels, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
+        """What came first, so that it changes hands soon; then what shall go."""
+        courier = self._courier = self._courier or Courier(self._run.channel, parcels, self._slice)
+        self._sums = {name: getattr(courier, name) for name in ("bytes_sent", "bytes_raw", "bytes_opened")}
+        self._plan = plan
+        numbers = courier.post(flights, parcels)
+        self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
+
+        def read(brick: Index, asked: Parcels) -> Stored | None:
+            return self._drawing.stored([brick])[brick] if brick in holds and asked == parcels else None
+
+        courier.collect(self._store)
+        courier.send(read)
+
+    def _store(self, brick: Index, stamp: int, stored: Stored) -> bool:
+        """Whether a brick that came is stored as frames now have it; it is drawn when it has changed hands."""
+        if self._plan is None or stamp != stamp_of(self._plan):
+            return False
+        self._drawing.take(self._plan, brick, stored)
+        return True
 
     def _known(self, numbers: list[int]) -> list[Index]:
         """The bricks of flights that are still of use."""

@@ -76,7 +76,7 @@ class RankFrame:
     peak_memory_bytes : the largest resident size of the process so far
     renderer : OpenGL's name of what drew
     compositing : what was chosen, predicted and measured, stage by stage and peer by peer
-    balance : what was sent and received to even out the ranks, where the distribution is dynamic
+    balance : what was sent and received to even out the ranks, in how many seconds, where the distribution is dynamic
     """
 
     seconds: dict[str, float]
@@ -131,6 +131,24 @@ class FrameStatistics:
         cost = [rank.seconds.get("render", 0.0) for rank in self.per_rank]
         return max(cost) * len(cost) / sum(cost) if sum(cost) > 0 else 1.0
 
+    @property
+    def migration(self) -> dict[str, float] | None:
+        """What bricks on their way took; None where none move.
+
+        Seconds of the rank that worked most on them, and their share of that rank's frame; bytes that were sent, and
+        what they would have been unpacked; bricks that arrived, all ranks together.
+        """
+        told = [(rank.balance, rank.seconds.get("total", 0.0)) for rank in self.per_rank if "seconds" in rank.balance]
+        if not told:
+            return None
+        return {
+            "seconds": max(each["seconds"] for each, _ in told),
+            "share": max(each["seconds"] / total if total else 0.0 for each, total in told),
+            "bytes_sent": sum(each["bytes_sent"] for each, _ in told),
+            "bytes_raw": sum(each.get("bytes_raw", 0) for each, _ in told),
+            "bricks": sum(len(each.get("arrived", ())) for each, _ in told),
+        }
+
     def as_json(self) -> dict[str, Any]:
         """The frame as it stands in a statistics file."""
         return {
@@ -139,6 +157,7 @@ class FrameStatistics:
             "imbalance": self.imbalance,
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "sharing": asdict(self.sharing) if self.sharing else None,
+            "migration": self.migration,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

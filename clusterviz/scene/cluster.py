@@ -85,6 +85,11 @@ class Cluster(Section):
         description="Bytes of bricks that all ranks together may start to send in a frame, where the distribution is "
         "dynamic; default: a twentieth of the bricks' bytes, a quarter where ranks are far from even.",
     )
+    migration_share: Annotated[float, Field(strict=True, gt=0, le=1), BeforeValidator(plain)] = Field(
+        default=0.05,
+        description="Share of a frame's time that each rank may spend on packing, sending, opening and storing bricks, "
+        "where the distribution is dynamic; 1: as much as there is to do.",
+    )
     brick: Annotated[int, Field(strict=True, ge=2, le=1024), BeforeValidator(plain)] = Field(
         default=64, description="Voxels along the side of a brick."
     )

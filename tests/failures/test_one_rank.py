@@ -49,16 +49,16 @@ def test_a_rank_that_raises_ends_the_job(stage: str, rank: int, place: str, tmp_
 
 MOVING = (
     *("--orbit", "60", "--frames", "4", "--size", "24x18"),
-    *("-D", "cluster.distribution=dynamic", "-D", "cluster.brick=2"),
+    *("-D", "cluster.distribution=dynamic", "-D", "cluster.migration_share=1", "-D", "cluster.brick=2"),
     *("-D", "camera.position=[-1.8,-1.5,-1.7]", "-D", "camera.focal_point=[-0.5,-0.4,-0.5]"),
 )
 
 
-@pytest.mark.parametrize("place", ["Courier.post", "Courier.collect"])
+@pytest.mark.parametrize("place", ["wrap", "unwrap"])
 @pytest.mark.parametrize("how", ["raise", "kill"])
 def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, how: str, tmp_path: Path) -> None:
     arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
-    ended = finish(failing(1, f"clusterviz.frame.courier:{place}", how, 3, *arguments), SECONDS)
+    ended = finish(failing(1, f"clusterviz.frame.parcel:Parcels.{place}", how, 3, *arguments), SECONDS)
     assert ended.status != 0
     assert "Traceback" not in ended.err + ended.out
     if how == "raise":

@@ -13,9 +13,10 @@ from clusterviz.balance import Move, dynamic
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Rendered
-from clusterviz.frame.courier import Courier, Delivery
+from clusterviz.frame import FrameLoop, Rendered, parcel
+from clusterviz.frame.courier import Courier
 from clusterviz.frame.parcel import Parcels
+from clusterviz.frame.time_slice import TimeSlice
 from clusterviz.scene import Scene
 from clusterviz.scene.settings import with_settings
 
@@ -25,7 +26,8 @@ MOVES = 8  # at random, a frame
 
 
 def moving(scenes: list[Scene], **keys: Any) -> list[Scene]:
-    return [with_settings(scene, {"distribution": "dynamic", **keys}) for scene in scenes]
+    """However long it takes, so that tests do not depend on the machine."""
+    return [with_settings(scene, {"distribution": "dynamic", "migration_share": 1.0, **keys}) for scene in scenes]
 
 
 def so_far(frames: list[Rendered], name: str) -> int:
@@ -67,6 +69,24 @@ def test_two_hundred_random_moves_change_no_frame(ranks: int, monkeypatch: pytes
     assert total(frames, "bricks_recalled") > 0
     sent_or_recalled = total(frames, "bricks_sent") + total(frames, "bricks_recalled")
     assert sent_or_recalled == len(made) // ranks, "what a rank still has is not sent again"
+
+
+def test_bricks_in_many_pieces_and_slices_of_time_change_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ranks have time for other steps in each frame; bricks are under way for several."""
+    scenes, allows, asked = views(20), TimeSlice.allows, dict[int, int]()
+
+    def seldom(limited: TimeSlice, kind: str, size: int) -> bool:
+        asked[id(limited)] = asked.get(id(limited), 0) + 1
+        return asked[id(limited)] % 25 > 0 and allows(limited, kind, size)
+
+    at_random(monkeypatch)
+    monkeypatch.setattr(TimeSlice, "allows", seldom)
+    monkeypatch.setattr(parcel, "PIECE_BYTES", 160)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    told = [frame.statistics.migration for frame in frames]
+    assert 20 < so_far(frames, "bricks_received") == sum(each["bricks"] for each in told if each)
+    assert total(frames, "bytes_raw") >= total(frames, "bytes_sent") > 500 * so_far(frames, "bricks_received")
 
 
 def test_transfer_functions_that_show_hidden_bricks_and_new_ranges_change_no_frame(
@@ -115,9 +135,10 @@ def test_damaged_messages_are_found_and_their_senders_draw_on(monkeypatch: pytes
 def test_messages_that_come_late_hold_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
     collect, asked = Courier.collect, dict[int, int]()
 
-    def late(courier: Courier) -> Delivery:
+    def late(courier: Courier, store: Any) -> None:
         asked[id(courier)] = asked.get(id(courier), 0) + 1
-        return Delivery({}, [], []) if asked[id(courier)] % 3 else collect(courier)
+        if asked[id(courier)] % 5 == 0:
+            collect(courier, store)
 
     scenes = views(12)
     at_random(monkeypatch)

@@ -1,0 +1,68 @@
+"""How many bytes of bricks may be under way: as many as a share of the frames' time carries, by what was measured.
+
+What limits the time of a frame is decided on each rank, which stops to pack in the middle of a brick
+(`frame/time_slice.py`). Here the plans keep up with that: where bricks come slowly few are planned, so that plans do
+not grow old. All ranks are told the same numbers, and so plan alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+FRAMES_AHEAD = 4  # that what is under way should take, at most
+MEMORY = 0.8  # weight of what was measured before
+WHOLE = 1.0  # a share by which nothing is limited
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What a frame's time carries.
+
+    Attributes
+    ----------
+    share : of a frame's time that each rank may give to migration; 1: any
+    frame_seconds : that frames take; 0 where that is not known
+    seconds, bytes : what migration took, and what it packed and opened, summed over ranks and frames, older ones less
+    """
+
+    share: float
+    frame_seconds: float = 0.0
+    seconds: float = 0.0
+    bytes: float = 0.0
+
+    def after(self, frame_seconds: float, work: Iterable[tuple[float, int]]) -> Pace:
+        """What is known after another frame.
+
+        Parameters
+        ----------
+        frame_seconds : that it took the slowest rank; 0 where nobody knows
+        work : of each rank the seconds of its migration, and the bytes that it packed and opened
+        """
+        seconds, handled = self.seconds, self.bytes
+        for took, size in work:
+            # Ranks that only looked for messages tell nothing of bytes.
+            seconds, handled = (seconds + took, handled + size) if size else (seconds, handled)
+        known = MEMORY * self.frame_seconds + (1 - MEMORY) * frame_seconds if self.frame_seconds else frame_seconds
+        return replace(self, frame_seconds=known, seconds=MEMORY * seconds, bytes=MEMORY * handled)
+
+    def affordable_bytes(self, ranks: int, under_way: int, largest: int) -> int | None:
+        """Bytes that all ranks together may start to send in a frame; None: any.
+
+        Parameters
+        ----------
+        under_way : bytes that were planned before and have not arrived
+        largest : brick, in bytes: one at least may go where nothing else is under way
+
+        Returns
+        -------
+        allowed : 0, or enough for any brick
+        """
+        if self.share >= WHOLE:
+            return None
+        # Each byte is packed by one rank and opened by another.
+        rate = self.share * self.frame_seconds * self.bytes / self.seconds if self.seconds else 0.0
+        room = int(FRAMES_AHEAD * rate * ranks / 2) - under_way
+        if room >= largest:
+            return room
+        return 0 if under_way else largest

@@ -1,0 +1,50 @@
+"""How much may be under way: what a share of the frames' time carries, and never nothing for ever."""
+
+from __future__ import annotations
+
+import pytest
+
+from clusterviz.balance.pace import FRAMES_AHEAD, Pace
+
+BRICK = 1000
+
+
+def settled(share: float = 0.05, seconds: float = 1e-3, size: int = 10**6) -> Pace:
+    """Frames of 0.1 s, in each of which two ranks of four handled bytes."""
+    pace = Pace(share)
+    for _ in range(50):
+        pace = pace.after(0.1, [(seconds, size), (seconds, size), (1e-4, 0), (1e-4, 0)])
+    return pace
+
+
+def test_what_is_planned_is_what_some_frames_carry() -> None:
+    # 1e9 bytes a second, 5 ms a frame, two pairs of ranks.
+    assert settled().affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * 5e6 * 2, rel=0.01)
+    assert settled(share=0.1).affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * 10e6 * 2, rel=0.01)
+    slow = settled(seconds=0.1)
+    assert slow.affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * 5e4 * 2, rel=0.01)
+
+
+def test_what_is_under_way_counts() -> None:
+    pace = settled()
+    most = pace.affordable_bytes(4, 0, BRICK)
+    assert most is not None
+    assert pace.affordable_bytes(4, most // 2, BRICK) == most - most // 2
+    assert pace.affordable_bytes(4, most - BRICK + 1, BRICK) == 0
+
+
+@pytest.mark.parametrize("pace", [Pace(0.05), settled(seconds=1e3), Pace(0.05).after(0.0, [(0.0, 0)] * 4)])
+def test_one_brick_may_always_go_where_nothing_else_does(pace: Pace) -> None:
+    assert pace.affordable_bytes(4, 0, BRICK) == BRICK
+    assert pace.affordable_bytes(4, 1, BRICK) == 0
+
+
+def test_a_share_of_all_bounds_nothing() -> None:
+    assert Pace(1.0).affordable_bytes(4, 10**12, BRICK) is None
+
+
+def test_the_last_frames_count_most() -> None:
+    pace = settled()
+    for _ in range(20):
+        pace = pace.after(0.2, [(0.01, 10**6)] * 2 + [(0.0, 0)] * 2)
+    assert pace.affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * 1e6 * 2, rel=0.05)

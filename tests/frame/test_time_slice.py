@@ -1,0 +1,86 @@
+"""Slices of time: a share of each frame, whatever steps take, and no standstill."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clusterviz.frame.time_slice import MOST_DEBT, TimeSlice
+
+
+class Work:
+    """Steps that take a known time, on a clock of its own."""
+
+    def __init__(self, share: float) -> None:
+        self.now = 0.0
+        self.slice = TimeSlice(share, lambda: self.now)
+
+    def step(self, seconds: float, size: int = 1) -> bool:
+        """Make one, if it is allowed."""
+        if not self.slice.allows("step", size):
+            return False
+        with self.slice.step("step", size):
+            self.now += seconds
+        return True
+
+    def frames(self, count: int, frame: float, seconds: float, size: int = 1) -> list[float]:
+        """As many steps in each as are allowed; what each frame spent."""
+        spent = []
+        for _ in range(count):
+            self.slice.begin()
+            while self.step(seconds, size) and self.slice.seconds < frame:
+                pass
+            spent.append(self.slice.seconds)
+            self.slice.end(frame)
+        return spent
+
+
+@pytest.mark.parametrize("step", [0.0001, 0.0007, 0.001, 0.004])
+def test_no_frame_spends_more_than_its_share(step: float) -> None:
+    spent = Work(0.05).frames(40, 0.1, step)
+    assert spent[0] == pytest.approx(step), "nothing is known of the first: one step"
+    assert max(spent[1:]) <= 0.005 + 1e-12
+    assert sum(spent) >= 0.8 * 39 * 0.005, "and what there is to do is done"
+
+
+def test_a_step_above_every_slice_is_made_once_in_some_frames() -> None:
+    spent = Work(0.05).frames(101, 0.1, 0.018)
+    assert set(np.round(spent, 9)) == {0.0, 0.018}
+    assert 25 <= np.count_nonzero(spent) <= 29
+
+
+def test_unused_time_is_lost() -> None:
+    work = Work(0.05)
+    work.frames(10, 0.1, 0.001)
+    for _ in range(20):
+        work.slice.begin()
+        work.slice.end(0.1)
+    assert max(work.frames(3, 0.1, 0.001)) <= 0.005 + 1e-12
+
+
+def test_a_step_that_was_held_up_is_a_debt_that_ends() -> None:
+    work = Work(0.05)
+    work.frames(10, 0.1, 0.001)
+    work.slice.begin()
+    work.step(9.0)
+    work.slice.end(0.1)
+    spent = work.frames(60, 0.1, 0.001)
+    assert spent[0] == 0.0
+    still = int(np.count_nonzero(np.cumsum(spent) == 0))
+    assert 1 < still <= MOST_DEBT / 0.05 + 1
+    assert max(spent[still:]) <= 0.005 + 1e-12
+
+
+def test_the_shortest_of_the_last_frames_is_what_counts() -> None:
+    work = Work(0.1)
+    for seconds in (5.0, 0.1, 0.2, 0.3):
+        work.slice.begin()
+        work.slice.end(seconds)
+    assert work.slice.frame_seconds == 0.1
+    assert work.frames(1, 0.4, 0.001)[0] <= 0.01 + 1e-12
+
+
+def test_the_whole_share_limits_nothing() -> None:
+    work = Work(1.0)
+    work.slice.begin()
+    assert all(work.step(1.0) for _ in range(5))
