@@ -1,4 +1,5 @@
-// Where the field is the value of an isosurface, in a slab whose ends are on different sides of it.
+// Where the field is the value of an isosurface, in a part of a slab whose ends are on different sides of it. A slab has two parts, so that one
+// which a surface both enters and leaves is not missed.
 const float NOWHERE = 1e30;
 const int REFINEMENTS = 10; // of a root: enough for float32 where the field is a polynomial of third degree
 
@@ -11,6 +12,13 @@ bool crosses(float front, float behind) {
     bool found = false;
     for (int n = 0; n < SURFACES; ++n) found = found || (front < surface[2 * n].x) != (behind < surface[2 * n].x);
     return found;
+}
+
+// Where a slab's first part ends, as an offset from its midpoint: at the extremum of the parabola through the field at its begin, middle and end,
+// and at its end if there is none between.
+float turn_of(float front, float middle, float behind, float half_length) {
+    float slope = behind - front, bend = front - 2.0 * middle + behind;
+    return abs(slope) < 2.0 * abs(bend) ? -0.5 * half_length * slope / bend : half_length;
 }
 
 // Where the field is `value` along a slab, between offsets a and b from its midpoint, on whose two sides it is; the Illinois method. NOWHERE

@@ -120,6 +120,9 @@ def command(
             for tiling in parse_names(tilings, TILINGS, "--tilings")
         ],
     )
+    if opened.quality.leaping:
+        # A shared screen is refused: it could not be drawn, not even by users.
+        configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
     faint_volumes = len(opened.volumes) if ownership else 0
     results = run_all(scene, overrides, configurations, tolerance, faint_volumes, splits)

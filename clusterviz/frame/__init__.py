@@ -13,7 +13,7 @@ Stages are functions from values to values, and only this room calls them:
 - drawing.py       pieces to partial images
 - compositing.py   partial images to the picture; finishing.py: and the rest of a frame
 - behind.py        compositing while the next frame is drawn
-- calibration.py   small pictures first, where the settings are to hold a bound on the error
+- settling.py      small pictures first (calibration.py), where the settings are to hold a bound on the error
 
 What is dear is done once and kept: reading, the summary, programs, the bricks in GPU memory, kernels, the compositor's
 memory. A further frame makes anew only what its scene asks for. How a step that fails ends all ranks, `run.py` says.
@@ -21,15 +21,14 @@ memory. A further frame makes anew only what its scene asks for. How a step that
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
 from clusterviz.frame.alike import check_alike
 from clusterviz.frame.behind import open_behind
-from clusterviz.frame.calibration import calibrate, chosen
 from clusterviz.frame.choice import choose_distribution, sharing_of
 from clusterviz.frame.companion import companion_of
 from clusterviz.frame.compositing import Compositing
@@ -38,11 +37,12 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
+from clusterviz.frame.settling import Settling
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
-from clusterviz.scene.values import Camera, Scene
+from clusterviz.scene.values import Scene
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Rendered", "Run", "prepare", "render_frame"]
 
@@ -111,7 +111,7 @@ class FrameLoop:
         self._several = several
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
-        self._calibrated: tuple[Scene, Accuracy] | None = None
+        self._settling = Settling(run, self._small_picture)
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
@@ -190,24 +190,18 @@ class FrameLoop:
                 self._companion.after(share, costs)
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
-        """The scene with settings that hold its `quality.max_error`; found anew where not only the camera differs."""
-        run, opened = self._run, self._opened
-        if scene.quality.max_error is None or opened is None:
+        """The scene with settings that hold its `quality.max_error`, where it has one."""
+        if scene.quality.max_error is None or self._opened is None:
             return scene, None
-        with run.alone("plan", "plan"):
-            scene = complete_scene(scene, opened.facts)
-        if self._calibrated is None or self._calibrated[0] != scene.model_copy(update={"camera": Camera()}):
-            with run.aside("accuracy"):
-                accuracy = calibrate(scene, run.channel, self._small_picture)
-            if accuracy.warning and run.channel.rank == 0:
-                warnings.warn(accuracy.warning, stacklevel=5)
-            self._calibrated = scene.model_copy(update={"camera": Camera()}), accuracy
-        return chosen(scene, self._calibrated[1]), self._calibrated[1]
+        with self._run.alone("plan", "plan"):
+            scene = complete_scene(scene, self._opened.facts)
+        return self._settling.settle(scene)
 
     def _small_picture(self, scene: Scene) -> tuple[Image | None, int]:
         """One of the pictures that a calibration asks for, on rank 0, and the samples that all ranks took."""
-        run = self._run
-        share = deal(run, self._opened, scene, self._distribution)
+        # Frames follow each other's cost; what is drawn between them is none of theirs.
+        run, distribution = self._run, deepcopy(self._distribution)
+        share = deal(run, self._opened, scene, distribution)
         if self._opened:
             self._drawing.bring(self._opened, share)
         partials, counts = self._drawing.draw(share)

@@ -2,21 +2,22 @@
 
 Rank 0 decides from the finished pictures, and the others follow, so all decide alike. Pictures are equal on any number
 of ranks, and with bricks of any size, to rounding, and so is what is chosen: to a last bit of an estimate that lies on
-an edge. `plan/accuracy.py` says how it is chosen.
+an edge. `plan/accuracy.py` says how it is chosen; `settling.py`, when.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from time import perf_counter
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
-from clusterviz.plan.accuracy import COARSEST, Trial, choose, make_aim, next_trial
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.plan.accuracy import COARSEST, Aim, Choice, choose, next_trial
+from clusterviz.plan.estimate import Trial
 from clusterviz.scene.values import Quality, Scene
 
 Draw = Callable[[Scene], tuple[Image | None, int]]
@@ -24,45 +25,86 @@ FIRST_SIDE = 64
 """Pixels along the longer side of a first picture, which only tells how much of the view is covered."""
 SHARE, LEAST_PIXELS = 1 / 64, 1500
 """How many of the covered pixels are drawn: this share; and so many at least, where there are so many."""
+FOLLOWED, LEAST_FOLLOWED, LEAST_AT_JUMPS = 1 / 10, 100, 400
+"""Where a choice is followed: this share of a frame's samples, for the pictures that are drawn in any case; and so many
+of the covered pixels at least, more where the opacity jumps and single pixels are far worse than all others."""
 RESIDUAL = 1 / 64
 """Share of the bound at which rays of these pictures end early."""
 
 
-def calibrate(scene: Scene, channel: Channel, draw: Draw) -> Accuracy:
+@dataclass(frozen=True)
+class Calibration:
+    """What small pictures led to; the same on every rank.
+
+    Attributes
+    ----------
+    scene : for which
+    choice : that was made
+    covered : share of the picture that the volume covers
+    pixels : of each of the small pictures
+    samples : of all of them together, on all ranks
+    """
+
+    scene: Scene
+    choice: Choice
+    covered: float
+    pixels: int
+    samples: int
+
+
+class _Verdict(NamedTuple):
+    """What rank 0 says of the pictures so far: what to draw next, or what to choose."""
+
+    trial: Trial | None
+    choice: Choice | None
+    covered: float
+
+
+def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, covered: float | None = None) -> Calibration:
     """Find out which settings hold a scene's bound; collective.
 
     Parameters
     ----------
     scene : completed, with a volume and `quality.max_error`
+    aim : what is asked for
     draw : the picture of a scene, on rank 0, and the samples that all ranks took; collective
-
-    Returns
-    -------
-    accuracy : the same on every rank
+    covered : share of the picture that the volume covers, where a choice is followed that knew it
     """
-    began, aim = perf_counter(), make_aim(scene)
-    pictures, samples = dict[Trial, Image](), 0
-    image, _ = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
-    scale = channel.broadcast(_scale(image, aim.pixels) if image is not None else 1.0)
-    trial: Trial | None = Trial(aim.ways[0], COARSEST)
+    samples = 0
+    if covered is None:
+        image, samples = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
+        covered = channel.broadcast(_covered(image))
+    scale, pictures = math.sqrt(_share(aim, covered)), dict[Trial, Image]()
+    trial, choice = next_trial(pictures, aim), None
     while trial is not None:
         small = _small(scene, trial, scale)
         image, taken = draw(small)
         samples += taken
         if image is not None:
             pictures[trial] = image
-        trial = channel.broadcast(next_trial(pictures, aim) if pictures else None)
-    choice = channel.broadcast(choose(pictures, aim) if pictures else None)
-    assert choice is not None, "rank 0 has the pictures"
-    settings = (choice.trial.step, choice.trial.classification, aim.residual)
-    cost = (math.prod(small.image.size), samples, perf_counter() - began)
-    return Accuracy(aim.bound, choice.error, choice.error <= aim.bound, *settings, *cost)
+        verdict = channel.broadcast(_judged(pictures, aim, image))
+        assert verdict is not None, "rank 0 has the picture"
+        trial, choice, covered = verdict
+    assert choice is not None, "rank 0 has chosen where it wants no further picture"
+    return Calibration(scene, choice, covered, math.prod(small.image.size), samples)
 
 
-def chosen(scene: Scene, accuracy: Accuracy) -> Scene:
+def covered_pixels(aim: Aim, covered: float) -> float:
+    """How many of those that the volume covers a small picture has; that being a share of the whole picture."""
+    return _share(aim, covered) * covered * aim.pixels
+
+
+def chosen(scene: Scene, trial: Trial, early_termination: float) -> Scene:
     """The scene with the settings that were chosen, and nothing left to choose."""
-    settings = {"step": accuracy.step, "classification": accuracy.classification, "filter": "exact"}
-    return _with(scene, **settings, early_termination=accuracy.early_termination)
+    settings = {"step": trial.step, "classification": trial.classification, "filter": "exact"}
+    return _with(scene, **settings, early_termination=early_termination)
+
+
+def _judged(pictures: dict[Trial, Image], aim: Aim, image: Image | None) -> _Verdict | None:
+    if image is None:
+        return None
+    trial = next_trial(pictures, aim)
+    return _Verdict(trial, None if trial else choose(pictures, aim), _covered(image))
 
 
 def _small(scene: Scene, trial: Trial, scale: float) -> Scene:
@@ -73,8 +115,7 @@ def _small(scene: Scene, trial: Trial, scale: float) -> Scene:
         "cluster": scene.cluster.model_copy(update={"compositing": "serial", "codec": "raw", "transport": "messages"}),
     }
     residual = RESIDUAL * (scene.quality.max_error or 1.0)
-    quality = {"step": trial.step, "classification": trial.classification, "filter": "exact"}
-    return _with(scene, **quality, early_termination=residual).model_copy(update=parts)
+    return chosen(scene, trial, residual).model_copy(update=parts)
 
 
 def _with(scene: Scene, **settings: object) -> Scene:
@@ -82,7 +123,14 @@ def _with(scene: Scene, **settings: object) -> Scene:
     return scene.model_copy(update={"quality": quality})
 
 
-def _scale(image: Image, pixels: int) -> float:
-    """How large pictures must be, from one that shows what is covered."""
-    covered = max(float(np.mean(np.any(image != 0, axis=-1))), 1 / image[..., 0].size) * pixels
-    return math.sqrt(min(1.0, max(SHARE, LEAST_PIXELS / covered)))
+def _covered(image: Image | None) -> float:
+    """The share of a picture, on rank 0, that shows anything; a pixel's at least."""
+    return 1.0 if image is None else max(float(np.mean(np.any(image != 0, axis=-1))), 1 / image[..., 0].size)
+
+
+def _share(aim: Aim, covered: float) -> float:
+    """How many of the pixels are drawn."""
+    share, least = SHARE, LEAST_PIXELS
+    if aim.last is not None:
+        share, least = FOLLOWED / aim.first_cost, LEAST_AT_JUMPS if aim.jumps else LEAST_FOLLOWED
+    return min(1.0, max(share, least / (covered * aim.pixels)))

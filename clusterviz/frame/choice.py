@@ -80,7 +80,8 @@ def _leaves_open(scene: Scene) -> bool:
     """Whether nothing was said that belongs to sort-last, nor anything that is settled later."""
     cluster = scene.cluster
     said = (cluster.distribution, cluster.compositing, cluster.transport)
-    return said == ("auto", "auto", "auto") and scene.quality.max_error is None
+    settled = scene.quality.max_error is None and not scene.quality.leaping
+    return said == ("auto", "auto", "auto") and settled
 
 
 def _fastest(

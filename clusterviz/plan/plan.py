@@ -16,6 +16,7 @@ from clusterviz.errors import InputError
 from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.grading import make_grading
+from clusterviz.plan.leaping import make_leaping
 from clusterviz.plan.look import (
     Look,
     is_graded,
@@ -58,6 +59,7 @@ class March:
     jittered : every pixel has a lattice of slabs of its own
     stretching : where slabs are longer; None: nowhere
     split : slabs are cut where they leave a brick
+    leaping : rays start so many slabs before what those of the last frame found; None: where they enter the volume
     """
 
     step_world: float
@@ -70,6 +72,7 @@ class March:
     jittered: bool = False
     stretching: Stretching | None = None
     split: bool = False
+    leaping: int | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             is_jittered(volume, scene.quality.jitter),
             make_stretching(volume, scene.quality, grid, transfer),
             preintegrated and borders == "split",
+            make_leaping(volume, scene.quality, grid, step_world),
         ),
         look,
         planes,

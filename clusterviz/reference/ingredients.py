@@ -29,7 +29,7 @@ from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, to_index_space
 from clusterviz.reference.slabs import Slab
-from clusterviz.reference.surfaces import root
+from clusterviz.reference.surfaces import both_ways, root, turn
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
 
@@ -115,12 +115,14 @@ class Passage:
         begin, end = self._part(slab)
         (front, front_valid), (behind, behind_valid) = self._sample(slab, begin), self._sample(slab, end)
         valid = front_valid & behind_valid & (end > begin)
-        for ordered, rises in ((wanted, True), (wanted[::-1], False)):
-            low = begin.copy()
-            for value, opacity in ordered:
-                here = np.flatnonzero(valid & ((front < value) != (behind < value)) & ((behind > front) == rises))
-                some = Rays(self.rays.start[slab.rays[here]], self.rays.direction[slab.rays[here]])
-                found = root(some, self.voxels, self.sampler, value, rises, low[here], end[here])
+        rays = Rays(self.rays.start[slab.rays], self.rays.direction[slab.rays])
+        cut, at_cut = turn(rays, self.voxels, self.sampler, begin, end, front, behind)
+        for low, at_low, high, at_high in ((begin, front, cut, at_cut), (cut, at_cut, end, behind)):
+            low = low.copy()
+            for value, opacity, rises in both_ways(wanted):
+                here = np.flatnonzero(valid & ((at_low < value) != (at_high < value)) & ((at_high > at_low) == rises))
+                some = Rays(rays.start[here], rays.direction[here])
+                found = root(some, self.voxels, self.sampler, value, rises, low[here], high[here])
                 there = np.isfinite(found)
                 low[here] = np.where(there, found, low[here])
                 yield self._met(slab, value, opacity, low, here[there])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,9 @@ HALVINGS = 40  # of a slab: far below what a picture can show
 def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
     """The colours of some rays, (n, 4).
 
-    A slab whose ends are valid and on different sides of a value has its surface there; of several, the one that is
-    nearer in value to the begin is in front. Of each, the crossing that bisection finds is taken. In a composited
+    A slab with valid ends has two parts (`parts`). A part whose ends are on different sides of a value has its surface
+    there; of several, the one that is nearer in value to the begin is in front. Of each, the crossing that bisection
+    finds is taken. In a composited
     volume the parts of a slab before, between and behind its surfaces absorb light as its midpoint does.
     """
     volume = scene.volumes[0]
@@ -51,29 +53,55 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (slab.begin, slab.end)]
         (front, front_valid), (behind, behind_valid) = ends
         valid = front_valid & behind_valid
+        cut, at_cut = turn(Rays(start, direction), voxels, sample, slab.begin, slab.end, front, behind)
         middle, known = sample(voxels, *slab.point.T)
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
         gradient = gradients(slab.point)
         glow, extinction = optics(volume, classify, middle, gradient, grid)
         glow, extinction = lit_up(glow, gradient, slab.point, slab.rays), np.where(known, extinction, 0)
         begin = slab.begin.copy()
-        for ordered, rises in ((wanted, True), (wanted[::-1], False)):
-            for value, opacity in ordered:
-                crosses = valid & ((front < value) != (behind < value)) & ((behind > front) == rises)
-                here = np.flatnonzero(crosses)
+        for low, at_low, high, at_high in ((slab.begin, front, cut, at_cut), (cut, at_cut, slab.end, behind)):
+            low = low.copy()
+            for value, opacity, rises in both_ways(wanted):
+                here = np.flatnonzero(valid & ((at_low < value) != (at_high < value)) & ((at_high > at_low) == rises))
                 if not here.size:
                     continue
                 some = Rays(start[here], direction[here])
-                found = root(some, voxels, sample, value, rises, begin[here], slab.end[here])
+                found = root(some, voxels, sample, value, rises, low[here], high[here])
                 there = np.isfinite(found)
                 gap = np.where(there, found - begin[here], 0)
                 absorb(slab.rays[here], -np.expm1(-extinction[here] * gap), glow[here])
                 begin[here] = np.where(there, found, begin[here])
+                low[here] = np.where(there, found, low[here])
                 point = some.start + begin[here][:, None] * some.direction
                 colour = lit_up(classify.colour(np.full(len(here), value)), gradients(point), point, slab.rays[here])
                 absorb(slab.rays[here], np.where(there & kept(point, scene.clip, grid), opacity, 0), colour)
         absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow)
     return rgba
+
+
+def both_ways(wanted: list[tuple[float, float]]) -> Iterator[tuple[float, float, bool]]:
+    """Values, opacities and whether the field rises, as a field that rises meets them, then as one that falls does."""
+    yield from ((*entry, True) for entry in wanted)
+    yield from ((*entry, False) for entry in reversed(wanted))
+
+
+def turn(
+    rays: Rays, voxels: NDArray[Any], sample: Any, begin: Floats, end: Floats, front: Floats, behind: Floats
+) -> tuple[Floats, Floats]:
+    """Where slabs are cut in two, and the field there: one that a surface both enters and leaves is not missed.
+
+    At the extremum of the parabola through the field at a slab's begin, middle and end; at the end, if there is none
+    between them, or no valid field at one of these places.
+    """
+    half = (end - begin) / 2
+    middle, known = sample(voxels, *(rays.start + (begin + half)[:, None] * rays.direction).T)
+    slope, bend = behind - front, front - 2 * middle + behind
+    turns = known & (np.abs(slope) < 2 * np.abs(bend))
+    place = np.where(turns, begin + half - half * slope / np.where(turns, 2 * bend, 1), end)
+    field, valid = sample(voxels, *(rays.start + place[:, None] * rays.direction).T)
+    turns &= valid
+    return np.where(turns, place, end), np.where(turns, field, behind)
 
 
 def root(rays: Rays, voxels: NDArray[Any], sample: Any, value: float, rises: bool, low: Floats, high: Floats) -> Floats:

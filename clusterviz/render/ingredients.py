@@ -47,7 +47,7 @@ OWN_NAMES = (
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
-    *("absorbing", "surface", "NOWHERE", "REFINEMENTS", "valid", "crosses", "root", "meet_surfaces"),
+    *("absorbing", "surface", "NOWHERE", "REFINEMENTS", "valid", "crosses", "turn_of", "root", "meet_surfaces"),
     *("within", "uncut", "met", "met_at", "find_ends"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from clusterviz.errors import SceneError
 from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.grading import Table
@@ -171,7 +172,7 @@ class Variant:
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.volumes:
-            most = sum(volume.surfaces for volume in self.volumes)
+            most = sum(2 * volume.surfaces for volume in self.volumes)
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of a mixture")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
@@ -203,7 +204,15 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     Parameters
     ----------
     uniform_bytes : the largest uniform block that the driver offers
+
+    Raises
+    ------
+    SceneError
+        Rays shall start where those of the last frame found something: no shader does that.
     """
+    if plan.march.leaping is not None:
+        allowed = "false; or --device cpu, for what that draws (docs/ray-casting.md)"
+        raise SceneError("not with OpenGL", where="quality.leaping", found=True, allowed=allowed)
     grading = plan.look.grading
     volumes = volume_variants(plan.mixture, slot) if plan.mixture else ()
     records = (

@@ -71,6 +71,8 @@ class RankFrame:
     voxel_bytes : GPU memory that they take
     samples : field samples that rays took
     samples_estimate : of these, in a pre-pass that is not shown
+    leaping : rays that the last frame told where to start, those that it left out, and those that began again since
+        it told them to start too late: estimated, left_out, late; empty where quality.leaping is false
     cpu_seconds : processor time of drawing, of all threads of the process
     bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
     peak_memory_bytes : the largest resident size of the process so far
@@ -93,6 +95,7 @@ class RankFrame:
     messages_sent: int = 0
     peak_memory_bytes: int = 0
     renderer: str = ""
+    leaping: dict[str, int] = field(default_factory=dict)
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from clusterviz.scene.checks import UnusableError
 
-QUALITIES = ("borders", "filter", "adaptive")
+QUALITIES = ("leaping", "borders", "filter", "adaptive")
 MIXED = ("composite", "isosurface", "overlap", "exact")
 MOST_SURFACES = 32
 """In all volumes: those in a slab are kept in a list until they are in order."""

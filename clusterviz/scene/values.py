@@ -29,6 +29,7 @@ from clusterviz.scene.kinds import (
     Side,
     Vector,
 )
+from clusterviz.scene.leaping import check_leaping
 from clusterviz.scene.light import Light
 from clusterviz.scene.mixing import check_mixed
 from clusterviz.scene.transfer_2d import Transfer2d
@@ -177,6 +178,11 @@ class Quality(Section):
         default=0.0,
         description="Slabs are 2, 4 or 8 times as long where that changes no pixel by more than this; 0: nowhere.",
     )
+    leaping: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+        default=False,
+        description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
+        "one volume, composited; sort-last; what is thinner than a pixel may be missed for some frames.",
+    )
     max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(plain)] | None = Field(
         default=None,
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
@@ -204,6 +210,7 @@ class Scene(Section):
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
         check_mixed(self.volumes, self.quality)
+        check_leaping(self.volumes, self.quality, self.cluster)
         return self
 
 

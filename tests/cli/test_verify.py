@@ -103,6 +103,14 @@ def test_one_sample_too_many_is_named(cli: Callable[..., Any], pictures: dict[in
     assert outcome.err.count("ownership, 2 ranks, tree, brick 64: 101 samples instead of 100") == 1
 
 
+def test_ways_that_a_scene_refuses_are_left_out(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
+    """Rays that start by the last frame are not drawn with a shared screen."""
+    options = ("--ranks", "1,3", "--algorithms", "tree", "--no-reference", "--json")
+    outcome = cli("verify", *SCENE, *options, "-D", "quality.leaping=true")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert {each["configuration"]["mode"] for each in json.loads(outcome.out)["results"]} == {"sort-last"}
+
+
 def test_one_rank_needs_one_algorithm() -> None:
     found = verify._configurations([1, 2], ["tree", "serial"], [8], ["messages", "shared", "hierarchical"])
     alone, two = [Configuration(1, "tree", 8)], [Configuration(2, "tree", 8), Configuration(2, "serial", 8)]

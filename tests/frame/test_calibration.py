@@ -1,4 +1,4 @@
-"""Bounds on the error: held against the float64 reference, chosen alike whatever draws, found out once."""
+"""Bounds on the error: held against the float64 reference, chosen alike whatever draws, told once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clusterviz import frame
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data import open_source
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Run, render_frame
@@ -17,7 +17,6 @@ from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.settings import with_settings
 
 RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"
 PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
@@ -80,29 +79,3 @@ def test_a_bound_out_of_reach_is_drawn_as_well_as_can_be_and_told_once() -> None
 def test_what_draws_without_frames_refuses_to_choose() -> None:
     with pytest.raises(SceneError, match=r"quality.max_error: no settings are chosen here; found 0.001"):
         frame.prepare(Run(LoopbackChannel(), Options()), scene_of("gaussian", RAMP, 1e-3))
-
-
-@pytest.mark.gl
-def test_another_camera_keeps_the_choice_and_another_transfer_function_does_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found: list[Scene] = []
-    calibrate = frame.calibrate
-
-    def counting(scene: Scene, *others: Any) -> Accuracy:
-        found.append(scene)
-        return calibrate(scene, *others)
-
-    monkeypatch.setattr(frame, "calibrate", counting)
-
-    def draw(channel: Channel) -> list[float]:
-        with FrameLoop(scene_of("gaussian", RAMP, 2 / 255), channel) as loop:
-            loop.frame()
-            turned = loop.scene.camera.model_copy(update={"position": (5.0, -4.0, 3.0)})
-            loop.frame(loop.scene.model_copy(update={"camera": turned}), 1)
-            assert len(found) == 1
-            other = with_settings(loop.scene, {"opacity": [[0.0, 0.0], [0.5, 0.0], [0.52, 0.9], [0.6, 0.0]]})
-            return [accuracy_of(loop.frame(each, 2)).step for each in (loop.scene, other)]
-
-    steps = draw(LoopbackChannel())
-    assert steps[1] < steps[0]

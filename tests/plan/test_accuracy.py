@@ -8,18 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clusterviz.plan.accuracy import (
-    COARSEST,
-    FINEST,
-    MOST_TAIL,
-    Aim,
-    Choice,
-    Trial,
-    choose,
-    largest,
-    make_aim,
-    next_trial,
-)
+from clusterviz.plan.accuracy import COARSEST, FINEST, Aim, Choice, choose, has_strayed, make_aim, next_trial
+from clusterviz.plan.estimate import MOST_TAIL, Trial, largest
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Quality
 
@@ -70,6 +60,55 @@ def test_a_bound_that_no_step_holds_gets_the_finest_and_says_so() -> None:
     found, trials = chosen(aim, {"post": (0.5, 0.5)})
     assert found.trial.level == max(trial.level for trial in trials) == FINEST
     assert found.error > aim.bound
+
+
+def followed(aim: Aim, last: Trial, scale: float, coarsest: float = COARSEST) -> tuple[Choice, list[Trial]]:
+    """What becomes of a choice in a view whose errors are `scale · step²`."""
+    return chosen(aim.following(last, coarsest), {last.classification: (scale, 2.0)})
+
+
+def test_a_choice_is_followed_by_its_own_way_and_by_as_many_levels_as_the_view_asks_for() -> None:
+    aim = Aim(1e-3, PATTERN[..., 0].size, BOTH)
+    first, _ = chosen(aim, {"post": (0.02, 2.0), "pre-integrated": (0.06, 2.0)})
+    same, trials = followed(aim, first.trial, 0.02)
+    level = math.ceil(first.trial.level)
+    assert same.trial == first.trial
+    assert trials == [Trial("post", one) for one in (level - 2, level - 1, level)]
+    harder, trials = followed(aim, first.trial, 0.32)
+    assert harder.trial.level == pytest.approx(first.trial.level + 2, abs=0.25)
+    assert {trial.classification for trial in trials} == {"post"}
+    assert has_strayed(harder, first, aim)
+
+
+def test_a_step_that_holds_stays_until_a_longer_one_pays_and_is_allowed() -> None:
+    aim = Aim(1e-3, PATTERN[..., 0].size, ("post",))
+    last = chosen(aim, {"post": (0.02, 2.0)})[0].trial
+    assert followed(aim, last, 0.014)[0].trial == last
+    assert followed(aim, last, 0.005)[0].trial.level == pytest.approx(last.level - 1, abs=0.25)
+    assert followed(aim, last, 0.005, coarsest=last.level)[0].trial == last
+
+
+def test_where_both_ways_contradict_each_other_neither_is_believed() -> None:
+    aim = Aim(1e-3, PATTERN[..., 0].size, BOTH)
+    pictures: dict[Trial, NDArray[np.float64]] = {}
+    # Midpoints miss something until slabs are an eighth of a voxel long, all alike.
+    while (trial := next_trial(pictures, aim)) is not None:
+        missing = 0.2 if trial.classification == "post" and trial.level < 3 else 0.0
+        pictures[trial] = TRUTH - missing * PATTERN
+    assert Trial("post", 3) in pictures
+    found = choose(pictures, aim)
+    assert found.trial.classification == "pre-integrated" or found.trial.level >= 3
+
+
+def test_of_few_pixels_only_steps_that_were_drawn_are_taken() -> None:
+    few = np.zeros(SHAPE)
+    few[:10, :10] = TRUTH[:10, :10]
+    aim = Aim(1e-3, PATTERN[..., 0].size, ("post",))
+    pictures: dict[Trial, NDArray[np.float64]] = {}
+    while (trial := next_trial(pictures, aim)) is not None:
+        pictures[trial] = few * (1 + 0.02 * trial.step**2)
+    assert choose(pictures, aim).trial in pictures
+    assert chosen(aim, {"post": (0.02, 2.0)})[0].trial not in pictures
 
 
 def test_an_empty_picture_needs_no_fine_step() -> None:

@@ -53,6 +53,7 @@ def test_numpy_numbers_and_arrays_are_taken() -> None:
     assert type(made.opacity) is float
 
 
+LEAPING = {"quality": {"leaping": True}}
 BAD = [
     (volume(clim=[2, 1]), "volumes[0].clim", "[2, 1]", "low <= high"),
     (volume(clim=[NAN, 1]), "volumes[0].clim[0]", "NaN", "a finite number"),
@@ -73,6 +74,13 @@ BAD = [
     (mixed() | {"quality": {"filter": "hardware"}}, "quality.filter: not for several", "hardware", "one volume"),
     (mixed() | {"quality": {"borders": "split"}}, "quality.borders: not for several", "split", "one volume"),
     (mixed() | {"quality": {"adaptive": 0.01}}, "quality.adaptive: not for several", "0.01", "one volume"),
+    (mixed() | {"quality": {"leaping": True}}, "quality.leaping: not for several", "true", "one volume"),
+    (volume(blending="maximum") | LEAPING, "quality.leaping: not with blending: maximum", "true", "false"),
+    (volume(isosurfaces=[[1, 0.5]]) | LEAPING, "quality.leaping: not with isosurfaces", "true", "false"),
+    (LEAPING | {"cluster": {"mode": "sort-first"}}, "quality.leaping: not with cluster.mode: sort-first", "", "false"),
+    (LEAPING | {"cluster": {"groups": 2}}, "quality.leaping: not with cluster.groups", "", "false"),
+    ({"quality": {"leaping": True, "adaptive": 0.01}}, "quality.leaping: not with quality.adaptive", "", "false"),
+    ({"quality": {"leaping": True, "max_error": 0.01}}, "quality.leaping: not with settings", "", "false"),
     (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
     (volume(opacity=-0.5), "volumes[0].opacity", "-0.5", "at least 0"),
     (volume(opacity=NAN), "volumes[0].opacity", "NaN", "a finite number"),

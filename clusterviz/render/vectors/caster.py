@@ -27,16 +27,19 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import group_doublings
-from clusterviz.render.drawn import SQUARE, Drawn, footprint
+from clusterviz.render.drawn import SQUARE, Drawn, Leapt, footprint
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.storage import make_slot
 from clusterviz.render.stored import store
+from clusterviz.render.vectors.coherence.last_frame import LastFrame, depth_of
+from clusterviz.render.vectors.coherence.reprojection import prepare_reprojection
 from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
+from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.stretch import with_doublings
 from clusterviz.render.vectors.memory import Memory
-from clusterviz.render.vectors.order import job_of, tables_of
+from clusterviz.render.vectors.order import hand_over, job_of, tables_of
 from clusterviz.render.vectors.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
@@ -47,10 +50,11 @@ MOST_LEAPS = 64  # tables that are kept
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """The bricks that a piece shows in any window: how many, in which box, and the tables of both."""
+    """The bricks that a piece shows in any window: how many, which, in which box, and the tables of both."""
 
     piece: Piece
     bricks: int
+    members: bytes
     box: BrickBox
     tables: dict[str, Any]
 
@@ -76,6 +80,7 @@ class VectorCaster:
         self._leaps: dict[Any, NDArray[np.int32]] = {}
         self._pieces: tuple[Any, float, Pieces | None] | None = None
         self._shown: tuple[Any, ...] | None = None
+        self._last_frame = LastFrame()
         self.compile(plan)
 
     @property
@@ -96,14 +101,20 @@ class VectorCaster:
         """Make the kernel of another plan with the same slots; the bricks stay."""
         self._kernel = self._kernel_of(plan)
         self._cast = compiled(self._kernel)
+        if self._kernel.leaping:
+            prepare_reprojection()
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
         """Keep bricks beside those that are there: samples (z, y, x) by index, taken out as they are laid out."""
         self._leaps = {}
+        if bricks:
+            self._last_frame.forget()
         self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
+        if bricks := set(bricks):
+            self._last_frame.forget()
         self.pool.drop(bricks)
 
     def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
@@ -119,6 +130,7 @@ class VectorCaster:
         """
         drawn: list[Drawn] = []
         shown: _Shown | None = None
+        self._last_frame.next_frame()
         for piece in pieces:
             started, rect = perf_counter(), footprint(plan, piece)
             # Windows of the same bricks share their tables.
@@ -146,20 +158,25 @@ class VectorCaster:
         """The bricks of a piece, as its windows are drawn of them."""
         bricks = piece.members(plan.cost > 0)
         if len(bricks) == 0:
-            return _Shown(piece, 0, piece.box, {})
+            return _Shown(piece, 0, b"", piece.box, {})
         box = bounding_box(bricks)
         tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
         pieces = self._pieces_of(plan)
-        return _Shown(piece, len(bricks), box, tables if pieces is None else tables | {"pieces": pieces.table})
+        tables |= {} if pieces is None else {"pieces": pieces.table}
+        return _Shown(piece, len(bricks), bricks.tobytes(), box, tables)
 
     def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         job = job_of(plan, shown.box, rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
+        if plan.march.leaping is not None:
+            memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
+            hand_over(job, memory, depth_of(plan), plan.march.leaping)
         self._run(job)
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
-        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work)
+        leapt = Leapt(*(int(job[name][0]) for name in COUNTS)) if self._kernel.leaping else None
+        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leapt)
 
     def _run(self, job: NDArray[np.void]) -> None:
         """Let all threads draw tiles until there are none."""

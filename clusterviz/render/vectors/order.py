@@ -43,8 +43,6 @@ def _look_tables(plan: Plan) -> Tables:
     """Those that only some looks have."""
     shading, grading = plan.look.shading, plan.look.grading
     tables: Tables = {"lighting": shading.block()} if shading else {}
-    if plan.look.surfaces:
-        tables["surface"] = plan.look.surface_block()
     if grading:
         tables["grading"] = grading.block()
         if grading.table is not None:
@@ -85,10 +83,17 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     return job
 
 
+def hand_over(job: NDArray[np.void], memory: Tables, depth: NDArray[np.float64], offset: int) -> None:
+    """Tell a job where its rays start and where to write what they hit: `LastFrame.arrays`, `depth_of`."""
+    for name, table in memory.items():
+        job[name] = table.__array_interface__["data"][0]
+    job["plane"], job["depth"], job["offset"] = memory["starts"].nbytes, depth, offset
+
+
 def _count_looks(job: NDArray[np.void], plan: Plan) -> None:
     """Tell the sizes of `_look_tables`."""
     shading, grading = plan.look.shading, plan.look.grading
-    job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(plan.look.surfaces)
+    job["lights"] = len(shading.lights) if shading else 0
     if grading:
         job["fading"] = grading.fading
         if grading.table is not None:

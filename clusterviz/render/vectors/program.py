@@ -17,10 +17,9 @@ from clusterviz.render.vectors.looks.preintegrated import Preintegrated
 from clusterviz.render.vectors.looks.projections import Extreme, Sum
 from clusterviz.render.vectors.looks.relief import Relief
 from clusterviz.render.vectors.looks.samples import Samples
-from clusterviz.render.vectors.looks.surfaces import Surfaces
-from clusterviz.render.vectors.marching.clip import Cut
 from clusterviz.render.vectors.marching.march import Look, March
 from clusterviz.render.vectors.marching.place import Places
+from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.marching.stretch import Stretch
 from clusterviz.render.vectors.marching.tile import Tile
 from clusterviz.render.vectors.transfer.classify import Classifier
@@ -38,10 +37,10 @@ def program_of(kernel: Kernel) -> str:
     nearest = kernel.filter == "nearest"
     field = (CubicField if kernel.filter == "cubic" else Field)(code, job, kernel.kind, nearest)
     stretch = Stretch(code) if kernel.stretched else None
-    cut = Cut(code) if kernel.surfaces else None
-    look = _look(kernel, code, job, field, stretch, cut)
+    starts = Starts(code, job) if kernel.leaping else None
+    look = _look(kernel, code, job, field, stretch, starts)
     places = Places(code, job, nearest, stretch)
-    tiles = Tile(code, job, March(code, job, places, look, kernel.jittered, stretch, cut))
+    tiles = Tile(code, job, March(code, job, places, look, kernel.jittered, stretch, starts), starts)
 
     def next_tile() -> Value:
         tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -50,11 +49,14 @@ def program_of(kernel: Kernel) -> str:
     with code.loop(next_tile):
         samples.set(samples.now + tiles.draw(tile.now.to(I32)))
     code.add_atomically(job.address("taken"), samples.now)
+    if starts:
+        for name, rays in starts.counts.items():
+            code.add_atomically(job.address(name), rays.now)
     return code.text()
 
 
-def _look(kernel: Kernel, code: Code, job: Job, field: Field, stretch: Stretch | None, cut: Cut | None) -> Look:
-    samples = Samples(code, job, field)
+def _look(kernel: Kernel, code: Code, job: Job, field: Field, stretch: Stretch | None, starts: Starts | None) -> Look:
+    samples = Samples(code, job, field, starts)
     if kernel.preintegrated:
         relief = _relief(kernel, code, job, field)
         return Preintegrated(code, job, samples, Ramps(code, job), relief, kernel.kind == "f32")
@@ -62,18 +64,13 @@ def _look(kernel: Kernel, code: Code, job: Job, field: Field, stretch: Stretch |
         return LocalMaximum(code, job, samples)
     if kernel.blending in ("maximum", "minimum"):
         return Extreme(code, samples, kernel.blending == "maximum")
-    if cut and kernel.blending == "isosurface":
-        return Surfaces(code, job, samples, _relief(kernel, code, job, field), cut)
     many = kernel.pieces == "many"
     classifier = Classifier(code, job) if many else PieceClassifier(code, job, kernel.pieces == "fitted")
     if kernel.blending == "average":
         return Sum(code, samples, classifier)
     holds_colour = kernel.graded == "colours"
     table = Table(code, job, classifier, holds_colour) if kernel.graded in ("opacities", "colours") else None
-    relief = _relief(kernel, code, job, field)
-    optics = Optics(code, classifier, relief, table)
-    if cut:
-        return Surfaces(code, job, samples, relief, cut, optics)
+    optics = Optics(code, classifier, _relief(kernel, code, job, field), table)
     return Composite(code, job, samples, optics, stretch)
 
 

@@ -7,7 +7,7 @@ from clusterviz.kernels.lanes import Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.looks.optics import Optics
-from clusterviz.render.vectors.looks.over import put_behind, take_sample, too_little_left
+from clusterviz.render.vectors.looks.over import put_behind, too_little_left
 from clusterviz.render.vectors.looks.samples import Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.marching.stretch import Stretch
@@ -37,6 +37,7 @@ class Composite:
             with code.when(code.any(seen)):
                 found = self._optics.of_slab(s, here, slab)
                 self._take(sums, seen, self._stretch.of_stretches(found) if self._stretch else found)
+                self._samples.note(sums[3].now, number)
                 with code.when(self._stops):
                     # A ray ends with the sample that leaves too little light, not with its run.
                     ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
@@ -60,4 +61,8 @@ class Composite:
         return too_little_left(kept, self._residual)
 
     def _take(self, sums: Variables, seen: Value, slab: Class) -> None:
-        take_sample(self._code, sums, seen, slab.opacity, slab.colour)
+        code = self._code
+        weight = code.select(seen, (1.0 - sums[3].now) * slab.opacity, 0.0)
+        for part, colour in zip(sums, slab.colour, strict=False):
+            part.set(code.select(seen, code.fma(weight, colour, part.now), part.now))
+        sums[3].set(sums[3].now + weight)

@@ -47,6 +47,7 @@ class Preintegrated:
         with self._samples.along(half_on, slab, most) as (s, number, _):
             middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
             seen = self._take(sums, front, s, self._units, number < end.now, (middle, slab))
+            self._samples.note(sums[3].now, number)
             with code.when(self._stops):
                 # A ray ends with the slab that leaves too little light, not with its run.
                 ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)

@@ -11,16 +11,22 @@ from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Field, Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.marching.starts import Starts
 
 AHEAD = 2.0  # slabs; what is asked for now should be there by then
 LARGEST = 3e38  # of what is a number
 
 
 class Samples:
-    """The samples of a kernel."""
+    """The samples of a kernel.
 
-    def __init__(self, code: Code, job: Job, field: Field) -> None:
-        self._code, self._field, self._far = code, field, job["far"].equals(1)
+    Parameters
+    ----------
+    starts : where rays start; None: at their first slab
+    """
+
+    def __init__(self, code: Code, job: Job, field: Field, starts: Starts | None = None) -> None:
+        self._code, self._field, self._far, self._starts = code, field, job["far"].equals(1), starts
 
     @contextmanager
     def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value, Spot]]:
@@ -30,28 +36,24 @@ class Samples:
             along = code.splat(number.now.to(F32))
             here = self.moved(spot, slab, along)
             s = self._field.at(here)
-            self._ask_ahead(spot, slab, along)
+            with code.when(self._far):
+                self._field.ask_for(self.moved(spot, slab, along + AHEAD))
             yield s, number.now, here
             number.set(number.now + 1)
+
+    def note(self, opacity: Value, number: Value) -> None:
+        """What a run's opacity is behind one of its slabs: the next frame may want to know where it began."""
+        if self._starts:
+            self._starts.note(opacity > 0.0, number)
 
     def at(self, spot: Spot) -> Value:
         """The scalars at spots."""
         return self._field.at(spot)
 
-    def on_the_way(self, spot: Spot, slab: Vector, along: Value) -> Value:
-        """The scalars so many slabs on, of rays that go on from there."""
-        s = self._field.at(self.moved(spot, slab, along))
-        self._ask_ahead(spot, slab, along)
-        return s
-
     def moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
         """Spots so many slabs on."""
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
         return replace(spot, beyond=(x, y, z))
-
-    def _ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
-        with self._code.when(self._far):
-            self._field.ask_for(self.moved(spot, slab, along + AHEAD))
 
 
 def zeros(code: Code) -> Variables:

@@ -8,5 +8,6 @@
 - place.py    where slabs are
 - leaps.py    how far rays may leap over what is empty
 - stretch.py  slabs that are longer where groups of cells allow it
+- starts.py   where rays start by what the last frame found
 - march.py    from run to run
 """

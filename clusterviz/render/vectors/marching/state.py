@@ -12,9 +12,10 @@ from clusterviz.kernels.lanes import BYTES, F32, F64, I32, I64, Value, Vector
 from clusterviz.render.vectors.marching.rays import Rays
 
 LOOK_VECTORS = 8
-Layout = tuple[tuple[str, Any, int], ...]
-"""Names, elements, and how many vectors there are of each."""
-_LAYOUT: Layout = (
+NEVER = (1 << 31) - 1  # a slab that no ray has
+BLOCKS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
+"""Lanes of a packet: its pixels across and down."""
+_LAYOUT: tuple[tuple[str, Any, int], ...] = (
     ("first", F64, 3),
     ("slab", F64, 3),
     ("last", F64, 3),
@@ -27,6 +28,11 @@ _LAYOUT: Layout = (
     ("samples", I32, 1),  # taken so far
     ("look", F32, LOOK_VECTORS),
 )
+_STARTS: tuple[tuple[str, Any, int], ...] = (
+    ("entry", I32, 1),  # the first slab that is this draw's
+    ("start", I32, 1),  # the one that it starts with
+    ("hit", I32, 1),  # the first one that adds something
+)
 
 
 class State:
@@ -35,13 +41,13 @@ class State:
     Parameters
     ----------
     packets : how many
-    more : what else is known of each
+    started : whether rays may start where the last frame says
     """
 
-    def __init__(self, code: Code, packets: int, more: Layout = ()) -> None:
+    def __init__(self, code: Code, packets: int, started: bool) -> None:
         self._code, self._offsets = code, {}
         offset = 0
-        for name, element, vectors in (*_LAYOUT, *more):
+        for name, element, vectors in _LAYOUT + (_STARTS if started else ()):
             self._offsets[name] = (offset, element)
             offset += vectors * BYTES[element] * code.lanes
         self._bytes = offset

@@ -9,25 +9,24 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value
 from clusterviz.render.drawn import SQUARE
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.marching.march import NEVER, March
-from clusterviz.render.vectors.marching.state import LOOK_VECTORS, State
+from clusterviz.render.vectors.marching.march import March
+from clusterviz.render.vectors.marching.starts import Starts
+from clusterviz.render.vectors.marching.state import BLOCKS, LOOK_VECTORS, NEVER, State
 
 TILE = 32
 CHANNELS = 4
 TURN = 32
-BLOCKS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
-"""Lanes of a packet: its pixels across and down."""
 
 
 class Tile:
     """The tiles of a kernel, drawn one after the other in the same memory."""
 
-    def __init__(self, code: Code, job: Job, march: March) -> None:
-        self._code, self._job, self._march = code, job, march
+    def __init__(self, code: Code, job: Job, march: March, starts: Starts | None = None) -> None:
+        self._code, self._job, self._march, self._starts = code, job, march, starts
         self._across, self._down = BLOCKS[code.lanes]
         self._columns = TILE // self._across
         self._packets = self._columns * TILE // self._down
-        self._state = State(code, self._packets, march.keeps_more)
+        self._state = State(code, self._packets, starts is not None)
         self._next = code.scratch(4 * self._packets)
 
     def draw(self, tile: Value) -> Value:
@@ -72,6 +71,8 @@ class Tile:
         with code.when(code.any(inside)):
             rays = self._march.rays_through(x + job.part("rect", 0), y + job.part("rect", 1))
             hit = self._march.begin(packet, rays, inside)
+            if self._starts:
+                self._starts.read(packet, rays, x, y)
             code.store(code.select(hit, code.number(I32, 0), NEVER), self._spot(number))
 
     def _go_on(self, number: Value, limit: Value) -> None:
@@ -89,6 +90,8 @@ class Tile:
             with code.when(code.any(packet.get("done").equals(0) | (packet.get("samples") > 0))):
                 samples.set(code.total(self._march.finish(packet, kept).to(I64)))
                 self._note(x.lane(0), y.lane(0), samples.now)
+            if self._starts:
+                self._starts.finish(packet, x, y)
             pixels = [variable.now for variable in kept[:CHANNELS]]
             for lane in range(code.lanes):
                 place = job["pixels"] + (y * job["stride"] + x).lane(lane).to(I64) * 16

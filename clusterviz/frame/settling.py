@@ -1,0 +1,93 @@
+"""The settings of each frame under `quality.max_error`: found for the first one, and followed from view to view.
+
+A choice that holds the bound in one view may break it in another, or be dearer than it need be. So for every other
+camera or transfer function pictures around the last choice are drawn, at a small share of a frame's samples, and the
+choice goes with what they tell. Where it has gone far, or anything else has changed, all is compared anew.
+"""
+
+from __future__ import annotations
+
+import warnings
+from time import perf_counter
+
+from clusterviz.errors import SceneError
+from clusterviz.frame.calibration import LEAST_PIXELS, Calibration, Draw, calibrate, chosen, covered_pixels
+from clusterviz.frame.run import Run
+from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
+from clusterviz.report.accuracy import Accuracy
+from clusterviz.scene.difference import check_same_volume
+from clusterviz.scene.values import Scene
+
+FOLLOWED_FOR = 8
+"""Frames at least before both ways of classification are compared anew, which costs as much as some frames."""
+
+
+class Settling:
+    """What is known of a loop's settings from frame to frame; the same on every rank.
+
+    Parameters
+    ----------
+    run : of the loop
+    draw : a small picture, as `calibrate` asks for them
+    """
+
+    def __init__(self, run: Run, draw: Draw) -> None:
+        self._run, self._draw = run, draw
+        self._anew: Calibration | None = None
+        self._last: Calibration | None = None
+        self._followed_for = 0
+        self._warned = False
+
+    def settle(self, scene: Scene) -> tuple[Scene, Accuracy]:
+        """The scene with settings that hold its `quality.max_error`; collective.
+
+        Parameters
+        ----------
+        scene : completed, with a volume and the bound
+        """
+        began, aim = perf_counter(), make_aim(scene)
+        found, samples = self._found(scene, aim)
+        error, trial = found.choice.error, found.choice.trial
+        settings = (trial.step, trial.classification, aim.residual)
+        cost = (found.pixels if samples else 0, samples, perf_counter() - began)
+        accuracy = Accuracy(aim.bound, error, error <= aim.bound, *settings, *cost)
+        if accuracy.warning and not self._warned and self._run.channel.rank == 0:
+            warnings.warn(accuracy.warning, stacklevel=5)
+        self._warned = bool(accuracy.warning)
+        return chosen(scene, trial, aim.residual), accuracy
+
+    def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
+        """A choice for the scene, and the samples that it took."""
+        last, anew, samples = self._last, self._anew, 0
+        if last and anew and _can_follow(last, scene, aim):
+            if scene == last.scene:
+                return last, 0
+            found = self._last = self._calibrated(scene, _following(last, anew, scene, aim), last.covered)
+            self._followed_for += 1
+            if self._followed_for < FOLLOWED_FOR or not has_strayed(found.choice, anew.choice, aim):
+                return found, found.samples
+            samples = found.samples
+        found = self._anew = self._last = self._calibrated(scene, aim)
+        self._followed_for = 0
+        return found, samples + found.samples
+
+    def _calibrated(self, scene: Scene, aim: Aim, covered: float | None = None) -> Calibration:
+        with self._run.aside("accuracy"):
+            return calibrate(scene, aim, self._run.channel, self._draw, covered)
+
+
+def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
+    """Whether only the camera and the transfer function are others, and the way of classification is still one."""
+    try:
+        check_same_volume(last.scene, scene)
+    except SceneError:
+        return False
+    return last.scene.quality == scene.quality and last.choice.trial.classification in aim.ways
+
+
+def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:
+    """What is asked for: of few pixels only whether the step is too long, where no other transfer function is drawn."""
+    following = aim.following(last.choice.trial)
+    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
+        return following
+    return aim.following(last.choice.trial, coarsest=anew.choice.trial.level)

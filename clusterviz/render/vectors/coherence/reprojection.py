@@ -1,0 +1,155 @@
+"""From the hits of one frame to the starts of the next: when that may be done, and what the kernel is given."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.region import Rect
+from clusterviz.kernels.objects import function_address, machine
+from clusterviz.plan.view import View
+
+JUMP = 1 / 8
+"""Of the picture's longer side: how far a corner of the box may move from frame to frame."""
+Corner = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of cells in index space, (x, y, z)."""
+
+    begin: Corner
+    end: Corner
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(8, 3)."""
+        ends = np.array([self.begin, self.end])
+        return np.array([ends[[b & 1, b >> 1 & 1, b >> 2], range(3)] for b in range(8)])
+
+
+def is_coherent(last: View, view: View, box: Box) -> bool:
+    """Whether what a view showed of a box can tell where the rays of the next one start.
+
+    Pictures are of one size, no part of the box is beside or behind an eye, no side of it comes into view, and none of
+    its corners jumps.
+    """
+    if last.size != view.size or last.parallel != view.parallel or np.any(_sides(view, box) & ~_sides(last, box)):
+        return False
+    places = [project(each, box.corners) for each in (last, view)]
+    size = float(np.abs(box.corners).max() + 1) * 1e-9
+    if any(
+        place[:, 2].min() <= size * np.linalg.norm(each.forward)
+        for place, each in zip(places, (last, view), strict=True)
+    ):
+        return False
+    return bool(np.abs(places[0] - places[1])[:, :2].max() <= JUMP * max(view.size))
+
+
+def project(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels (x, y), whole numbers being their middles, and view depths of places (n, 3) in index space; (n, 3)."""
+    lens = projection_of(view)
+    aside, above, depth = (points @ lens[row, :3] + lens[row, 3] for row in range(3))
+    scale = view.pixel * (np.ones_like(depth) if view.parallel else depth)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([lens[3, 0] - 0.5 + aside / scale, lens[3, 1] - 0.5 - above / scale, depth], axis=1)
+
+
+def projection_of(view: View) -> NDArray[np.float64]:
+    """From index space to pixels (4, 4): lengths to the right, up and ahead of the eye; then the lens."""
+    inverse = np.linalg.inv(np.array([view.right, view.up, view.forward]).T)
+    return np.vstack([np.column_stack([inverse, -inverse @ np.array(view.eye)]), _lens(view)])
+
+
+def rays_of(view: View) -> NDArray[np.float64]:
+    """From pixels to index space (4, 4): eye, right, up and forward as columns; then the lens."""
+    return np.vstack([np.array([view.eye, view.right, view.up, view.forward]).T, _lens(view)])
+
+
+def reproject(
+    views: tuple[View, View],
+    rects: tuple[Rect, Rect],
+    box: Box,
+    alike: float,
+    hits: NDArray[np.float32],
+    starts: NDArray[np.float32],
+) -> None:
+    """Lower view depths in `starts` to those at which the rays of a view may meet what the last one hit or hid.
+
+    Parameters
+    ----------
+    views, rects : of the last frame and of this one, which are coherent; the pixels that may show the box
+    alike : how much less than that the depths of neighbouring hits differ on what is smooth
+    hits : float32 (3, rows, columns), (x, y, z) in index space by pixel of the last rectangle; NaN where nothing is
+    starts : float32 (rows, columns), view depths by pixel of this rectangle
+    """
+    (last, view), (before, now) = views, rects
+    width, height = last.size
+    cut = before.x_begin == 0 or before.y_begin == 0 or before.x_end == width or before.y_end == height
+    lenses = [matrix(each).ravel() for each in (last, view) for matrix in (rays_of, projection_of)]
+    numbers = np.concatenate([*lenses, box.begin, box.end, [alike]])
+    sizes = np.array([*_numbers(before), *hits.shape[1:], *_numbers(now), starts.shape[1], cut], np.int64)
+    places = np.empty((4, before.height, before.width), np.float32)
+    _kernel()(*(array.__array_interface__["data"][0] for array in (numbers, sizes, hits, places, starts)))
+
+
+def prepare_reprojection() -> None:
+    """Compile the kernel, or load it."""
+    _kernel()
+
+
+def _lens(view: View) -> NDArray[np.float64]:
+    return np.array([view.size[0] / 2, view.size[1] / 2, view.pixel, float(view.parallel)])
+
+
+def _numbers(rect: Rect) -> tuple[int, int, int, int]:
+    return rect.x_begin, rect.y_begin, rect.width, rect.height
+
+
+def _sides(view: View, box: Box) -> NDArray[np.bool_]:
+    """Which of the box's low and high sides face the viewer, (2, 3)."""
+    if view.parallel:
+        forward = np.array(view.forward)
+        return np.array([forward > 0, forward < 0])
+    eye = np.array(view.eye)
+    return np.array([eye < box.begin, eye > box.end])
+
+
+@cache
+def _kernel() -> Callable[..., None]:
+    source = Path(__file__).with_name("reprojection_kernel.py").read_bytes()
+    address = function_address("reproject", [source], _object)
+    function = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_int64] * 7)(address)
+    unused = np.zeros(2, np.int64)
+
+    def call(*addresses: int) -> None:
+        # numba's way: where the result goes, where an exception would go (there is none), and the arguments.
+        place = unused.__array_interface__["data"][0]
+        function(place, place + 8, *addresses)
+
+    return call
+
+
+def _object() -> bytes:
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+    from numba import float32, float64, int64, njit, types
+
+    from clusterviz.render.vectors.coherence import reprojection_kernel
+
+    pointer: Any = types.CPointer
+    kinds: tuple[Any, ...] = tuple(pointer(kind) for kind in (float64, int64, float32, float32, float32))
+    # Nothing in the file may call Python, so numba shall not write the functions by which Python would call it.
+    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled = njit(error_model="numpy", **options)(reprojection_kernel.reproject)
+    compiled.compile(kinds)
+    unit = llvm.parse_assembly(compiled.inspect_llvm(kinds))
+    unit.get_function(compiled.overloads[kinds].fndesc.llvm_func_name).name = "reproject"
+    code: bytes = machine().emit_object(unit)
+    return code

@@ -1,0 +1,171 @@
+"""Where the rays of a frame start, by what those of the last one hit: compiled by numba.
+
+What the last frame saw is a surface: the hits of four neighbouring rays are the corners of a cell of it. It parts space
+that is known to be empty, in front of it, from space of which nothing is known, and nothing that was hidden can come
+into view but through it. Where the rays of a cell hit alike, the cell lies between their hits. Where they did not, what
+they passed may reach from the nearest hit as far as each ray saw, or to where it left the box, so all of that counts. A
+cell is drawn as the rectangle of pixels around it, at the depth of its nearest corner; of several the nearest one wins.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 3.3.2;
+R. Yagel, Z. Shi: Accelerating volume animation by space-leaping, Visualization 1993 (cells in place of points).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+
+LENS = 16  # numbers of a camera: three rows of four, half the width and height, pixel, 1 for parallel projection
+BOX = 6  # the least and the greatest x, y, z
+SIZES = 12
+ROUNDED = 1e-3  # pixels
+
+_inline = numba.njit(error_model="numpy", inline="always")
+_called = numba.njit(error_model="numpy")
+
+
+def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ignore[no-untyped-def]
+    """Lower view depths in `starts` to those at which rays may meet something that the last frame hit or hid.
+
+    Parameters
+    ----------
+    numbers_at : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and by how
+        much depths of hits that are alike differ
+    sizes_at : int64: the last frame's rectangle of pixels (x, y, width, height), its rows and columns in memory; this
+        frame's rectangle and columns in memory; 1 where the box may go on beyond the last picture
+    hits_at : float32 (3, rows, columns), (x, y, z) of the last frame; NaN where a ray met nothing
+    places_at : float32 (4, height, width), memory for their pixels and depths in this frame, and depths in the last
+    starts_at : float32 (…, columns), of this frame
+    """
+    numbers, sizes = carray(numbers_at, 4 * LENS + BOX + 1, np.float64), carray(sizes_at, SIZES, np.int64)
+    ray, last, seen = numbers[:LENS], numbers[LENS : 2 * LENS], numbers[3 * LENS : 4 * LENS]
+    box, alike = numbers[4 * LENS : 4 * LENS + BOX], numbers[4 * LENS + BOX]
+    rect, window, width, height = sizes[:4], sizes[6:10], sizes[2], sizes[3]
+    target = carray(starts_at, (sizes[9], sizes[10]), np.float32)
+    hits = carray(hits_at, (3, sizes[4], sizes[5]), np.float32)
+    places = carray(places_at, (4, height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            u, v, depth = _projected(seen, hits[0, y, x], hits[1, y, x], hits[2, y, x])
+            places[0, y, x], places[1, y, x], places[2, y, x] = u, v, depth
+            places[3, y, x] = _depth(last, hits[0, y, x], hits[1, y, x], hits[2, y, x])
+    for y in range(-1, height):
+        for x in range(-1, width):
+            if 0 <= x < width - 1 and 0 <= y < height - 1:
+                least, most, found = _around(places[3], x, y)
+                if found == 0:
+                    continue
+                if found == 4 and most - least <= alike:
+                    left, right, _ = _around(places[0], x, y)
+                    top, bottom, _ = _around(places[1], x, y)
+                    _splat((left, right, top, bottom), _around(places[2], x, y)[0], window, target)
+                    continue
+            _splat_unlike(ray, box, seen, rect, places, (x, y), window, target)
+    if sizes[11]:
+        _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, window, target)
+
+
+@_inline
+def _around(plane, x, y):  # type: ignore[no-untyped-def]
+    """The least and the greatest of four neighbours, and how many are no NaN."""
+    a, b, c, d = plane[y, x], plane[y, x + 1], plane[y + 1, x], plane[y + 1, x + 1]
+    return min(min(a, b), min(c, d)), max(max(a, b), max(c, d)), (a == a) + (b == b) + (c == c) + (d == d)
+
+
+@_inline
+def _depth(lens, x, y, z):  # type: ignore[no-untyped-def]
+    return lens[8] * x + lens[9] * y + lens[10] * z + lens[11]
+
+
+@_inline
+def _projected(lens, x, y, z):  # type: ignore[no-untyped-def]
+    """Pixel, whole numbers being the middles of pixels, and view depth of a place."""
+    aside = lens[0] * x + lens[1] * y + lens[2] * z + lens[3]
+    above = lens[4] * x + lens[5] * y + lens[6] * z + lens[7]
+    depth = _depth(lens, x, y, z)
+    scale = 1.0 / (lens[14] if lens[15] != 0.0 else lens[14] * depth)
+    return lens[12] - 0.5 + aside * scale, lens[13] - 0.5 - above * scale, depth
+
+
+@_inline
+def _splat(sides, depth, window, target):  # type: ignore[no-untyped-def]
+    """The nearest depth wins in a rectangle of pixels: from left to right, from top to bottom."""
+    begin_x, end_x = max(math.ceil(sides[0] - ROUNDED) - window[0], 0), math.floor(sides[1] + ROUNDED) - window[0] + 1
+    begin_y, end_y = max(math.ceil(sides[2] - ROUNDED) - window[1], 0), math.floor(sides[3] + ROUNDED) - window[1] + 1
+    for y in range(begin_y, min(end_y, window[3])):
+        for x in range(begin_x, min(end_x, window[2])):
+            target[y, x] = min(target[y, x], depth)
+
+
+@_called
+def _splat_unlike(ray, box, seen, rect, places, cell, window, target):  # type: ignore[no-untyped-def]
+    """A cell whose rays did not hit alike, or some of which are beyond the rectangle: of them nothing is known."""
+    nearest, farthest = math.inf, 0.0
+    for number in range(4):
+        x, y = cell[0] + (number & 1), cell[1] + (number >> 1)
+        enter, leave = _within(ray, box, rect[0] + x, rect[1] + y)
+        if not (0 <= x < rect[2] and 0 <= y < rect[3]):
+            nearest = min(nearest, enter if leave > enter else math.inf)
+        elif places[3, y, x] == places[3, y, x]:
+            nearest = min(nearest, places[3, y, x])
+        farthest = max(farthest, leave)
+    if nearest == math.inf:
+        return
+    left, right, top, bottom, depth = math.inf, -math.inf, math.inf, -math.inf, math.inf
+    for number in range(4):
+        x, y = cell[0] + (number & 1), cell[1] + (number >> 1)
+        enter, leave = _within(ray, box, rect[0] + x, rect[1] + y)
+        end = leave if leave > enter else farthest
+        if 0 <= x < rect[2] and 0 <= y < rect[3] and places[3, y, x] == places[3, y, x]:
+            end = float(places[3, y, x])
+        for along in (nearest, end):
+            place = _on_ray(ray, rect[0] + x, rect[1] + y, along)
+            u, v, ahead = _projected(seen, place[0], place[1], place[2])
+            left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+            depth = min(depth, ahead)
+    _splat((left, right, top, bottom), depth, window, target)
+
+
+@_called
+def _start_unseen(ray, box, last, rect, window, target):  # type: ignore[no-untyped-def]
+    """Rays that enter the box where the last picture did not show it start there."""
+    for y in range(window[3]):
+        for x in range(window[2]):
+            enter, leave = _within(ray, box, window[0] + x, window[1] + y)
+            if leave > enter:
+                place = _on_ray(ray, window[0] + x, window[1] + y, enter)
+                u, v, _ = _projected(last, place[0], place[1], place[2])
+                shown = rect[0] <= u <= rect[0] + rect[2] - 1 and rect[1] <= v <= rect[1] + rect[3] - 1
+                target[y, x] = target[y, x] if shown else 0.0
+
+
+@_inline
+def _on_ray(ray, column, row, along):  # type: ignore[no-untyped-def]
+    """The place of a view depth on the ray of a pixel."""
+    across, above = (column + 0.5 - ray[12]) * ray[14], (ray[13] - row - 0.5) * ray[14]
+    aside = along if ray[15] == 0.0 else 1.0
+    x = ray[0] + (ray[1] * across + ray[2] * above) * aside + ray[3] * along
+    y = ray[4] + (ray[5] * across + ray[6] * above) * aside + ray[7] * along
+    z = ray[8] + (ray[9] * across + ray[10] * above) * aside + ray[11] * along
+    return x, y, z
+
+
+@_inline
+def _within(ray, box, column, row):  # type: ignore[no-untyped-def]
+    """The view depths at which the ray of a pixel enters and leaves the box; the former is greater where it misses."""
+    begin, end = _on_ray(ray, column, row, 0.0), _on_ray(ray, column, row, 1.0)
+    enter, leave = 0.0, math.inf
+    for axis in range(3):
+        at, by = begin[axis], end[axis] - begin[axis]
+        if by == 0.0:
+            if at < box[axis] or at > box[axis + 3]:
+                leave = -math.inf
+        else:
+            near, far = (box[axis] - at) / by, (box[axis + 3] - at) / by
+            enter, leave = max(enter, min(near, far)), min(leave, max(near, far))
+    return enter, leave

@@ -1,0 +1,124 @@
+"""Where rays start by what the last frame found: coherence leaping, as a kernel does it.
+
+A ray goes on from its start as if it had come to it by leaping over what is empty: its slabs are where they would be
+anyway, and where no start is too late, pictures differ by rounding only. A ray whose very first slab adds something may
+have started too late: it begins again at its entry. What is left to go wrong is a start behind something thin.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 3.3.2
+(empty space leaping: hit positions, and a small offset towards the viewer).
+"""
+
+from __future__ import annotations
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.marching.rays import Rays, midpoint
+from clusterviz.render.vectors.marching.state import BLOCKS, NEVER, Packet
+
+NOTHING = 1e30  # view depth at which rays start that meet nothing
+COUNTS = ("estimated", "left_out", "late")
+"""Numbers of rays: with a start, not drawn at all, and begun again."""
+
+
+class Starts:
+    """What a kernel knows of where rays start.
+
+    Attributes
+    ----------
+    counts : by the names in `COUNTS`, so far
+    found : by the run that is sampled: the number of the slab in which each ray found something
+    """
+
+    def __init__(self, code: Code, job: Job) -> None:
+        self._code, self._job = code, job
+        self.counts = {name: Variable(code.number(I64, 0)) for name in COUNTS}
+        self.found = Variable(code.same(I32, NEVER))
+
+    def note(self, found: Value, number: Value) -> None:
+        """A slab of this run behind which something has been found."""
+        code, new = self._code, found & self.found.now.equals(NEVER)
+        self.found.set(code.select(new, number, self.found.now))
+
+    def read(self, packet: Packet, rays: Rays, x: Value, y: Value) -> None:
+        """Let the rays of a packet start where the last frame says; pixels as of the draw."""
+        code = self._code
+        depth = code.gather(F32, self._job["starts"], y * self._job["stride"] + x, 4)
+        first, by = (self._depth(place) for place in (rays.first, rays.slab))
+        slabs = (depth.to(F64) - (first + self._job.part("depth", 3))) / by
+        start = code.within(slabs, -1.0, 2.0**30).to(I32) - self._job["offset"]
+        # The last slab is nobody's first: what is found there could not be looked at again.
+        start, entry = code.least(start, rays.slabs - 2), packet.get("at")
+        drawn, nothing = packet.get("done").equals(0), depth >= NOTHING
+        self.count("estimated", drawn & ~nothing & (start > entry))
+        self.count("left_out", drawn & nothing)
+        packet.set("entry", entry)
+        packet.set("at", code.most(start, entry))
+        packet.set("start", code.most(start, entry))
+        # A first slab that the entry cuts has been drawn already.
+        packet.set("hit", code.select(packet.get("look", 3) > 0.0, code.same(I32, 0), NEVER))
+        packet.set("done", (~drawn | nothing).to(I32))
+
+    def ahead(self, packet: Packet) -> Ahead:
+        """Its state while a packet goes on."""
+        return Ahead(self._code, self, packet)
+
+    def end(self, packet: Packet, found: Value) -> None:
+        """Rays that find something in their last slab."""
+        new = found & packet.get("hit").equals(NEVER)
+        packet.set("hit", self._code.select(new, packet.rays.slabs - 1, packet.get("hit")))
+
+    def finish(self, packet: Packet, x: Value, y: Value) -> None:
+        """Write where the rays of a packet hit something, NaN where they did not."""
+        code, job, rays, hit = self._code, self._job, packet.rays, packet.get("hit")
+        whole = midpoint(code, rays, code.least(hit, rays.slabs))
+        row = BLOCKS[code.lanes][0]
+        nowhere, last = hit.equals(NEVER), hit >= rays.slabs - 1
+        for axis in range(3):
+            at = code.select(last, rays.last[axis], whole[axis]).to(F32)
+            at = code.select(nowhere, code.same(F32, float("nan")), at)
+            for lane in range(0, code.lanes, row):
+                place = (y * job["stride"] + x).lane(lane).to(I64) * 4 + job["plane"] * axis
+                code.store(code.shuffle(at, at, range(lane, lane + row)), job["hits"] + place)
+
+    def count(self, name: str, rays: Value) -> None:
+        """Add so many rays to a number."""
+        counted = self.counts[name]
+        counted.set(counted.now + self._code.total(rays.to(I64)))
+
+    def _depth(self, direction: Vector) -> Value:
+        """How much deeper in the view something lies that is so much further on."""
+        x, y, z = (by * self._job.part("depth", axis) for axis, by in enumerate(direction))
+        return x + y + z
+
+
+class Ahead:
+    """Where the rays of a packet start, while they go on.
+
+    Attributes
+    ----------
+    entry : the first slab that is this draw's
+    """
+
+    def __init__(self, code: Code, starts: Starts, packet: Packet) -> None:
+        self._code, self._starts, self.entry = code, starts, packet.get("entry")
+        self._start, self._hit = (Variable(packet.get(name)) for name in ("start", "hit"))
+
+    def passed(self, at: Value, drawn: Value) -> Value:
+        """After runs from slab `at`: which rays begin again at their entry, without what the run came to."""
+        code, found = self._code, self._starts.found
+        some = drawn & (found.now < NEVER)
+        slab = at + found.now
+        late = some & slab.equals(self._start.now) & (slab > self.entry)
+        self._starts.count("late", late)
+        self._hit.set(code.select(some & ~late & self._hit.now.equals(NEVER), slab, self._hit.now))
+        self._start.set(code.select(late, self.entry, self._start.now))
+        found.set(code.same(I32, NEVER))
+        return late
+
+    def keep(self, packet: Packet) -> None:
+        """Write the state."""
+        packet.set("start", self._start.now)
+        packet.set("hit", self._hit.now)

@@ -1,0 +1,165 @@
+"""Rays that start by the last frame: the same pictures on any number of ranks, and nothing is kept that does not hold.
+
+The bound is that of pictures on other numbers of ranks, 1e-5: nothing in these scenes is thinner than a pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from frame.test_dynamic import at_random, moving, so_far
+
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.errors import SceneError
+from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.image import compare
+from clusterviz.render.vectors.coherence import last_frame
+from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.path import orbit
+from clusterviz.scene.settings import with_settings
+
+BOUND = 1e-5
+CLEAR = ((0.0, 0.0), (0.4, 0.0), (0.7, 0.3), (1.0, 0.9))
+
+
+def scene_of(leaping: bool = True, **keys: Any) -> Scene:
+    scene = scene_of_data("field:gaussian:33", ["volumes.0.clim=[0,1]", "image.size=[60,50]", "camera.view_angle=30"])
+    scene = with_settings(scene, {"opacity": CLEAR, "step": 0.5, "brick": 9, "position": (5.0, 3.0, 2.0)})
+    return with_settings(
+        scene, {"focal_point": (0.0, 0.0, 0.0), "view_up": (0.0, 0.0, 1.0), "leaping": leaping, **keys}
+    )
+
+
+def turning(scene: Scene, degrees: float = 1.0, frames: int = 4) -> list[Scene]:
+    return [
+        scene.model_copy(update={"camera": camera}) for camera in orbit(scene.camera, degrees * (frames - 1), frames)
+    ]
+
+
+def draw_all(scenes: Sequence[Scene], channel: Channel) -> list[Rendered]:
+    with FrameLoop(scenes[0], channel, options=Options(device="cpu")) as loop:
+        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
+
+
+def without(scenes: Sequence[Scene]) -> list[Rendered]:
+    """The same frames, all rays from where they enter the volume, on one rank."""
+    return draw_all([with_settings(scene, {"leaping": False}) for scene in scenes], LoopbackChannel())
+
+
+def rays(frame: Rendered, name: str) -> int:
+    return sum(rank.leaping.get(name, 0) for rank in frame.statistics.per_rank)
+
+
+def samples(frame: Rendered) -> int:
+    return sum(rank.samples for rank in frame.statistics.per_rank)
+
+
+def check(frames: Sequence[Rendered], expected: Sequence[Rendered]) -> None:
+    for found, plain in zip(frames, expected, strict=True):
+        assert found.image is not None
+        assert plain.image is not None
+        assert plain.image.max() > 0.3
+        assert compare(found.image, plain.image, BOUND).count == 0
+
+
+@pytest.mark.parametrize("ranks", [1, 3, 5])
+def test_pictures_are_those_without_on_any_number_of_ranks(ranks: int) -> None:
+    scenes = turning(scene_of())
+    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel))[0]
+    plain = without(scenes)
+    check(frames, plain)
+    assert rays(frames[0], "estimated") == rays(frames[0], "left_out") == 0
+    assert samples(frames[0]) == samples(plain[0])
+    for found, expected in zip(frames[1:], plain[1:], strict=True):
+        assert rays(found, "estimated") > 0
+        assert rays(found, "left_out") > 0
+        assert samples(found) < samples(expected)
+
+
+def test_pre_integrated_jittered_and_lit_slabs_are_those_without() -> None:
+    scenes = turning(scene_of(classification="pre-integrated", jitter=True, shade=True))
+    frames = draw_all(scenes, LoopbackChannel())
+    check(frames, [draw_all([scene], LoopbackChannel())[0] for scene in scenes])
+    assert all(rays(frame, "estimated") > 0 for frame in frames[1:])
+
+
+def test_corners_of_voxels_between_the_pixels_are_all_that_is_missed() -> None:
+    """Voxels that stand for themselves, clipped, by rays that end: corners at the rim are thinner than a pixel."""
+    planes = [((0.1, 0.0, 0.0), (-1.0, -0.3, 0.1))]
+    scenes = turning(scene_of(interpolation="nearest", early_termination=1e-6, planes=planes))
+    frames = draw_all(scenes, LoopbackChannel())
+    for frame, scene in zip(frames[1:], scenes[1:], strict=True):
+        (alone,) = draw_all([scene], LoopbackChannel())
+        found = compare(frame.image, alone.image, BOUND)  # type: ignore[arg-type]
+        assert found.count <= 2
+        assert found.max < 0.02
+        assert rays(frame, "estimated") > 0
+
+
+def test_nothing_is_kept_that_does_not_hold() -> None:
+    """A jump, another transfer function, another step, a light, the other projection: each time rays start anew."""
+    first = scene_of()
+    changes: list[dict[str, Any]] = [
+        {"position": (-5.0, 3.0, 2.0)},
+        {"position": (-5.0, 3.0, 2.0), "opacity": ((0.0, 0.0), (0.1, 0.0), (0.4, 0.4), (1.0, 0.1))},
+        {"position": (-5.0, 3.0, 2.0), "step": 0.7},
+        {"position": (-5.0, 3.0, 2.0), "parallel_scale": 1.0},
+        {"position": (0.1, 0.2, 0.1)},
+        {},
+    ]
+    scenes = [first, *(with_settings(first, change) for change in changes)]
+    frames = draw_all([one for scene in scenes for one in (scene, scene)], LoopbackChannel())
+    check(frames[::2], without(scenes))
+    inside = 5
+    for number, (frame, again) in enumerate(zip(frames[::2], frames[1::2], strict=True)):
+        assert rays(frame, "estimated") == rays(frame, "left_out") == 0, number
+        assert (rays(again, "estimated") > 0) == (number != inside), number
+
+
+def test_without_it_frames_are_those_of_single_pictures_bit_for_bit() -> None:
+    scenes = turning(scene_of(leaping=False), frames=2)
+    frames = draw_all(scenes, LoopbackChannel())
+    for frame, scene in zip(frames, scenes, strict=True):
+        (alone,) = draw_all([with_settings(scene, {"leaping": True})], LoopbackChannel())
+        assert frame.image is not None
+        assert np.array_equal(frame.image, alone.image)  # type: ignore[arg-type]
+        assert frame.statistics.per_rank[0].leaping == {}
+
+
+def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the last frame had found nothing before the middle; rays that start amid what shows notice."""
+    scenes = turning(scene_of(), frames=2)
+
+    def amid(views: Any, rects: Any, box: Any, alike: float, hits: Any, starts: Any) -> None:
+        starts[starts > 0.0] = np.float32(np.linalg.norm(scenes[0].camera.position))
+
+    monkeypatch.setattr(last_frame, "reproject", amid)
+    found, plain = draw_all(scenes, LoopbackChannel())[1], without(scenes)[1]
+    assert found.image is not None
+    assert plain.image is not None
+    dense = plain.image[..., 3] > 0.1
+    assert compare(found.image[dense], plain.image[dense], BOUND).count == 0
+    assert rays(found, "late") > dense.sum() / 2
+    assert rays(found, "estimated") >= rays(found, "late")
+
+
+def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes = moving(turning(scene_of(), frames=12))
+    at_random(monkeypatch)
+    frames = run_loopback(3, lambda channel: draw_all(scenes, channel))[0]
+    check(frames, without(turning(scene_of(), frames=12)))
+    assert so_far(frames, "bricks_received") > 10
+    assert sum(rays(frame, "estimated") for frame in frames) > 0
+
+
+@pytest.mark.gl
+def test_opengl_refuses() -> None:
+    options = Options(device=0)
+    with (
+        pytest.raises(SceneError, match="not with OpenGL"),
+        FrameLoop(scene_of(), LoopbackChannel(), options=options) as loop,
+    ):
+        loop.frame()
