@@ -1,33 +1,50 @@
-"""How even each distribution leaves the ranks of the real loop: `python benchmarks/balance_loop.py [--ranks 4]`.
+"""What each way to share costs in the real loop: `python benchmarks/balance_loop.py [--scene sparse] [--frames 90]`.
 
-Ranks are threads of this process, so times mean nothing here; samples are the same as on a cluster. The MNI head is
-seen from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one
+    python benchmarks/balance_loop.py --scene head --json F        a table a path, as CSV with --csv
+    python benchmarks/balance_loop.py plot F G -o docs/balance.svg   the orbits of such files
+
+Ranks are threads of this process, so times mean nothing here; samples are the same as on a cluster. The scene is seen
+from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one
 frame from afar (*near*). "Recalled" are bricks that came back to a rank which still had them: nobody sent them again.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sort_first import scene_of
 
-from clusterviz.comm import Channel, run_loopback
-from clusterviz.data.samples import fetch_sample
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data.source import Source
 from clusterviz.frame import FrameLoop, Rendered
-from clusterviz.scene import Scene, load_scene
+from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.scene import Scene
 from clusterviz.scene.path import orbit
 from clusterviz.scene.settings import with_settings
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "head.yaml"
-DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
-    {"distribution": "coherent"},
-    {"distribution": "interleaved"},
-    {"distribution": "replicated", "copies": 2},
-    {"distribution": "dynamic"},
-)
+Opener = Callable[[], Source]
+WAYS: dict[str, dict[str, Any]] = {
+    "coherent": {"distribution": "coherent"},
+    "interleaved": {"distribution": "interleaved"},
+    "replicated, 2 copies": {"distribution": "replicated", "copies": 2},
+    "dynamic": {"distribution": "dynamic"},
+    "screen: interleaved, 16": {"mode": "sort-first", "tiling": "interleaved", "tile": 16},
+    "screen: pattern × 3": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 3},
+    "screen: scheduled, 16": {"mode": "sort-first", "tiling": "scheduled", "tile": 16},
+    "screen: temporal": {"mode": "sort-first", "tiling": "temporal"},
+    "screen: estimated": {"mode": "sort-first", "tiling": "estimated"},
+    "2 groups, temporal": {"mode": "hybrid", "groups": 2, "tiling": "temporal"},
+}
+ONE_COPY = ("coherent", "interleaved")
+"""Static ways whose ranks hold no brick twice, as with the dynamic one."""
+DRAWN = ("coherent", "interleaved", "replicated, 2 copies", "dynamic", "screen: temporal")
+"""Ways that are plotted."""
 
 
 def scenes_of(base: Scene, name: str, frames: int) -> list[Scene]:
@@ -45,24 +62,26 @@ def scenes_of(base: Scene, name: str, frames: int) -> list[Scene]:
     return [base.model_copy(update={"camera": view}) for view in views]
 
 
-def draw(base: Scene, name: str, frames: int, ranks: int, keys: dict[str, Any]) -> list[Rendered]:
-    """All frames, on ranks of this process."""
+def draw(scenes: Sequence[Scene], open_voxels: Opener, ranks: int, keys: dict[str, Any]) -> list[Rendered]:
+    """All frames, on ranks of this process, each of which opens the file: a file is read at one place at a time."""
+    settled = [with_settings(scene, keys) for scene in scenes]
 
     def on_rank(channel: Channel) -> list[Rendered]:
-        with FrameLoop(with_settings(base, keys), channel) as loop:
-            return [loop.frame(scene, number) for number, scene in enumerate(scenes_of(loop.scene, name, frames))]
+        with FrameLoop(settled[0], channel, open_voxels()) as loop:
+            return [loop.frame(scene, number) for number, scene in enumerate(settled)]
 
-    return run_loopback(ranks, on_rank, timeout_seconds=120)[0]
+    return run_loopback(ranks, on_rank, timeout_seconds=600)[0]
 
 
-def row_of(keys: dict[str, Any], drawn: list[Rendered]) -> dict[str, Any]:
-    """What the frames cost."""
+def row_of(way: str, drawn: Sequence[Rendered]) -> dict[str, Any]:
+    """What the frames cost: the samples of the busiest rank, summed, and what led to them."""
     samples = np.array([[rank.samples for rank in frame.statistics.per_rank] for frame in drawn], float)
     imbalance = samples.max(axis=1) / samples.mean(axis=1)
     per_rank = [rank for frame in drawn for rank in frame.statistics.per_rank]
     images = [sum(rank.balance.get("images", 0) for rank in frame.statistics.per_rank) for frame in drawn]
     return {
-        "distribution": " ".join(map(str, keys.values())),
+        "way": way,
+        "M samples": float(samples.max(axis=1).sum() / 1e6),
         "total / even": float(samples.max(axis=1).sum() / samples.mean(axis=1).sum()),
         "worst": float(imbalance.max()),
         "after 10": float(imbalance[10]) if len(imbalance) > 10 else None,
@@ -71,32 +90,103 @@ def row_of(keys: dict[str, Any], drawn: list[Rendered]) -> dict[str, Any]:
         "flights": sum(int(frame.statistics.per_rank[0].balance.get("flights", 0)) for frame in drawn),
         "recalled": sum(rank.balance.get("bricks_recalled", 0) for rank in per_rank),
         "MB sent": sum(rank.balance.get("bytes_sent", 0) for rank in per_rank) / 1e6,
+        "MB a rank": max(rank.voxel_bytes for rank in per_rank) / 1e6,
+        "imbalance": imbalance.tolist(),
     }
 
 
+def verdict(rows: Sequence[dict[str, Any]]) -> str:
+    """Whether bricks that move cost less than bricks that stay, in a sentence."""
+    cost = {row["way"]: row["M samples"] for row in rows}
+    alone, best = min(ONE_COPY, key=lambda way: cost[way]), min(cost, key=lambda way: cost[way])
+    word = "less" if cost["dynamic"] < cost[alone] else "more"
+    text = f"dynamic took {abs(cost['dynamic'] / cost[alone] - 1):.1%} {word} than {alone}, the best static of one copy"
+    return text if best == "dynamic" else f"{text}; the least took {best}: {1 - cost[best] / cost['dynamic']:.1%} less"
+
+
+def show(rows: Sequence[dict[str, Any]]) -> None:
+    """A table in Markdown, without the frames one by one."""
+    names = [name for name in rows[0] if name != "imbalance"]
+    print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
+    for row in rows:
+        cells = (f"{row[name]:.3f}" if isinstance(row[name], float) else str(row[name]) for name in names)
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def plot(files: Sequence[Path], out: Path) -> None:
+    """How uneven each frame of the orbits is, a scene a panel."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot
+
+    matplotlib.rcParams.update({"svg.hashsalt": "balance", "svg.fonttype": "none"})
+    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.4), sharey=True, layout="constrained")
+    for axis, file in zip(np.atleast_1d(axes), files, strict=True):
+        report = json.loads(file.read_text())
+        for row in report["tables"]["orbit"]:
+            if row["way"] in DRAWN:
+                axis.plot(row["imbalance"], label=f"{row['way']}: {row['total / even']:.3f}", linewidth=1)
+        axis.set_title(f"{report['scene']}, {report['ranks']} ranks, {report['frames']} frames")
+        axis.set_xlabel("frame")
+        axis.legend(fontsize=7, title="all frames", title_fontsize=7)
+    np.atleast_1d(axes)[0].set_ylabel("samples of the busiest rank / mean")
+    with replacing(out) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Print a table a path; write them as JSON and CSV on request."""
+    for file in (options.json, options.csv):
+        if file:
+            check_replaceable(file)
+    base = with_settings(scene_of(options.scene, options.size)[0], {"brick": options.brick})
+
+    def open_voxels() -> Source:
+        return scene_of(options.scene, options.size)[1]
+
+    with FrameLoop(base, LoopbackChannel(), open_voxels(), several=False) as loop:
+        base = loop.scene
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for name in options.paths:
+        scenes = scenes_of(base, name, options.frames)
+        print(f"\n{options.scene}, {name}, {options.ranks} ranks, {len(scenes)} frames", flush=True)
+        tables[name] = [row_of(way, draw(scenes, open_voxels, options.ranks, WAYS[way])) for way in options.ways]
+        show(tables[name])
+        if {"dynamic", *ONE_COPY} <= set(options.ways):
+            print(f"\n{verdict(tables[name])}")
+    about = {key: getattr(options, key) for key in ("scene", "ranks", "frames", "size", "brick")}
+    if options.json:
+        with replacing(options.json) as temporary:
+            temporary.write_text(json.dumps(about | {"tables": tables}, indent=1))
+    if options.csv:
+        with replacing(options.csv) as temporary, temporary.open("w", newline="") as file:
+            lines = [{"path": name} | row for name, rows in tables.items() for row in rows]
+            writer = csv.DictWriter(file, [name for name in lines[0] if name != "imbalance"], extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(lines)
+
+
 def main() -> None:
-    """Print a table a path, and write them as JSON on request."""
+    """Measure, or draw what was measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("measure", "plot"), default="measure")
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--scene", choices=("head", "sparse"), default="head")
     parser.add_argument("--ranks", type=int, default=4)
-    parser.add_argument("--frames", type=int, default=30)
+    parser.add_argument("--frames", type=int, default=90)
     parser.add_argument("--size", type=int, default=96)
     parser.add_argument("--brick", type=int, default=16)
-    parser.add_argument("--paths", nargs="+", choices=("orbit", "to and fro", "near"), default=["orbit", "near"])
+    parser.add_argument("--paths", nargs="+", choices=("orbit", "to and fro", "near"), default=["orbit"])
+    parser.add_argument("--ways", nargs="+", choices=tuple(WAYS), default=list(WAYS))
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--csv", type=Path)
+    parser.add_argument("-o", "--out", type=Path, default=Path("balance.svg"))
     options = parser.parse_args()
-    base = load_scene(EXAMPLE, [f"volumes.0.path={fetch_sample('mni152')}"])
-    base = with_settings(base, {"size": (options.size, options.size), "brick": options.brick})
-    tables = {}
-    for name in options.paths:
-        drawn = [(keys, draw(base, name, options.frames, options.ranks, keys)) for keys in DISTRIBUTIONS]
-        rows = tables[name] = [row_of(*pair) for pair in drawn]
-        print(f"\n{name}, {options.ranks} ranks, {options.frames} frames\n\n| {' | '.join(rows[0])} |")
-        print(f"|{'---|' * len(rows[0])}")
-        for row in rows:
-            cells = (f"{value:.3f}" if isinstance(value, float) else str(value) for value in row.values())
-            print(f"| {' | '.join(cells)} |", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps(vars(options) | {"json": None, "tables": tables}, indent=1, default=str))
+    if options.what == "plot":
+        plot(options.files, options.out)
+    else:
+        measure(options)
 
 
 if __name__ == "__main__":

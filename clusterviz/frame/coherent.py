@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clusterviz.balance import check_memory
 from clusterviz.data.source import Index
+from clusterviz.frame.standing import Standing
 from clusterviz.partition import BspTree, Piece, bricks_of, build_tree, leaf_pieces, owners_of
-from clusterviz.partition.bsp import Costs
-from clusterviz.plan.plan import Plan, shows_more
-from clusterviz.render.storage import brick_bytes
+from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
 
 
@@ -23,29 +21,18 @@ class Coherent:
     """
 
     def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
-        self._ranks, self._limit_bytes = ranks, limit_bytes
-        self._tree: BspTree | None = None
-        self._dealt: Costs | None = None
+        self._tree = Standing[BspTree](
+            ranks, limit_bytes, build_tree, lambda tree, amount: owners_of(tree).sums(amount), bricks_of
+        )
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece a leaf that shows something.
-
-        Raises
-        ------
-        InputError
-            A share does not fit into the memory of a rank.
-        """
-        if self._tree is None or shows_more(plan, self._dealt):
-            cost, sizes = plan.cost, brick_bytes(plan)
-            check_memory(lambda n: owners_of(build_tree(cost, n)).sums(sizes), self._ranks, sizes, self._limit_bytes)
-            self._tree, self._dealt = build_tree(cost, self._ranks), cost
-        return leaf_pieces(self._tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        """A piece a leaf that shows something. Raises what `Standing.under` does."""
+        tree = self._tree.under(plan)
+        return leaf_pieces(tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """The bricks of its leaf that could be seen when the tree was built."""
-        if self._tree is None or self._dealt is None:
-            return frozenset()
-        return frozenset((z, y, x) for z, y, x in bricks_of(self._tree, rank, self._dealt).tolist())
+        return self._tree.holds(rank)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """Nothing: what is static does not follow the cost."""

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.balance import check_memory
 from clusterviz.data.source import Index
+from clusterviz.frame.standing import Standing
 from clusterviz.partition import Owners, Piece, interleave, owner_pieces
 from clusterviz.partition.bsp import Costs
-from clusterviz.plan.plan import Plan, shows_more
-from clusterviz.render.storage import brick_bytes
+from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
 
 BLOCKS_A_RANK = 8  # at least: few leave ranks uneven, many make many images
@@ -27,29 +26,18 @@ class Interleaved:
     """
 
     def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
-        self._ranks, self._limit_bytes = ranks, limit_bytes
-        self._owners: Owners | None = None
-        self._dealt: Costs | None = None
+        self._owners = Standing[Owners](
+            ranks, limit_bytes, _dealt, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
+        )
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece for each group of blocks that can be drawn whole.
-
-        Raises
-        ------
-        InputError
-            A share does not fit into the memory of a rank.
-        """
-        if self._owners is None or shows_more(plan, self._dealt):
-            cost, sizes = plan.cost, brick_bytes(plan)
-            check_memory(lambda n: _dealt(cost, n).sums(sizes), self._ranks, sizes, self._limit_bytes)
-            self._owners, self._dealt = _dealt(cost, self._ranks), cost
-        return owner_pieces(self._owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        """A piece for each group of blocks that can be drawn whole. Raises what `Standing.under` does."""
+        owners = self._owners.under(plan)
+        return owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """The bricks of its blocks that could be seen when they were dealt."""
-        if self._owners is None:
-            return frozenset()
-        return frozenset((z, y, x) for z, y, x in self._owners.bricks(rank).tolist())
+        return self._owners.holds(rank)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """Nothing: what is static does not follow the cost."""
