@@ -121,7 +121,7 @@ def plot(files: Sequence[Path], out: Path) -> None:
     from matplotlib import pyplot
 
     matplotlib.rcParams.update({"svg.hashsalt": "balance", "svg.fonttype": "none"})
-    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.4), sharey=True, layout="constrained")
+    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.8), sharey=True, layout="constrained")
     for axis, file in zip(np.atleast_1d(axes), files, strict=True):
         report = json.loads(file.read_text())
         for row in report["tables"]["orbit"]:
@@ -129,7 +129,9 @@ def plot(files: Sequence[Path], out: Path) -> None:
                 axis.plot(row["imbalance"], label=f"{row['way']}: {row['total / even']:.3f}", linewidth=1)
         axis.set_title(f"{report['scene']}, {report['ranks']} ranks, {report['frames']} frames")
         axis.set_xlabel("frame")
-        axis.legend(fontsize=7, title="all frames", title_fontsize=7)
+        axis.legend(
+            fontsize=7, title="total / even", title_fontsize=7, loc="upper center", ncols=3, bbox_to_anchor=(0.5, -0.18)
+        )
     np.atleast_1d(axes)[0].set_ylabel("samples of the busiest rank / mean")
     with replacing(out) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})

@@ -47,9 +47,17 @@ def readable(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        raise DataError("no such file", where=str(path)) from error
+        raise DataError("no such file", where=str(path), allowed=_remedy(path)) from error
     except OSError as error:
         raise DataError(f"the file cannot be read: {error.strerror or error}", where=str(path)) from error
+
+
+def _remedy(path: Path) -> str | None:
+    """What gives a path to the data that the examples name by the sample's name alone."""
+    from clusterviz.data.samples import SAMPLES
+
+    name = path.name.split(".")[0]
+    return f"-D volumes.0.path=$(clusterviz samples {name})" if name in SAMPLES else None
 
 
 def refuse_array(array: str | None, path: Path) -> None:

@@ -29,8 +29,7 @@ from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
 from clusterviz.frame.alike import check_alike
 from clusterviz.frame.behind import open_behind
-from clusterviz.frame.choice import choose_distribution, sharing_of
-from clusterviz.frame.companion import companion_of
+from clusterviz.frame.choosing import Choosing
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
@@ -83,9 +82,10 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[Share, Bricks
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
     opened = open_volumes(run, scene, source)
     drawing = Drawing(run)
-    distribution, _ = choose_distribution(run, opened, scene, False, drawing)
+    choosing = Choosing(run, drawing, opened, scene, False)
+    choosing.look(scene)
     drawing.release()
-    share = deal(run, opened, scene, distribution)
+    share = deal(run, opened, scene, choosing.distribution)
     return share, load_bricks(run, opened, share.plan, share.holds) if opened and share.plan else {}
 
 
@@ -116,14 +116,7 @@ class FrameLoop:
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
                 self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
-            try:
-                found = choose_distribution(run, self._opened, self.scene, several, self._drawing)
-            except BaseException:
-                self._drawing.release()
-                raise
-        self._distribution, forecasts = found
-        self._sharing = sharing_of(self._distribution, forecasts)
-        self._companion = companion_of(run, self._drawing, self._distribution, several)
+        self._choosing = Choosing(run, self._drawing, self._opened, self.scene, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
@@ -170,24 +163,27 @@ class FrameLoop:
 
     def _draw(self, scene: Scene, number: int) -> DrawnFrame:
         scene, accuracy = self._settled(scene)
-        share = self._share = deal(self._run, self._opened, scene, self._distribution, self._share)
+        self._choosing.look(scene, self._share)
+        share = self._share = deal(self._run, self._opened, scene, self._choosing.distribution, self._share)
+        companion, sharing = self._choosing.companion, self._choosing.sharing
         if self._opened:
             self._drawing.bring(self._opened, share)
             if accuracy and not self._run.options.keep_bricks:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
-            share = self._companion.before(self._opened, share) if self._companion else share
+            share = companion.before(self._opened, share) if companion else share
         check_alike(self._run, share)
         partials, counts = self._drawing.draw(share)
-        counts = self._companion.counted(counts) if self._companion else counts
+        counts = companion.counted(counts) if companion else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(number, share, partials, counts, accuracy, self._sharing)
+        return DrawnFrame(number, share, partials, counts, accuracy, sharing)
 
     def _learn(self, share: Share, costs: Sequence[RankFrame]) -> None:
         if share.plan is not None:
-            self._distribution.learn(share.plan, costs)
-            if self._companion:
-                self._companion.after(share, costs)
+            self._choosing.distribution.learn(share.plan, costs)
+            self._choosing.note(costs)
+            if self._choosing.companion:
+                self._choosing.companion.after(share, costs)
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
         """The scene with settings that hold its `quality.max_error`, where it has one."""
@@ -200,7 +196,7 @@ class FrameLoop:
     def _small_picture(self, scene: Scene) -> tuple[Image | None, int]:
         """One of the pictures that a calibration asks for, on rank 0, and the samples that all ranks took."""
         # Frames follow each other's cost; what is drawn between them is none of theirs.
-        run, distribution = self._run, deepcopy(self._distribution)
+        run, distribution = self._run, deepcopy(self._choosing.distribution)
         share = deal(run, self._opened, scene, distribution)
         if self._opened:
             self._drawing.bring(self._opened, share)
@@ -216,5 +212,4 @@ class FrameLoop:
         # After a failure the others may not come to a collective call.
         if kind is None:
             self._compositing.close()
-            if self._companion:
-                self._companion.close()
+            self._choosing.close()

@@ -1,20 +1,16 @@
-"""Which distribution a scene gets: what its section `cluster` names, and what it leaves open."""
+"""What a scene's section `cluster` says of who draws what, and what it leaves open."""
 
 from __future__ import annotations
 
-from clusterviz.composite.model.network import default_network
 from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
-from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.interleaved import Interleaved
-from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
+from clusterviz.frame.mode import candidates
 from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
-from clusterviz.frame.prepass import sound
 from clusterviz.frame.replicated import Replicated
 from clusterviz.frame.run import Run
-from clusterviz.frame.several import Opened
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
@@ -23,42 +19,45 @@ from clusterviz.report.sharing import Forecast, Sharing
 from clusterviz.scene.values import Cluster, Scene
 
 
-def choose_distribution(
-    run: Run, opened: Opened | None, scene: Scene, several: bool, drawing: Drawing
-) -> tuple[Distribution, tuple[Forecast, ...]]:
-    """Who draws what in all frames of a loop; collective.
+def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
+    """How many groups may share the screen, ascending; more than one number where the scene leaves it open.
 
     Parameters
     ----------
-    scene : completed
     several : whether more than one frame may come
-    drawing : for a pre-pass, where one is needed; it keeps the bricks
-
-    Returns
-    -------
-    distribution : the same on every rank
-    forecasts : what it was chosen by; none where the scene left nothing open
 
     Raises
     ------
     InputError
-        On every rank: more groups than ranks; several volumes whose bricks shall move.
+        More groups than ranks; several volumes whose bricks shall move.
     """
-    cluster, ranks = scene.cluster, run.channel.size
-    with run.alone("plan", "plan"):
-        among = _groups(scene, ranks, several)
-        if cluster.distribution == "dynamic" and len(scene.volumes) > 1:
-            text, allowed = "moves bricks of one volume only", "auto, coherent, interleaved, replicated"
-            raise InputError(text, where="cluster.distribution", found="dynamic", allowed=allowed)
-    if opened is None or (among == [1] and cluster.mode in ("auto", "sort-last")):
-        return _of_data(cluster, ranks), ()
-    with run.together("plan", "plan"):
-        limit = _limit(run, cluster)
-    groups, forecasts = _fastest(run, opened, scene, drawing, among, limit) if len(among) > 1 else (among[0], ())
-    if groups == 1 and cluster.mode == "auto":
-        return _of_data(cluster, ranks), forecasts
+    cluster = scene.cluster
+    if cluster.distribution == "dynamic" and len(scene.volumes) > 1:
+        text, allowed = "moves bricks of one volume only", "auto, coherent, interleaved, replicated"
+        raise InputError(text, where="cluster.distribution", found="dynamic", allowed=allowed)
+    if cluster.mode == "sort-first":
+        return [ranks]
+    if cluster.groups is not None:
+        if cluster.groups > ranks:
+            text = "more groups than ranks"
+            raise InputError(text, where="cluster.groups", found=cluster.groups, allowed=f"1 … {ranks}")
+        return [cluster.groups]
+    if cluster.mode == "hybrid":
+        return [groups for groups in candidates(ranks) if 1 < groups < ranks] or [1]
+    return candidates(ranks) if cluster.mode == "auto" and several and _leaves_open(scene) else [1]
+
+
+def distribution_of(cluster: Cluster, ranks: int, groups: int, limit_bytes: int, several: bool) -> Distribution:
+    """Who draws what, where a number of groups share the screen.
+
+    Parameters
+    ----------
+    limit_bytes : of bricks that every rank may hold, as `memory_limit` gives it; for a shared screen
+    """
+    if groups == 1 and cluster.mode in ("auto", "sort-last"):
+        return _of_data(cluster, ranks)
     settings = TileSettings(_strategy(cluster, several), cluster.tile, cluster.repetitions)
-    return SharedScreen(rank_groups(ranks, groups), settings, limit, several), forecasts
+    return SharedScreen(rank_groups(ranks, groups), settings, limit_bytes, several)
 
 
 def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> Sharing:
@@ -68,8 +67,8 @@ def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> S
     return Sharing("sort-last", 1, forecasts)
 
 
-def _limit(run: Run, cluster: Cluster) -> int:
-    """Bytes of bricks that every rank may hold: as the scene says, or the smallest share of free memory of all."""
+def memory_limit(run: Run, cluster: Cluster) -> int:
+    """Bytes of bricks that every rank may hold: as the scene says, or the smallest share of free memory; collective."""
     if cluster.memory_limit is not None:
         return cluster.memory_limit
     mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
@@ -77,33 +76,10 @@ def _limit(run: Run, cluster: Cluster) -> int:
 
 
 def _leaves_open(scene: Scene) -> bool:
-    """Whether nothing was said that belongs to sort-last, nor anything that is settled later."""
+    """Whether nothing was said that belongs to sort-last."""
     cluster = scene.cluster
     said = (cluster.distribution, cluster.compositing, cluster.transport)
-    settled = scene.quality.max_error is None and not scene.quality.leaping
-    return said == ("auto", "auto", "auto") and settled
-
-
-def _fastest(
-    run: Run, opened: Opened, scene: Scene, drawing: Drawing, among: list[int], limit: int
-) -> tuple[int, tuple[Forecast, ...]]:
-    """Of these numbers of groups, the one that should take least; rank 0 decides, so that all do alike."""
-    with run.together("plan", "plan"):
-        nodes = run.channel.nodes()
-    with run.alone("plan", "plan"):
-        plan, ranks = opened.plan(scene), run.channel.size
-        fitting = [groups for groups in among if held_bytes(plan, ranks, groups) <= limit]
-    if len(fitting) < 2 or not plan.cost.any():
-        return (fitting or among)[0], ()
-    sounding = sound(run, drawing, opened, scene, plan)
-    with run.alone("plan", "choose"):
-        found: tuple[Forecast, ...] = ()
-        if sounding is not None:
-            network = default_network(len(nodes))
-            found = tuple(forecast(plan, nodes, groups, network, sounding) for groups in fitting)
-    with run.together("plan", "choose"):
-        found = run.channel.broadcast(found)
-    return choose(found), found
+    return said == ("auto", "auto", "auto") and not scene.quality.leaping
 
 
 def _of_data(cluster: Cluster, ranks: int) -> Distribution:
@@ -118,21 +94,6 @@ def _of_data(cluster: Cluster, ranks: int) -> Distribution:
             return Dynamic(ranks, limit, cluster.migration_bytes, cluster.migration_share)
         case _:
             return Coherent(ranks, limit)
-
-
-def _groups(scene: Scene, ranks: int, several: bool) -> list[int]:
-    """How many groups may share the screen, ascending; more than one number where the scene leaves it open."""
-    cluster = scene.cluster
-    if cluster.mode == "sort-first":
-        return [ranks]
-    if cluster.groups is not None:
-        if cluster.groups > ranks:
-            text = "more groups than ranks"
-            raise InputError(text, where="cluster.groups", found=cluster.groups, allowed=f"1 … {ranks}")
-        return [cluster.groups]
-    if cluster.mode == "hybrid":
-        return [groups for groups in candidates(ranks) if 1 < groups < ranks] or [1]
-    return candidates(ranks) if cluster.mode == "auto" and several and _leaves_open(scene) else [1]
 
 
 def _strategy(cluster: Cluster, several: bool) -> str:

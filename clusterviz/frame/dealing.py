@@ -29,14 +29,14 @@ def deal(run: Run, opened: Opened | None, scene: Scene, distribution: Distributi
             check_same_volume(last.scene, completed)
         if opened is None:
             return Share(completed, None, (), frozenset())
-        plan = _plan(opened, completed, last)
+        plan = plan_frame(opened, completed, last)
         pieces = distribution.deal(plan)
         mode = distribution.mode if isinstance(distribution, SharedScreen) else "sort-last"
         return Share(completed, plan, pieces, distribution.holds(run.channel.rank), mode)
 
 
-def _plan(opened: Opened, scene: Scene, last: Share | None) -> Plan:
-    """A frame's decisions; of the last frame's only the view is made anew where only the camera is another."""
+def plan_frame(opened: Opened, scene: Scene, last: Share | None) -> Plan:
+    """The decisions for a completed scene; of the last frame only the view is made anew where only the camera moved."""
     if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
         return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid))
     return opened.plan(scene)

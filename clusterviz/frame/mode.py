@@ -27,6 +27,7 @@ from clusterviz.render.storage import brick_bytes
 from clusterviz.report.sharing import Forecast
 
 LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
+LEAST_GAIN_AGAIN = 0.8  # of the time of what is there already, below which it is given up: bricks may have to be read
 PIXEL_BYTES = 16
 
 
@@ -75,8 +76,14 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network)
     return fastest(Wanted("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
 
 
-def choose(found: Sequence[Forecast]) -> int:
-    """The number of groups that should take least; 1, sort-last, if it is there, unless others are clearly better."""
+def choose(found: Sequence[Forecast], present: int | None = None) -> int:
+    """The number of groups that should take least, unless what they are measured by is nearly as good.
+
+    Parameters
+    ----------
+    present : groups that share the screen now; None before a first choice, which is measured by sort-last
+    """
     best = min(found, key=lambda each: each.seconds)
-    last = next((each for each in found if each.groups == 1), None)
-    return 1 if last and not best.seconds < LEAST_GAIN * last.seconds else best.groups
+    kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)
+    now = next((each for each in found if each.groups == kept), None)
+    return kept if now and not best.seconds < gain * now.seconds else best.groups

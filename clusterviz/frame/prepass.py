@@ -66,13 +66,23 @@ class _Told:
     cores: frozenset[int]
 
 
-def sound(run: Run, drawing: Drawing, opened: Opened, scene: Scene, plan: Plan) -> Sounding | None:
+def sound(
+    run: Run,
+    drawing: Drawing,
+    opened: Opened,
+    scene: Scene,
+    plan: Plan,
+    holds: frozenset[Index] = frozenset(),
+    seconds_per_sample: float | None = None,
+) -> Sounding | None:
     """Draw the pre-pass; collective.
 
     Parameters
     ----------
     drawing : which keeps the bricks
     plan : of the completed scene's picture
+    holds : bricks that are kept besides
+    seconds_per_sample : where it is known on all ranks, nothing is drawn to measure it
 
     Returns
     -------
@@ -84,19 +94,21 @@ def sound(run: Run, drawing: Drawing, opened: Opened, scene: Scene, plan: Plan) 
     with run.alone("plan", "plan"):
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))
-        share = Share(scene, plan, boxes, _holds(plan, channel.rank, channel.size))
+        share = Share(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
     drawing.bring(opened, share)
     with run.aside("choose"):
         partials, _ = drawing.draw(replace(share, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
         found = list(map(_found, numbers, partials, drawing.work))
-        before = run.clock.seconds.get("render", 0.0)
-        _, counts = drawing.draw(replace(share, pieces=_close_look(plan, channel, found, scale)))
+        before, samples = run.clock.seconds.get("render", 0.0), 0
+        if seconds_per_sample is None:
+            _, counts = drawing.draw(replace(share, pieces=_close_look(plan, channel, found, scale)))
+            samples = counts.samples
         seconds = run.clock.seconds.get("render", 0.0) - before
     with run.together("plan", "choose"):
-        told = channel.gather(_Told(found, seconds, counts.samples, place.host, granted_cores()))
+        told = channel.gather(_Told(found, seconds, samples, place.host, granted_cores()))
     with run.alone("plan", "choose"):
-        return None if told is None else _sounding(plan, told, owner, len(boxes), scale)
+        return None if told is None else _sounding(plan, told, owner, len(boxes), scale, seconds_per_sample)
 
 
 def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]]:
@@ -116,7 +128,8 @@ def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]
     return tuple(replace(piece, rank=piece.rank // each) for piece in pieces), number
 
 
-def _holds(plan: Plan, rank: int, ranks: int) -> frozenset[Index]:
+def leaf_bricks(plan: Plan, rank: int, ranks: int) -> frozenset[Index]:
+    """The bricks that a rank needs for the pre-pass: those of sort-last."""
     bricks = bricks_of(build_tree(plan.cost, ranks), rank, plan.cost)
     return frozenset((z, y, x) for z, y, x in bricks.tolist())
 
@@ -147,7 +160,9 @@ def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -
     return tuple(replace(leaf, window=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
 
 
-def _sounding(plan: Plan, told: list[_Told], owner: NDArray[np.int32], pieces: int, scale: int) -> Sounding:
+def _sounding(
+    plan: Plan, told: list[_Told], owner: NDArray[np.int32], pieces: int, scale: int, seconds_per_sample: float | None
+) -> Sounding:
     """What all ranks told, over one picture."""
     width, height = (-(-side // scale) for side in plan.view.size)
     samples, depth = (np.zeros((pieces, height, width), np.float32) for _ in range(2))
@@ -159,8 +174,8 @@ def _sounding(plan: Plan, told: list[_Told], owner: NDArray[np.int32], pieces: i
     ends = plan.look.operator == "over" and plan.march.residual > 0
     limit = -np.log(plan.march.residual) / LONGER if ends else np.inf
     taken = sum(rank.samples for rank in told)
-    per_sample = sum(rank.seconds for rank in told if rank.samples) / taken if taken else UNKNOWN
-    return Sounding(scale, owner, samples, depth, float(limit), per_sample, _crowd(told))
+    measured = sum(rank.seconds for rank in told if rank.samples) / taken if taken else UNKNOWN
+    return Sounding(scale, owner, samples, depth, float(limit), seconds_per_sample or measured, _crowd(told))
 
 
 def _by_pixel(rect: Rect, work: NDArray[np.uint32]) -> NDArray[np.float64]:

@@ -78,3 +78,8 @@ def test_extensions_in_capitals_and_names_with_dots(tmp_path: Path) -> None:
 def test_fields_are_sources_too() -> None:
     assert open_source("field:ramp:5").grid.shape_zyx == (5, 5, 5)
     refused(lambda: open_source("field:rump"), "no such field", "rump", "ramp")
+
+
+def test_a_missing_sample_tells_how_to_fetch_it(tmp_path: Path) -> None:
+    """Scenes of examples name samples as if they lay beside them."""
+    refused(lambda: open_source(tmp_path / "mni152.nii.gz"), "no such file", "clusterviz samples mni152")

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Options, Run
-from clusterviz.frame.choice import choose_distribution
+from clusterviz.frame import FrameLoop, Options, Rendered, Run
+from clusterviz.frame.choosing import PAUSE, Choosing
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
@@ -21,8 +21,10 @@ from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.prepass import sound
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_ranks
+from clusterviz.image import compare
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
+from clusterviz.report.sharing import Forecast
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.settings import with_settings
@@ -165,18 +167,19 @@ def test_numbers_of_groups_that_are_compared(ranks: int) -> None:
 def test_what_the_scene_says_counts(
     settings: dict[str, Any], several: bool, shared: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("clusterviz.frame.choice.default_network", lambda nodes: SLOW)
+    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: SLOW)
 
     def chosen(channel: Channel) -> int | None:
         run = Run(channel, CPU)
         opened = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
         scene = complete_scene(scene_of(settings), opened.facts)
-        distribution, forecasts = choose_distribution(run, opened, scene, several, Drawing(run))
-        if isinstance(distribution, SharedScreen):
-            assert bool(forecasts) == (settings == OPAQUE)
-            return len(distribution.groups)
-        assert isinstance(distribution, Coherent) or "distribution" in settings
+        choosing = Choosing(run, Drawing(run), opened, scene, several)
+        choosing.look(scene)
+        if isinstance(choosing.distribution, SharedScreen):
+            assert bool(choosing.sharing.forecasts) == (settings == OPAQUE)
+            return len(choosing.distribution.groups)
+        assert isinstance(choosing.distribution, Coherent) or "distribution" in settings
         return None
 
     assert run_loopback(RANKS, chosen, ranks_per_node=1) == [shared] * RANKS
@@ -201,3 +204,71 @@ def test_statistics_tell_what_was_chosen_and_by_what() -> None:
     told = run_loopback(RANKS, job)
     assert told == [told[0]] * RANKS
     assert [each["groups"] for each in told[0]["forecasts"]] == candidates(RANKS)
+
+
+MIDDLE = (36.0, 36.0, 36.0)
+AFAR = {"position": (300.0, 250.0, 200.0), "focal_point": MIDDLE, "view_angle": 30.0}
+INTO_A_CORNER = {"position": (90.0, 88.0, 92.0), "focal_point": (70.0, 70.0, 70.0), "view_angle": 40.0}
+FLIGHT = [AFAR] * 3 + [INTO_A_CORNER] * (PAUSE + 1)
+
+
+def flown(channel: Channel, settings: dict[str, Any], flight: list[dict[str, Any]]) -> list[Rendered]:
+    """The frames of a flight, as `animate` draws them."""
+    scenes = [scene_of({"size": (80, 60)} | settings | view) for view in flight]
+    with FrameLoop(scenes[0], channel, SOURCE, CPU) as loop:
+        return list(loop.frames(enumerate(scenes)))
+
+
+@pytest.fixture(scope="module")
+def flight() -> list[list[Rendered]]:
+    """What each rank has of a flight from afar to before a corner, where nothing is lost on the way."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
+        return run_loopback(RANKS, lambda channel: flown(channel, {}, FLIGHT), ranks_per_node=1)
+
+
+def test_a_view_that_is_uneven_changes_the_mode(flight: list[list[Rendered]]) -> None:
+    """Seen from afar all leaves cost alike; before a corner one of them is all that is seen."""
+    modes = [[f"{frame.statistics.sharing}".split(",")[0] for frame in frames] for frames in flight]
+    assert modes == [["sort-last"] * PAUSE + ["sort-first"] * 4] * RANKS
+    alone = flown(LoopbackChannel(), {}, [AFAR, INTO_A_CORNER])
+    for number in (0, PAUSE - 1, PAUSE, len(FLIGHT) - 1):
+        found, expected = flight[0][number].image, alone[int(number >= 3)].image
+        assert found is not None
+        assert expected is not None
+        assert expected[..., 3].max() > 0.1
+        assert compare(found, expected, 1e-5).count == 0
+
+
+def test_later_choices_rest_on_counts_alone(flight: list[list[Rendered]]) -> None:
+    """What a sample takes is measured once: a busy machine cannot change the mode in the middle of a movie."""
+    first, then = (flight[0][number].statistics.sharing for number in (0, -1))
+    assert first is not None
+    assert then is not None
+    assert first.forecasts != then.forecasts
+    before, after = ([each.seconds_drawing / each.samples for each in way.forecasts] for way in (first, then))
+    assert after == pytest.approx(before, rel=1e-6)
+
+
+def test_what_is_there_is_given_up_only_for_what_is_clearly_better() -> None:
+    last, shared = Forecast(1, 1.0, 1.0, 0.0, 0), Forecast(4, 1.0, 0.85, 0.0, 0)
+    assert choose([last, shared]) == 4
+    assert choose([last, shared], present=1) == 1
+    assert choose([last, shared], present=4) == 4
+    assert choose([replace(last, seconds_drawing=0.7), shared], present=4) == 4
+    assert choose([replace(last, seconds_drawing=0.67), shared], present=4) == 1
+    assert choose([last, shared], present=2) == 4  # which no longer fits
+
+
+def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
+    view, bounded = [INTO_A_CORNER], {"max_error": 0.02}
+    frame = run_loopback(RANKS, lambda channel: flown(channel, bounded, view), ranks_per_node=1)[0][0]
+    (alone,) = flown(LoopbackChannel(), bounded, view)
+    assert f"{frame.statistics.sharing}".startswith("sort-first")
+    assert frame.statistics.accuracy is not None
+    assert alone.statistics.accuracy is not None
+    assert frame.statistics.accuracy.step == alone.statistics.accuracy.step
+    assert frame.image is not None
+    assert alone.image is not None
+    assert compare(frame.image, alone.image, 1e-5).count == 0

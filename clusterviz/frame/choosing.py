@@ -1,0 +1,147 @@
+"""How the ranks of a loop share its frames: chosen before the first one, and looked at again where counts ask for it.
+
+What is chosen first rests on what a sample was measured to take; from then on only on counts, which are the same in
+every run. A look is taken when samples have changed much since the last one, as where a camera comes near: a
+pre-pass, about one sample in 64 of a small picture. All ranks count alike, and rank 0 decides for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clusterviz.composite.model.network import default_network
+from clusterviz.frame.choice import distribution_of, groups_of, memory_limit, sharing_of
+from clusterviz.frame.companion import Companion, companion_of
+from clusterviz.frame.dealing import plan_frame
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.mode import choose, forecast, held_bytes
+from clusterviz.frame.prepass import UNKNOWN, leaf_bricks, sound
+from clusterviz.frame.run import Run
+from clusterviz.frame.several import Opened
+from clusterviz.frame.share import Share
+from clusterviz.plan.plan import Plan
+from clusterviz.render.storage import brick_bytes
+from clusterviz.report.sharing import Forecast
+from clusterviz.report.statistics import RankFrame
+from clusterviz.scene.complete import complete_scene
+from clusterviz.scene.values import Scene
+
+CHANGED = 1.5  # times as many samples as after the last look, or as few: of all ranks, or of the busiest
+PAUSE = 8  # frames from one look to the next, at least
+
+
+class Choosing:
+    """What is chosen now; the same on every rank.
+
+    Parameters
+    ----------
+    run, drawing : of the loop; drawing keeps the bricks of a pre-pass
+    opened : what there is to draw, if anything
+    scene : completed
+    several : whether more than one frame may come
+
+    Attributes
+    ----------
+    distribution : until the first frame is settled, sort-last where the number of groups is open
+    companion : its own
+    sharing : for the statistics: what was chosen, and what that was last measured by
+
+    Raises
+    ------
+    InputError
+        As `groups_of` does; the same on every rank.
+    """
+
+    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
+        self._run, self._drawing, self._opened, self._several = run, drawing, opened, several
+        self._cluster, ranks = scene.cluster, run.channel.size
+        with run.alone("plan", "plan"):
+            self._among = groups_of(scene, ranks, several)
+        self._limit = 0
+        if opened is not None and (self._among != [1] or self._cluster.mode in ("sort-first", "hybrid")):
+            with run.together("plan", "plan"):
+                self._limit = memory_limit(run, self._cluster)
+        self._is_open = opened is not None and len(self._among) > 1
+        self._groups = self._among[0] if not self._is_open else None
+        self._seconds_per_sample: float | None = None
+        self._frames, self._counted, self._has_changed = 0, (0, 0), False
+        self.companion: Companion | None = None
+        self._take(self._groups or 1, ())
+
+    def look(self, scene: Scene, last: Share | None = None) -> None:
+        """Before a frame: choose, or look again, where that is due; collective.
+
+        Parameters
+        ----------
+        scene : of the frame, with all settings of its quality
+        last : the share of the frame before
+        """
+        if not self._is_open or (self._groups is not None and not self._is_due):
+            return
+        run, opened = self._run, self._opened
+        assert opened is not None, "nothing is open where nothing is drawn"
+        with run.alone("plan", "plan"):
+            scene = complete_scene(scene, opened.facts)
+            plan = plan_frame(opened, scene, last)
+            fitting = [n for n in self._among if held_bytes(plan, run.channel.size, n) <= self._limit]
+        found: tuple[Forecast, ...] = ()
+        if len(fitting) > 1 and plan.cost.any():
+            found = self._forecasts(opened, scene, plan, fitting, last)
+        present, self._frames = self._groups, 0
+        chosen = choose(found, present) if found else present or (fitting or self._among)[0]
+        if chosen != present:
+            self._take(chosen, found)
+        elif found:
+            self.sharing = sharing_of(self.distribution, found)
+        self._groups = chosen
+
+    def note(self, costs: Sequence[RankFrame]) -> None:
+        """After a frame: what it cost each rank."""
+        self._frames += 1
+        samples = [rank.samples - rank.samples_estimate for rank in costs]
+        now = sum(samples), max(samples)
+        if self._frames == 1:
+            self._counted = now
+        self._has_changed = any(max(a, b) > CHANGED * min(a, b) for a, b in zip(now, self._counted, strict=True))
+
+    def close(self) -> None:
+        """Give back what the companion took; collective."""
+        if self.companion:
+            self.companion.close()
+
+    @property
+    def _is_due(self) -> bool:
+        return self._frames >= PAUSE and self._has_changed
+
+    def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
+        """Begin with a number of groups."""
+        self.close()
+        ranks = self._run.channel.size
+        self.distribution = distribution_of(self._cluster, ranks, groups, self._limit, self._several)
+        self.companion = companion_of(self._run, self._drawing, self.distribution, self._several)
+        self.sharing = sharing_of(self.distribution, found)
+
+    def _forecasts(
+        self, opened: Opened, scene: Scene, plan: Plan, among: list[int], last: Share | None
+    ) -> tuple[Forecast, ...]:
+        """What numbers of groups should take, on every rank; none where the pre-pass has no memory."""
+        run, channel = self._run, self._run.channel
+        with run.together("plan", "plan"):
+            nodes = channel.nodes()
+        holds = last.holds if last else frozenset()
+        with run.alone("plan", "plan"):
+            bricks = leaf_bricks(plan, channel.rank, channel.size) | holds
+            held = len(bricks) * int(brick_bytes(plan).max())
+        if last and channel.maximum(held) > self._limit:
+            return ()
+        sounding = sound(run, self._drawing, opened, scene, plan, holds, self._seconds_per_sample)
+        told: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
+        with run.alone("plan", "choose"):
+            if sounding is not None:
+                network = default_network(len(nodes))
+                found = tuple(forecast(plan, nodes, groups, network, sounding) for groups in among)
+                told = found, sounding.seconds_per_sample
+        with run.together("plan", "choose"):
+            found, seconds = channel.broadcast(told)
+        self._seconds_per_sample = seconds if seconds != UNKNOWN else None
+        return found
