@@ -18,6 +18,7 @@ from clusterviz.cli.writing import WritingThread
 from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options
+from clusterviz.report.leaping import Leaping, together
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import Scene, open_scene
@@ -81,6 +82,8 @@ def command(
     if channel.rank == 0:
         seconds = time.perf_counter() - began
         print(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}", flush=True)
+        if movie.leaping:
+            print(f"leaping: {movie.leaping}", flush=True)
 
 
 def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float) -> int:
@@ -105,6 +108,7 @@ class _Movie:
         self._channel, self._files, self._tracing, self._keep = channel, files, tracing, keep
         self._thread = WritingThread() if files else None
         self.statistics: list[FrameStatistics] = []
+        self.leaping: Leaping | None = None
 
     def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
         """Draw what is missing; collective."""
@@ -124,6 +128,7 @@ class _Movie:
             for done, rendered in enumerate(frames, 1):
                 show(progress, names, done, time.perf_counter() - started)
                 self._tracing.add(rendered.spans)
+                self.leaping = together((self.leaping, rendered.statistics.leaping))
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from dataclasses import asdict, replace
+from dataclasses import replace
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
+from clusterviz.report.leaping import together
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
@@ -118,6 +119,5 @@ class Drawing:
         held = self._caster.held if self._caster else {}
         occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
-        leapt = [asdict(each.leapt) for each in drawn if each.leapt]
-        leaping = {name: sum(each[name] for each in leapt) for name in (leapt[0] if leapt else ())}
+        leaping = together(each.leaping for each in drawn)
         return RankFrame({}, **held, bricks_drawn=bricks, bricks_occluded=occluded, samples=samples, leaping=leaping)

@@ -11,24 +11,9 @@ from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.report.leaping import Leaping
 
 SQUARE = 8  # pixels along the side of what samples are counted by
-
-
-@dataclass(frozen=True)
-class Leapt:
-    """What the last frame was good for, in rays.
-
-    Attributes
-    ----------
-    estimated : it told where to start
-    left_out : it told that they meet nothing, so they were not drawn
-    late : of `estimated`, those that it told to start too late, and that began again
-    """
-
-    estimated: int = 0
-    left_out: int = 0
-    late: int = 0
 
 
 @dataclass(frozen=True)
@@ -42,7 +27,7 @@ class Drawn:
     bricks : bricks drawn
     seconds_render, seconds_readback : until the pixels were done, and until they were here
     occluded : bricks not drawn, since all rays ended in front of them
-    leapt : what the last frame was good for; None where nothing of it was asked
+    leaping : what the last frame was good for; None where nothing of it was asked
     work : uint32 (rows, columns), the samples of each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -53,7 +38,7 @@ class Drawn:
     seconds_readback: float = 0.0
     work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
     occluded: int = 0
-    leapt: Leapt | None = None
+    leaping: Leaping | None = None
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.leaping import Leaping, together
 from clusterviz.report.sharing import Sharing
 from clusterviz.report.trace import Span
 
@@ -71,12 +72,11 @@ class RankFrame:
     voxel_bytes : GPU memory that they take
     samples : field samples that rays took
     samples_estimate : of these, in a pre-pass that is not shown
-    leaping : rays that the last frame told where to start, those that it left out, and those that began again since
-        it told them to start too late: estimated, left_out, late; empty where quality.leaping is false
     cpu_seconds : processor time of drawing, of all threads of the process
     bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
     peak_memory_bytes : the largest resident size of the process so far
     renderer : OpenGL's name of what drew
+    leaping : what the last frame was good for; None where quality.leaping is false
     compositing : what was chosen, predicted and measured, stage by stage and peer by peer
     balance : what was sent and received to even out the ranks, in how many seconds, where the distribution is dynamic
     """
@@ -95,7 +95,7 @@ class RankFrame:
     messages_sent: int = 0
     peak_memory_bytes: int = 0
     renderer: str = ""
-    leaping: dict[str, int] = field(default_factory=dict)
+    leaping: Leaping | None = None
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 
@@ -127,6 +127,11 @@ class FrameStatistics:
     def renderer(self) -> str:
         """OpenGL's name of what drew; "" where nothing did."""
         return next((rank.renderer for rank in self.per_rank if rank.renderer), "")
+
+    @property
+    def leaping(self) -> Leaping | None:
+        """What the last frame was good for, on all ranks; None where quality.leaping is false."""
+        return together(rank.leaping for rank in self.per_rank)
 
     @property
     def imbalance(self) -> float:
@@ -161,6 +166,7 @@ class FrameStatistics:
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "sharing": asdict(self.sharing) if self.sharing else None,
             "migration": self.migration,
+            "leaping": asdict(self.leaping) if self.leaping else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

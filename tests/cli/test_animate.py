@@ -56,6 +56,16 @@ def test_an_orbit_becomes_numbered_pictures(cli: Run, tmp_path: Path) -> None:
     assert {f"frame {number}" for number in range(3)} <= {event["name"] for event in events}
 
 
+def test_rays_that_start_by_the_last_frame_end_with_what_was_missed(cli: Run, tmp_path: Path) -> None:
+    options = ("--orbit", "2", "--frames", "2", "--device", "cpu", "--stats", str(tmp_path / "s.json"))
+    outcome = animate(cli, tmp_path / "frame_%04d.png", *options, "-D", "quality.leaping=true")
+    assert (outcome.status, outcome.err) == (0, "")
+    first, second = (frame["leaping"] for frame in json.loads((tmp_path / "s.json").read_text())["frames"])
+    assert not any(first.values())
+    assert second["estimated"] + second["left_out"] + second["checked"] > 0
+    assert f"leaping: {second['estimated']} rays started later, {second['left_out']} were left out" in outcome.out
+
+
 @pytest.mark.gl
 def test_resume_renders_what_is_missing_or_damaged_and_nothing_else(cli: Run, tmp_path: Path) -> None:
     pattern, stats = tmp_path / "frame_%d.png", tmp_path / "s.json"

@@ -50,7 +50,7 @@ def without(scenes: Sequence[Scene]) -> list[Rendered]:
 
 
 def rays(frame: Rendered, name: str) -> int:
-    return sum(rank.leaping.get(name, 0) for rank in frame.statistics.per_rank)
+    return sum(getattr(rank.leaping, name) for rank in frame.statistics.per_rank if rank.leaping)
 
 
 def samples(frame: Rendered) -> int:
@@ -126,7 +126,7 @@ def test_without_it_frames_are_those_of_single_pictures_bit_for_bit() -> None:
         (alone,) = draw_all([with_settings(scene, {"leaping": True})], LoopbackChannel())
         assert frame.image is not None
         assert np.array_equal(frame.image, alone.image)  # type: ignore[arg-type]
-        assert frame.statistics.per_rank[0].leaping == {}
+        assert frame.statistics.per_rank[0].leaping is None
 
 
 def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,6 +144,27 @@ def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch) -
     assert compare(found.image[dense], plain.image[dense], BOUND).count == 0
     assert rays(found, "late") > dense.sum() / 2
     assert rays(found, "estimated") >= rays(found, "late")
+
+
+def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of thin shells much is missed. Had all rays been checked, they would have told so, and missed nothing."""
+    thin = ((0.0, 0.0), (0.45, 0.0), (0.5, 0.9), (0.55, 0.0), (1.0, 0.0))
+    scene = with_settings(scene_of(), {"path": "field:marschner-lobb:24", "opacity": thin, "size": (40, 32)})
+    scenes = turning(scene, 3.0, 2)
+    plain = without(scenes)[1]
+    drawn = {}
+    for tiles in (1, 1 << 30):
+        monkeypatch.setattr(last_frame, "FRESH_TILES", tiles)
+        drawn[tiles] = draw_all(scenes, LoopbackChannel())[1]
+    checked, others = drawn.values()
+    assert rays(checked, "estimated") == rays(others, "checked") == 0
+    assert rays(checked, "checked") >= rays(others, "estimated") > 0
+    assert compare(checked.image, plain.image, BOUND).count == 0  # type: ignore[arg-type]
+    missed = compare(others.image, plain.image, 1 / 255)  # type: ignore[arg-type]
+    report = checked.statistics.leaping
+    assert report is not None
+    assert BOUND < missed.max <= report.error + BOUND
+    assert 0 < missed.count <= report.wrong < 4 * missed.count
 
 
 def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import group_doublings
-from clusterviz.render.drawn import SQUARE, Drawn, Leapt, footprint
+from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.storage import make_slot
 from clusterviz.render.stored import store
@@ -36,10 +36,9 @@ from clusterviz.render.vectors.coherence.reprojection import prepare_reprojectio
 from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
-from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.stretch import with_doublings
 from clusterviz.render.vectors.memory import Memory
-from clusterviz.render.vectors.order import hand_over, job_of, tables_of
+from clusterviz.render.vectors.order import hand_over, job_of, leaping_of, tables_of
 from clusterviz.render.vectors.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 
@@ -169,14 +168,15 @@ class VectorCaster:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         job = job_of(plan, shown.box, rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
+        memory: dict[str, NDArray[np.float32]] = {}
         if plan.march.leaping is not None:
             memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.leaping)
         self._run(job)
+        leaping = leaping_of(job, memory["starts"][: rect.height, : rect.width]) if memory else None
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
-        leapt = Leapt(*(int(job[name][0]) for name in COUNTS)) if self._kernel.leaping else None
-        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leapt)
+        return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leaping)
 
     def _run(self, job: NDArray[np.void]) -> None:
         """Let all threads draw tiles until there are none."""

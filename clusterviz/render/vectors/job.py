@@ -50,13 +50,14 @@ JOB = np.dtype(
         ("grading", "i8"),  # float32 (4 + fading, 4), see plan/grading.py
         ("table", "i8"),  # float32 (rows, columns, 4)
         ("depth", "f8", 4),  # the view depth of (x, y, z) is their product with the first three, and the last
-        ("starts", "i8"),  # float32 (rows, stride): see starts.py
+        ("starts", "i8"),  # float32 (rows, stride), read and written: see starts.py
         ("offset", "i4"),  # slabs before that with which rays start
         ("hits", "i8"),  # float32 (3, rows, stride)
         ("plane", "i8"),  # bytes of (rows, stride)
         ("estimated", "i8"),  # rays that the last frame told where to start
         ("left_out", "i8"),  # those that it told to meet nothing
         ("late", "i8"),  # those that it told to start too late, and that began again
+        ("checked", "i8"),  # those that start anew, and find what they would have missed
     ],
     align=True,
 )

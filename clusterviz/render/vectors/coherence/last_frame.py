@@ -72,7 +72,7 @@ class LastFrame:
         if last is not None and _still_holds(last.plan, plan):
             box = _box_of(plan, bricks[0])
             if is_coherent(last.plan.view, plan.view, box):
-                starts = self._unless_fresh(rect, shape)
+                starts = np.full(shape, np.inf, np.float32)
                 reproject(
                     (last.plan.view, plan.view),
                     (last.rect, rect),
@@ -81,19 +81,18 @@ class LastFrame:
                     last.hits,
                     starts,
                 )
+                self._check_some(starts, rect)
         hits = np.empty((3, *shape), np.float32)
         self._now[bricks] = Found(plan, rect, hits)
         return {"starts": starts, "hits": hits}
 
-    def _unless_fresh(self, rect: Rect, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Starts behind everything, but for this frame's tiles of the picture."""
-        starts = np.full(shape, np.inf, np.float32)
+    def _check_some(self, starts: NDArray[np.float32], rect: Rect) -> None:
+        """Have the rays of this frame's tiles of the picture start anew."""
         for row in range(rect.y_begin // FRESH_TILE, -(-rect.y_end // FRESH_TILE)):
             for column in range(rect.x_begin // FRESH_TILE, -(-rect.x_end // FRESH_TILE)):
                 if (5 * row + column - self._frame) % FRESH_TILES == 0:
                     y, x = row * FRESH_TILE - rect.y_begin, column * FRESH_TILE - rect.x_begin
-                    starts[max(y, 0) : y + FRESH_TILE, max(x, 0) : x + FRESH_TILE] = 0.0
-        return starts
+                    starts[max(y, 0) : y + FRESH_TILE, max(x, 0) : x + FRESH_TILE] *= -1.0
 
 
 def depth_of(plan: Plan) -> NDArray[np.float64]:

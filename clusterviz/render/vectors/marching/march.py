@@ -134,6 +134,8 @@ class March:
             here = active()
             place = self._places.of(midpoint(code, rays, at.now), slab, per_slab)
             step = code.least(place.slabs, behind - at.now)
+            if ahead:
+                step = ahead.reached(at.now, step, kept[3].now)
             gap = here & ~place.visible
             at.set(code.select(gap, at.now + step, at.now))
             # Rays that have found something wait for those that are still looking.

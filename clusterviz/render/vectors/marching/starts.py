@@ -2,7 +2,8 @@
 
 A ray goes on from its start as if it had come to it by leaping over what is empty: its slabs are where they would be
 anyway, and where no start is too late, pictures differ by rounding only. A ray whose very first slab adds something may
-have started too late: it begins again at its entry. What is left to go wrong is a start behind something thin.
+have started too late: it begins again at its entry. What is left to go wrong is a start behind something thin: some
+rays are checked. They start at their entry, stop at what would have been their start, and tell what they gathered.
 
 References
 ----------
@@ -19,8 +20,9 @@ from clusterviz.render.vectors.marching.rays import Rays, midpoint
 from clusterviz.render.vectors.marching.state import BLOCKS, NEVER, Packet
 
 NOTHING = 1e30  # view depth at which rays start that meet nothing
-COUNTS = ("estimated", "left_out", "late")
-"""Numbers of rays: with a start, not drawn at all, and begun again."""
+COUNTS = ("estimated", "left_out", "late", "checked")
+"""Numbers of rays: with a start, not drawn at all, begun again, and checked."""
+NOT_YET = -1.0  # in place of what rays gathered before their starts
 
 
 class Starts:
@@ -46,20 +48,25 @@ class Starts:
         """Let the rays of a packet start where the last frame says; pixels as of the draw."""
         code = self._code
         depth = code.gather(F32, self._job["starts"], y * self._job["stride"] + x, 4)
+        checked, nothing = depth < 0.0, code.size(depth) >= NOTHING
         first, by = (self._depth(place) for place in (rays.first, rays.slab))
-        slabs = (depth.to(F64) - (first + self._job.part("depth", 3))) / by
+        slabs = (code.size(depth).to(F64) - (first + self._job.part("depth", 3))) / by
         start = code.within(slabs, -1.0, 2.0**30).to(I32) - self._job["offset"]
         # The last slab is nobody's first: what is found there could not be looked at again.
-        start, entry = code.least(start, rays.slabs - 2), packet.get("at")
-        drawn, nothing = packet.get("done").equals(0), depth >= NOTHING
-        self.count("estimated", drawn & ~nothing & (start > entry))
-        self.count("left_out", drawn & nothing)
+        entry = packet.get("at")
+        start = code.select(nothing, NEVER, code.most(code.least(start, rays.slabs - 2), entry))
+        drawn = packet.get("done").equals(0)
+        self.count("estimated", drawn & ~nothing & ~checked & (start > entry))
+        self.count("left_out", drawn & nothing & ~checked)
+        self.count("checked", drawn & checked)
         packet.set("entry", entry)
-        packet.set("at", code.most(start, entry))
-        packet.set("start", code.most(start, entry))
+        packet.set("at", code.select(checked | nothing, entry, start))
+        packet.set("start", start)
+        packet.set("checked", checked.to(I32))
+        packet.set("missed", code.select(start > entry, code.same(F32, NOT_YET), code.same(F32, 0.0)))
         # A first slab that the entry cuts has been drawn already.
         packet.set("hit", code.select(packet.get("look", 3) > 0.0, code.same(I32, 0), NEVER))
-        packet.set("done", (~drawn | nothing).to(I32))
+        packet.set("done", (~drawn | (nothing & ~checked)).to(I32))
 
     def ahead(self, packet: Packet) -> Ahead:
         """Its state while a packet goes on."""
@@ -70,18 +77,26 @@ class Starts:
         new = found & packet.get("hit").equals(NEVER)
         packet.set("hit", self._code.select(new, packet.rays.slabs - 1, packet.get("hit")))
 
-    def finish(self, packet: Packet, x: Value, y: Value) -> None:
-        """Write where the rays of a packet hit something, NaN where they did not."""
+    def finish(self, packet: Packet, opacity: Value, x: Value, y: Value) -> None:
+        """Write where the rays of a packet hit something, NaN where they did not, and what they would have missed."""
         code, job, rays, hit = self._code, self._job, packet.rays, packet.get("hit")
         whole = midpoint(code, rays, code.least(hit, rays.slabs))
-        row = BLOCKS[code.lanes][0]
         nowhere, last = hit.equals(NEVER), hit >= rays.slabs - 1
         for axis in range(3):
             at = code.select(last, rays.last[axis], whole[axis]).to(F32)
             at = code.select(nowhere, code.same(F32, float("nan")), at)
-            for lane in range(0, code.lanes, row):
-                place = (y * job["stride"] + x).lane(lane).to(I64) * 4 + job["plane"] * axis
-                code.store(code.shuffle(at, at, range(lane, lane + row)), job["hits"] + place)
+            self._write(at, job["hits"] + job["plane"] * axis, x, y)
+        missed = packet.get("missed")
+        missed = code.select(missed.equals(NOT_YET), opacity, missed)
+        self._write(code.select(packet.mask("checked"), missed, code.same(F32, 0.0)), job["starts"], x, y)
+
+    def _write(self, values: Value, address: Value, x: Value, y: Value) -> None:
+        """Store a number for each pixel."""
+        code = self._code
+        row = BLOCKS[code.lanes][0]
+        for lane in range(0, code.lanes, row):
+            place = (y * self._job["stride"] + x).lane(lane).to(I64) * 4
+            code.store(code.shuffle(values, values, range(lane, lane + row)), address + place)
 
     def count(self, name: str, rays: Value) -> None:
         """Add so many rays to a number."""
@@ -104,14 +119,23 @@ class Ahead:
 
     def __init__(self, code: Code, starts: Starts, packet: Packet) -> None:
         self._code, self._starts, self.entry = code, starts, packet.get("entry")
-        self._start, self._hit = (Variable(packet.get(name)) for name in ("start", "hit"))
+        self._start, self._hit, self._missed = (Variable(packet.get(name)) for name in ("start", "hit", "missed"))
+        self._checked = packet.mask("checked")
+
+    def reached(self, at: Value, step: Value, opacity: Value) -> Value:
+        """Before runs of `step` slabs from slab `at`: shorter ones, where rays stop at what would be their start."""
+        code, start = self._code, self._start.now
+        self._missed.set(code.select(at.equals(start) & self._missed.now.equals(NOT_YET), opacity, self._missed.now))
+        return code.select(at < start, code.least(step, start - at), step)
 
     def passed(self, at: Value, drawn: Value) -> Value:
         """After runs from slab `at`: which rays begin again at their entry, without what the run came to."""
         code, found = self._code, self._starts.found
         some = drawn & (found.now < NEVER)
         slab = at + found.now
-        late = some & slab.equals(self._start.now) & (slab > self.entry)
+        noticed = some & slab.equals(self._start.now) & (slab > self.entry)
+        late = noticed & ~self._checked
+        self._missed.set(code.select(noticed, code.same(F32, 0.0), self._missed.now))
         self._starts.count("late", late)
         self._hit.set(code.select(some & ~late & self._hit.now.equals(NEVER), slab, self._hit.now))
         self._start.set(code.select(late, self.entry, self._start.now))
@@ -120,5 +144,5 @@ class Ahead:
 
     def keep(self, packet: Packet) -> None:
         """Write the state."""
-        packet.set("start", self._start.now)
-        packet.set("hit", self._hit.now)
+        for name, variable in (("start", self._start), ("hit", self._hit), ("missed", self._missed)):
+            packet.set(name, variable.now)

@@ -30,8 +30,10 @@ _LAYOUT: tuple[tuple[str, Any, int], ...] = (
 )
 _STARTS: tuple[tuple[str, Any, int], ...] = (
     ("entry", I32, 1),  # the first slab that is this draw's
-    ("start", I32, 1),  # the one that it starts with
+    ("start", I32, 1),  # the one that it starts with, or would start with
     ("hit", I32, 1),  # the first one that adds something
+    ("checked", I32, 1),  # 1: it starts with the first one all the same
+    ("missed", F32, 1),  # opacity before `start`
 )
 
 

@@ -91,7 +91,7 @@ class Tile:
                 samples.set(code.total(self._march.finish(packet, kept).to(I64)))
                 self._note(x.lane(0), y.lane(0), samples.now)
             if self._starts:
-                self._starts.finish(packet, x, y)
+                self._starts.finish(packet, kept[3].now, x, y)
             pixels = [variable.now for variable in kept[:CHANNELS]]
             for lane in range(code.lanes):
                 place = job["pixels"] + (y * job["stride"] + x).lane(lane).to(I64) * 16

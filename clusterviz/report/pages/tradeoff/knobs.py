@@ -58,6 +58,7 @@ KNOBS = (
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
     ),
     Knob("adaptive", "error within which slabs are longer where little changes", (1 / 1024, 1 / 255), (1 / 255,), 0.0),
+    Knob("leaping", "whether rays start by the last frame, half a degree away", (False, True), (False,), False),
     Knob("borders", "what becomes of pre-integrated slabs that leave a brick", exact="overlap"),
     Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), apart=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),

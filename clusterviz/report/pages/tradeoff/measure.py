@@ -2,6 +2,9 @@
 
 Reading, uploading and compiling are done once, before; what is timed is drawing, reading back, compositing and bringing
 the pieces together. The first frame is not counted: drivers and kernels finish compiling in it.
+
+Where rays start by the last frame, that must be another one: the camera then turns half a degree a frame, and the last
+frame, whose picture counts, is that of the scene.
 """
 
 from __future__ import annotations
@@ -18,9 +21,11 @@ from clusterviz.comm.agree import mark_agreed
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop
 from clusterviz.report.statistics import FrameStatistics
+from clusterviz.scene.path import orbit
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]
+TURN = 0.5  # degrees
 
 
 @dataclass(frozen=True)
@@ -92,11 +97,19 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
         raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene with a volume"))
     with FrameLoop(scene, channel) as loop:
         costs = []
-        for number in range(warm_up + frames):
+        for number, one in enumerate(_along(loop.scene, warm_up + frames)):
             channel.barrier()
-            drawn = loop.frame(number=number)
+            drawn = loop.frame(one, number)
             costs.append(drawn.statistics)
     return Measured(_cost(costs[warm_up:]), drawn.image, drawn.scene, drawn.statistics.renderer)
+
+
+def _along(scene: Scene, frames: int) -> list[Scene]:
+    """A completed scene so many times; where one frame tells the next, on the way to its camera."""
+    if not scene.quality.leaping:
+        return [scene] * frames
+    cameras = orbit(scene.camera, TURN * (frames - 1), frames)
+    return [scene.model_copy(update={"camera": camera}) for camera in reversed(cameras)]
 
 
 def _cost(frames: list[FrameStatistics]) -> Cost:

@@ -1,0 +1,26 @@
+"""What is timed: one scene again and again, or on the way to its camera where one frame tells the next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.report.pages.tradeoff.measure import measure
+from clusterviz.scene import scene_of_data
+from clusterviz.scene.settings import with_settings
+
+
+@pytest.mark.gl
+def test_rays_that_start_by_the_last_frame_are_timed_on_the_way_to_the_camera() -> None:
+    keys = ["volumes.0.clim=[0,1]", "volumes.0.opacity=[[0,0],[0.4,0],[0.7,0.3],[1,0.9]]", "image.size=[60,50]"]
+    plain = scene_of_data("field:gaussian:33", keys)
+    whole, leaping = (
+        measure(with_settings(plain, {"leaping": each}), LoopbackChannel(), frames=2) for each in (False, True)
+    )
+    assert leaping.scene.camera == whole.scene.camera
+    assert leaping.image is not None
+    assert whole.image is not None
+    assert np.abs(leaping.image - whole.image).max() < 1e-5
+    assert not np.array_equal(leaping.image, whole.image), "its rays count positions from their starts"
+    assert leaping.cost.samples < whole.cost.samples
