@@ -21,6 +21,7 @@ from clusterviz.composite.counters import CompositeCounters, PeerCounters, Stage
 from clusterviz.composite.gather import collect
 from clusterviz.composite.over.blend import compile_kernels
 from clusterviz.composite.piece import Piece
+from clusterviz.composite.rounding import as_floats, rounded, rounding_bound
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, check_algorithm
 from clusterviz.composite.schedules.schedule import Schedule
 from clusterviz.composite.tiles import TileCollector
@@ -34,8 +35,11 @@ __all__ = [
     "Schedule",
     "StageCounters",
     "TileCollector",
+    "as_floats",
     "check_algorithm",
     "collect",
     "compile_kernels",
     "composite",
+    "rounded",
+    "rounding_bound",
 ]

@@ -93,7 +93,7 @@ class Compositor:
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._planned: _Planned | None = None
-        self._prepared = codec == "raw"
+        self._codec, self._prepared = codec, set[np.dtype[Any]]()
 
     def image(self, rect: Rect, dtype: Any) -> Pixels:
         """Memory for this rank's next partial image, (height, width, 4), from which it need not be copied.
@@ -172,10 +172,10 @@ class Compositor:
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
     def _prepare_codecs(self, dtype: np.dtype[Any]) -> None:
-        """Compile what codecs need, once; collective."""
-        if not self._prepared:
+        """Compile what codecs need, once for a type of pixels; collective."""
+        if self._codec != "raw" and dtype not in self._prepared:
             compile_codecs(self._channel, dtype)
-            self._prepared = True
+            self._prepared.add(dtype)
 
     def _plan(self, footprints: Footprints) -> _Planned:
         """The plan of the last frame, where neither the images nor their memory have moved."""

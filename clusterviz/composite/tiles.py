@@ -15,7 +15,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clusterviz.codec import Rows, choose_codec
 from clusterviz.codec.contract import Bytes, Pixels
@@ -32,8 +31,6 @@ from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
-FLOATS = np.dtype(np.float32)
-
 
 class TileCollector:
     """Makes one picture of the tiles of all ranks, as often as asked; every method is collective.
@@ -43,51 +40,63 @@ class TileCollector:
     channel : to the other ranks
     size : (width, height) of the picture
     codec : a name of the registry, or "auto"
+    pixel : the type of the tiles: float32, float16 or uint8
     network : the constants by which codecs are judged; those that `clusterviz bench network` kept where None
 
     Raises
     ------
     InputError
         On every rank: an unknown codec.
+
+    Attributes
+    ----------
+    pixel : the same
     """
 
     def __init__(
-        self, channel: Channel, size: tuple[int, int], *, codec: str = "auto", network: Network | None = None
+        self,
+        channel: Channel,
+        size: tuple[int, int],
+        *,
+        codec: str = "auto",
+        pixel: str = "float32",
+        network: Network | None = None,
     ) -> None:
         try:
             choose_codec(codec)
         except InputError as error:
             raise mark_agreed(error) from None
-        self._channel, self._size, self._codec = channel, size, codec
+        self._channel, self._size, self._codec, self._dtype = channel, size, codec, np.dtype(pixel)
+        self.pixel = pixel
         nodes = len(channel.nodes())
         self._pack = packer(codec, network or default_network(nodes), nodes)
         if codec != "raw":
-            compile_codecs(channel, FLOATS)
+            compile_codecs(channel, self._dtype)
 
-    def collect(self, tiles: Sequence[PartialImage]) -> tuple[NDArray[np.float32] | None, CompositeCounters]:
+    def collect(self, tiles: Sequence[PartialImage]) -> tuple[Pixels | None, CompositeCounters]:
         """One picture.
 
         Parameters
         ----------
-        tiles : of this rank, float32, inside the picture; no tile of any rank reaches where another lies
+        tiles : of this rank, of the collector's type, inside the picture; none of any rank reaches where another lies
 
         Returns
         -------
-        picture : float32 (height, width, 4), on rank 0; None elsewhere. Where no tile lies it is 0
+        picture : (height, width, 4), of that type, on rank 0; None elsewhere. Where no tile lies it is 0
         counters : what it cost on this rank
         """
         whole = Rect(0, 0, *self._size)
         drawn = [tile for tile in tiles if tile.rect.pixels]
         patches = (Patch(whole.width, 0, whole.pixels, tile.rect) for tile in drawn)
         fragments = tuple(
-            Fragment(patch, np.asarray(tile.rgba, FLOATS).reshape(-1, 4))
+            Fragment(patch, np.asarray(tile.rgba, self._dtype).reshape(-1, 4))
             for patch, tile in zip(patches, drawn, strict=True)
         )
         everybody = tuple(range(self._channel.size))
         counted = _Counted(self._pack)
         started = perf_counter()
         picture: Any = collect(
-            Piece(whole, FLOATS, fragments, everybody, disjoint=True), self._size, self._channel, pack=counted
+            Piece(whole, self._dtype, fragments, everybody, disjoint=True), self._size, self._channel, pack=counted
         )
         return picture, self._counters(counted, perf_counter() - started)
 
@@ -95,7 +104,7 @@ class TileCollector:
         stage = StageCounters(
             messages_sent=counted.messages,
             pixels_sent=counted.pixels,
-            bytes_raw=counted.pixels * 4 * FLOATS.itemsize,
+            bytes_raw=counted.pixels * 4 * self._dtype.itemsize,
             bytes_sent=counted.bytes,
             seconds_encode=counted.seconds,
             seconds_wait=seconds - counted.seconds,

@@ -7,15 +7,19 @@ from dataclasses import asdict, replace
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite import (
     CompositeCounters,
     Compositor,
     TileCollector,
+    as_floats,
     collect,
     compile_kernels,
     composite,
+    rounded,
+    rounding_bound,
 )
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.run import Image, Run
@@ -48,7 +52,12 @@ class Compositing:
         self, share: Share, partials: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
         """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
-        run = self._run
+        run, pixel = self._run, share.scene.quality.pixel
+        if pixel != "float32":
+            with run.together("kernels", "kernels"):
+                compile_kernels(run.channel)
+            with run.clock.stage("encode", "round"):
+                partials = [rounded(partial, pixel) for partial in partials]
         if share.mode == "sort-first":
             return self._collected(share, partials, counts)
         if share.mode == "hybrid":
@@ -74,7 +83,9 @@ class Compositing:
         with run.together("composite"):
             # One frame is over before it is learnt which codec pays.
             codec = "raw" if codec == "auto" and not self._several else codec
-            self._tiles = self._tiles or TileCollector(channel, share.scene.image.size, codec=codec)
+            size, pixel = share.scene.image.size, share.scene.quality.pixel
+            if self._tiles is None or self._tiles.pixel != pixel:
+                self._tiles = TileCollector(channel, size, codec=codec, pixel=pixel)
             began = perf_counter()
             collected, counters = self._tiles.collect(tiles)
             image = self._finished(share, collected)
@@ -116,8 +127,10 @@ class Compositing:
 
     def _finished(self, share: Share, composed: NDArray[Any] | None) -> Image | None:
         """The picture of merged pixels, in memory of its own: the compositor's changes with the next frame."""
-        if composed is None or share.plan is None:
-            return None if composed is None else composed.copy()
+        if composed is None:
+            return None
+        if share.plan is None or composed.dtype != np.float32:
+            return as_floats(composed)
         with self._run.clock.stage("finish", "project"):
             finished = finish_projection(share.plan, composed)
         return composed.copy() if finished is composed else finished
@@ -125,12 +138,13 @@ class Compositing:
     def _check(self, share: Share, partials: Sequence[PartialImage], order: Sequence[int], image: Image | None) -> None:
         """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
         with self._run.together("check", "check"):
-            channel = self._run.channel
+            channel, pixel = self._run.channel, share.scene.quality.pixel
             piece, _ = composite(partials, order, channel, "serial", "raw", _operator(share))
             plain = self._finished(share, collect(piece, share.scene.image.size, channel))
         with self._run.alone("check", "check"):
             if image is not None and plain is not None:
-                difference = compare(image, plain, CHECK_TOLERANCE)
+                bound = 0.0 if pixel == "float32" else rounding_bound(pixel, len(order))
+                difference = compare(image, plain, max(CHECK_TOLERANCE, bound))
                 if difference.count:
                     name = share.scene.cluster.compositing
                     raise ClustervizError(f"{name} and serial compositing disagree: {difference}")

@@ -80,14 +80,16 @@ def levels_of(pictures: Pictures) -> dict[Classification, list[int]]:
 
 
 def errors_of(pictures: Pictures, pixels: int, safety: float) -> dict[Classification, dict[int, float]]:
-    """Estimated errors by way and level, ascending; none is smaller than that of a finer level."""
+    """Estimated errors by way and level, ascending; none is smaller than that of a finer level.
+
+    Each way's finest picture may stand for the truth; the one that promises the smaller error does.
+    """
     levels = levels_of(pictures)
-    left = {way: left_of(pictures, way, known, pixels) for way, known in levels.items()}
-    truest = min(left, key=lambda way: left[way])
-    truth = pictures[Trial(truest, levels[truest][-1])]
+    truths = [(left_of(pictures, way, known, pixels), pictures[Trial(way, known[-1])]) for way, known in levels.items()]
     errors: dict[Classification, dict[int, float]] = {}
     for way, known in levels.items():
-        rows = [left[truest] + largest(apart(pictures[Trial(way, k)], truth), pixels) for k in known]
+        drawn = [pictures[Trial(way, level)] for level in known]
+        rows = [min(left + largest(apart(one, truth), pixels) for left, truth in truths) for one in drawn]
         monotone = np.maximum.accumulate(rows[::-1])[::-1] * safety
         errors[way] = dict(zip(known, monotone.tolist(), strict=True))
     return errors

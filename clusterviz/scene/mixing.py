@@ -1,4 +1,4 @@
-"""What several volumes in one scene cannot be asked for."""
+"""What several volumes in one scene cannot be asked for, and what a projection cannot."""
 
 from __future__ import annotations
 
@@ -31,3 +31,11 @@ def check_mixed(volumes: Sequence[Any], quality: Any) -> None:
     if surfaces > MOST_SURFACES:
         told = f"{MOST_SURFACES} isosurfaces in all volumes"
         raise UnusableError("too many", told, key="volumes: isosurfaces", found=surfaces)
+
+
+def check_pixel(volumes: Sequence[Any], pixel: str) -> None:
+    """Refuse to round what is no colour: the scalars and sums of which projections are made."""
+    for number, volume in enumerate(volumes):
+        if pixel != "float32" and volume.blending not in MIXED:
+            found = f"blending: {volume.blending} in volumes[{number}]"
+            raise UnusableError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)

@@ -31,7 +31,7 @@ from clusterviz.scene.kinds import (
 )
 from clusterviz.scene.leaping import check_leaping
 from clusterviz.scene.light import Light
-from clusterviz.scene.mixing import check_mixed
+from clusterviz.scene.mixing import check_mixed, check_pixel
 from clusterviz.scene.transfer_2d import Transfer2d
 
 
@@ -188,7 +188,11 @@ class Quality(Section):
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
         "classification, filter, early_termination and adaptive are then chosen, whatever they are here.",
     )
-    pixel: Literal["float32"] = Field(default="float32", description="The format in which partial images are blended.")
+    pixel: Literal["float32", "float16", "uint8"] = Field(
+        default="float32",
+        description="How pixels of partial images travel and are kept between blends: float16 and uint8 are half and a "
+        "quarter of the bytes, and round by up to n/1024 and 2n/255 where n images meet; not with projections.",
+    )
 
 
 class Scene(Section):
@@ -211,11 +215,12 @@ class Scene(Section):
     def _can_be_mixed(self) -> Scene:
         check_mixed(self.volumes, self.quality)
         check_leaping(self.volumes, self.quality, self.cluster)
+        check_pixel(self.volumes, self.quality.pixel)
         return self
 
 
 PLANNED: dict[str, tuple[object, ...]] = {
     "classification": ("pre",),
-    "pixel": ("uint8", "float16", "rgba8"),
+    "pixel": ("rgba8",),
     "codec": ("rle", "active-pixel"),
 }
