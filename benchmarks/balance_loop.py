@@ -3,8 +3,8 @@
     python benchmarks/balance_loop.py --scene head --json F        a table a path, as CSV with --csv
     python benchmarks/balance_loop.py plot F G -o docs/balance.svg   the orbits of such files
 
-Ranks are threads of this process, so times mean nothing here; samples are the same as on a cluster. The scene is seen
-from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one
+Ranks are threads of this process, so times mean nothing here, and bound nothing; samples are as on a cluster. The scene
+is seen from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one
 frame from afar (*near*). "Recalled" are bricks that came back to a rank which still had them: nobody sent them again.
 """
 
@@ -33,7 +33,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "coherent": {"distribution": "coherent"},
     "interleaved": {"distribution": "interleaved"},
     "replicated, 2 copies": {"distribution": "replicated", "copies": 2},
-    "dynamic": {"distribution": "dynamic"},
+    "dynamic": {"distribution": "dynamic", "migration_share": 1.0},
     "screen: interleaved, 16": {"mode": "sort-first", "tiling": "interleaved", "tile": 16},
     "screen: pattern × 3": {"mode": "sort-first", "tiling": "pattern", "tile": 8, "repetitions": 3},
     "screen: scheduled, 16": {"mode": "sort-first", "tiling": "scheduled", "tile": 16},

@@ -79,8 +79,12 @@ class Residence:
     def grown(self, room: int) -> Residence:
         """The same bricks with more room; this one is given back."""
         larger = Residence(self._context, self._slot, room)
-        for index, stored in self.stored(list(self.slots)):
-            larger.put(index, stored)
+        if isinstance(self._voxels, moderngl.Buffer) and isinstance(larger._voxels, moderngl.Buffer):
+            larger._take_over(self)
+            self._context.copy_buffer(larger._voxels, self._voxels, self.bytes)
+        else:
+            for index, stored in self.stored(list(self.slots)):
+                larger.put(index, stored)
         self.release()
         return larger
 
@@ -148,6 +152,17 @@ class Residence:
             self._bends[number], self._stretched = stored.bend, None
         self._counts[number] = stored.voxels
 
+    def _take_over(self, smaller: Residence) -> None:
+        """All that is known of the slots of another one, whose voxels keep their places."""
+        self.slots = dict(smaller.slots)
+        self._free = [number for number in range(self.room)[::-1] if number >= smaller.room] + smaller._free
+        self._counts = _lengthened(smaller._counts, self.room)
+        if smaller._ranges is not None:
+            low, high = (_lengthened(side, self.room) for side in smaller._ranges)
+            self._ranges = low, high
+        if smaller._bends is not None:
+            self._bends = _lengthened(smaller._bends, self.room)
+
     def _words(self, number: int) -> NDArray[Any]:
         """A slot of a buffer."""
         assert isinstance(self._voxels, moderngl.Buffer), "textures have texels"
@@ -183,6 +198,11 @@ def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = No
         side = int(context.info["GL_MAX_3D_TEXTURE_SIZE"])
         most = min(most, int(np.prod([side // n for n in slot.samples_zyx])))
     return max(1, most)
+
+
+def _lengthened(rows: NDArray[Any], count: int) -> NDArray[Any]:
+    """The same rows, and further ones of zeros."""
+    return np.concatenate([rows, np.zeros((count - len(rows), *rows.shape[1:]), rows.dtype)])
 
 
 def _texture(context: moderngl.Context, slot: Slot, room: int) -> moderngl.Texture3D:

@@ -1,0 +1,130 @@
+"""Whether frames take longer while bricks move: `mpirun -n 2 python benchmarks/migration_hidden.py [--share 0.05]`.
+
+The MNI head from a camera that goes a little to and fro. In every other block of frames some bricks are sent from each
+rank to the next, are stored there, and are given up again: they are drawn where they were, so that frames differ in
+nothing but that bricks move. Blocks with and without follow each other, with the same cameras. Frames are compared by
+medians: wall time on rank 0, and processor time of all ranks, which counts what others on the same cores cannot hide.
+`CLUSTERVIZ_RANKS_PER_NODE=1` pretends a network between ranks, for which bricks are packed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+
+from clusterviz.balance import Migration, Move, dynamic, withdraw
+from clusterviz.comm import Channel, open_channel
+from clusterviz.data.samples import fetch_sample
+from clusterviz.frame import FrameLoop
+from clusterviz.scene import load_scene
+from clusterviz.scene.path import orbit
+from clusterviz.scene.settings import with_settings
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "head.yaml"
+
+
+class Forced:
+    """Moves that nobody asked for, and that come to nothing.
+
+    Parameters
+    ----------
+    bricks : that each rank sends in a frame
+    """
+
+    def __init__(self, bricks: int) -> None:
+        self._bricks, self._frames = bricks, 0
+        self.is_on = False
+
+    def moves(self, present: Any, wish: Any, free: Any, budget: int, busy: Any) -> tuple[Move, ...]:
+        """In place of `rebalance`: the next of each rank's bricks, as many as the budget carries."""
+        if not self.is_on:
+            return ()
+        self._frames += 1
+        found: list[Move] = []
+        for rank in range(present.ranks):
+            own = np.argwhere((present.owner == rank) & ~busy & (wish.held_bytes > 0))
+            for z, y, x in np.roll(own, -self._frames * self._bricks, axis=0)[: self._bricks].tolist():
+                budget -= int(wish.held_bytes[z, y, x])
+                if budget >= 0:
+                    found.append(Move((z, y, x), rank, (rank + 1) % present.ranks, 1))
+        return tuple(found)
+
+    @staticmethod
+    def given_up(migration: Migration, cost: Any) -> Migration:
+        """In place of `hand_over`: what has arrived stays where it was."""
+        return withdraw(migration, [flight.brick for flight in migration.flights if flight.stage == "held"])
+
+
+def frames(channel: Channel, options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Each frame's times and bytes; the first of a block without moves are left out while bricks still come."""
+    forced = Forced(options.bricks)
+    vars(dynamic).update(rebalance=forced.moves, hand_over=forced.given_up)
+    scene = load_scene(EXAMPLE, [f"volumes.0.path={fetch_sample('mni152')}"])
+    keys = {"size": (options.size, options.size), "brick": options.brick, "distribution": "dynamic"}
+    with FrameLoop(with_settings(scene, keys | {"migration_share": options.share}), channel) as loop:
+        scenes = [loop.scene.model_copy(update={"camera": c}) for c in orbit(loop.scene.camera, 20.0, options.frames)]
+        loop.frame(scenes[0])
+        for block in range(2 * options.blocks):
+            forced.is_on = block % 2 == 1
+            for number, scene in enumerate(scenes):
+                channel.barrier()
+                began, processor = perf_counter(), process_time()
+                told = loop.frame(scene, number).statistics
+                seconds, cpu = perf_counter() - began, sum(channel.allgather(process_time() - processor))
+                each = told.migration or {}
+                opened = sum(rank.balance.get("bytes_opened", 0) for rank in told.per_rank)
+                if forced.is_on or not (each["bytes_raw"] or each["bricks"] or opened):
+                    yield {"on": forced.is_on, "wall": seconds, "cpu": cpu, **each}
+
+
+def summary(drawn: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
+    """The frames' medians with and without moves, and what moved."""
+    on, off = ([each for each in drawn if each["on"] is on] for on in (True, False))
+
+    def median(frames: list[dict[str, Any]], name: str) -> float:
+        return float(np.median([each[name] for each in frames]))
+
+    raw, sent = (sum(each[name] for each in on) for name in ("bytes_raw", "bytes_sent"))
+    return {
+        "share allowed": options.share,
+        "frames on / off": f"{len(on)} / {len(off)}",
+        **{f"{name} ms on": 1e3 * median(on, name) for name in ("wall", "cpu")},
+        **{f"{name} ms off": 1e3 * median(off, name) for name in ("wall", "cpu")},
+        **{f"{name} on / off": median(on, name) / median(off, name) for name in ("wall", "cpu")},
+        "share median": median(on, "share"),
+        "share 90 %": float(np.quantile([each["share"] for each in on], 0.9)),
+        "share mean": float(sum(each["seconds"] for each in on) / sum(each["wall"] for each in on)),
+        "bricks a frame": sum(each["bricks"] for each in on) / len(on),
+        "MB a frame": sent / len(on) / 1e6,
+        "raw / sent": raw / sent if sent else 1.0,
+    }
+
+
+def main() -> None:
+    """Print a table, and write it as JSON on request."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--share", type=float, default=0.05)
+    parser.add_argument("--bricks", type=int, default=2, help="that each rank sends in a frame, if there is time")
+    parser.add_argument("--brick", type=int, default=32)
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--frames", type=int, default=8, help="in a block")
+    parser.add_argument("--blocks", type=int, default=4, help="of either kind")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    channel = open_channel()
+    found = summary(list(frames(channel, options)), options)
+    if channel.rank == 0:
+        for name, value in found.items():
+            print(f"| {name} | {value:.3f} |" if isinstance(value, float) else f"| {name} | {value} |")
+        if options.json:
+            options.json.write_text(json.dumps(vars(options) | {"json": None} | found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
