@@ -190,27 +190,33 @@ def check(schedule: Schedule) -> None:
 def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, high: Indices) -> tuple[Indices, Indices]:
     """One stage of `check`: what each rank holds of each cell after it."""
     kept = high - low
-    far = np.iinfo(np.int64).max
-    merged_low = np.where(kept > 0, low, far)
-    merged_high = np.where(kept > 0, high, -1)
-    total = kept.copy()
-    cells = np.searchsorted(borders, table[:, 2:])
-    sent = np.zeros(low.shape, bool)
-    for (source, target, begin, end), (i, j) in zip(table.tolist(), cells.tolist(), strict=True):
-        name = f"stage {number}, {source} to {target}, pixels [{begin}, {end})"
-        if source == target or begin >= end:
-            raise ValueError(f"{name}: a message to oneself or of no pixels")
-        if sent[source, i:j].any() or not (kept[source, i:j] > 0).all():
-            raise ValueError(f"{name}: pixels that the source does not hold, or sends twice")
-        sent[source, i:j] = True
+    nothing = (table[:, 0] == table[:, 1]) | (table[:, 2] >= table[:, 3])
+    _refuse(number, table[nothing], "a message to oneself or of no pixels")
+    # One entry for each cell of each transfer: which transfer, and where its source and its target keep the cell.
+    cells = len(borders) - 1
+    first, end = np.searchsorted(borders, table[:, 2:]).T
+    which = np.repeat(np.arange(len(table)), end - first)
+    cell = np.arange(len(which)) + np.repeat(end - np.cumsum(end - first), end - first)
+    source, target = table[which, 0] * cells + cell, table[which, 1] * cells + cell
+    wrong = kept.reshape(-1)[source] <= 0
+    again = np.ones(len(which), bool)
+    again[np.unique(source, return_index=True)[1]] = False
+    _refuse(number, table[which[wrong | again]], "pixels that the source does not hold, or sends twice")
     # A source forgets what it sends before it takes in what it receives.
-    merged_low[sent], merged_high[sent], total[sent] = far, -1, 0
-    for (source, target, _, _), (i, j) in zip(table.tolist(), cells.tolist(), strict=True):
-        np.minimum(merged_low[target, i:j], low[source, i:j], out=merged_low[target, i:j])
-        np.maximum(merged_high[target, i:j], high[source, i:j], out=merged_high[target, i:j])
-        total[target, i:j] += kept[source, i:j]
+    total = kept.reshape(-1).copy()
+    total[source] = 0
+    merged_low = np.where(total > 0, low.reshape(-1), np.iinfo(np.int64).max)
+    merged_high = np.where(total > 0, high.reshape(-1), -1)
+    np.minimum.at(merged_low, target, low.reshape(-1)[source])
+    np.maximum.at(merged_high, target, high.reshape(-1)[source])
+    np.add.at(total, target, kept.reshape(-1)[source])
     if np.any((total > 0) & (merged_high - merged_low != total)):
         raise ValueError(f"stage {number}: images are merged that are not neighbours in visibility order")
-    empty = total == 0
-    merged_low[empty] = merged_high[empty] = 0
-    return merged_low, merged_high
+    merged_low[total == 0] = merged_high[total == 0] = 0
+    return merged_low.reshape(low.shape), merged_high.reshape(low.shape)
+
+
+def _refuse(number: int, transfers: Indices, why: str) -> None:
+    """Name the first of the transfers that are wrong, if there is one."""
+    for source, target, begin, end in transfers[:1].tolist():
+        raise ValueError(f"stage {number}, {source} to {target}, pixels [{begin}, {end}): {why}")
