@@ -21,6 +21,7 @@ from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.summary import summarise
+from clusterviz.image.replace import replacing
 from clusterviz.partition import (
     Owners,
     build_tree,
@@ -222,7 +223,8 @@ def main() -> None:
             )
             show(*list(tables.items())[-1])
     if options.json:
-        options.json.write_text(json.dumps(tables, indent=1))
+        with replacing(options.json) as temporary:
+            temporary.write_text(json.dumps(tables, indent=1))
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from clusterviz.data.source import Source
 from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.tiling import expected_map
+from clusterviz.image.replace import replacing
 from clusterviz.partition import Piece
 from clusterviz.partition.screen import (
     COARSE,
@@ -208,7 +209,8 @@ def plot(files: Sequence[Path], out: Path) -> None:
         axis.set_xticks(range(len(rows)), [row["way"] for row in rows], rotation=60, ha="right", fontsize=8)
         axis.set_title(f"{report['scene']}, {report['ranks']} ranks")
     np.atleast_1d(axes)[0].set_ylabel("samples of the slowest rank\n(lines: to the fastest) / mean")
-    figure.savefig(out, metadata={"Date": None})
+    with replacing(out) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
 
 
 def main() -> None:
@@ -232,7 +234,8 @@ def main() -> None:
         ranks, table = options.ranks, orbit_table(options.scene, options.size, options.ranks, options.frames)
     if options.json and table:
         report = {"scene": options.scene, "size": options.size, "ranks": ranks, "table": table}
-        options.json.write_text(json.dumps(report, indent=1))
+        with replacing(options.json) as temporary:
+            temporary.write_text(json.dumps(report, indent=1))
 
 
 if __name__ == "__main__":

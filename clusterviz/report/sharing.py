@@ -44,6 +44,11 @@ class Sharing:
     groups: int
     forecasts: tuple[Forecast, ...] = ()
 
+    @property
+    def way(self) -> str:
+        """The mode, and of hybrids the number of groups."""
+        return f"{self.mode}, {self.groups} groups" if self.mode == "hybrid" else self.mode
+
     def __str__(self) -> str:
         """What was chosen, and what was expected of it and of others, in a line."""
         text = f"{self.mode}, {self.groups} {'group' if self.groups == 1 else 'groups'}"

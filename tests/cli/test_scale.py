@@ -143,6 +143,16 @@ def test_a_count_that_fails_is_told_and_takes_no_other_along(
     assert page.count("<svg") == 5
 
 
+def test_distributions_are_compared_where_the_screen_is_shared_too(
+    jobs: list[tuple[float, int]], cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    options = ("--ranks", "1,2", "--no-weak", "-D", "cluster.mode=hybrid", "-D", "cluster.tiling=temporal")
+    outcome = cli("scale", FIELD, "-o", str(tmp_path / "out"), *SMALL, *options)
+    assert outcome.status == 0
+    numbers = json.loads((tmp_path / "out" / "scale.json").read_text())
+    assert (numbers["failed"], len(numbers["balance"])) == ([], 2)
+
+
 def test_where_every_count_fails_nothing_is_left(
     jobs: list[tuple[float, int]], cli: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -62,10 +62,11 @@ class Measured:
     seats : where the ranks sat
     order : the ranks from front to back
     rects : what each rank's images cover: (x_begin, y_begin, x_end, y_end), empty where nothing was drawn
-    algorithm : of the counted frame; "" where ranks had several images, for which nothing is counted
+    algorithm : of the counted frame; "" where ranks had several images or tiles, for which nothing is counted
     counted : of that frame, by rank, then round: messages and pixels sent
     size, step : width and height of the picture, and the step in voxels that was drawn with
     bytes_per_pixel : of partial images
+    sharing : how the ranks shared the last frame: `Sharing.way`
     """
 
     frames: list[list[RankFrame]]
@@ -79,6 +80,7 @@ class Measured:
     size: tuple[int, int]
     step: float
     bytes_per_pixel: int
+    sharing: str = "sort-last"
 
     def as_json(self) -> dict[str, Any]:
         """Its attributes by name."""
@@ -158,6 +160,7 @@ def measure(
         size=drawn.share.scene.image.size,
         step=drawn.share.scene.quality.step,
         bytes_per_pixel=4 * np.dtype(np.float32).itemsize,
+        sharing=drawn.sharing.way if drawn.sharing else "sort-last",
     )
 
 
@@ -185,8 +188,10 @@ def _sides(drawn: DrawnFrame) -> tuple[int, int, int, int]:
 
 def _count(channel: Channel, drawn: DrawnFrame, plan: Plan) -> tuple[str, list[tuple[int, int]]]:
     """The algorithm by messages, and what this rank sends in each round of it."""
-    share = drawn.share
-    if len(set(share.order)) < len(share.order):
+    share, tiled = drawn.share, drawn.share.mode != "sort-last" and len(drawn.partials) > 1
+    with abort_on_failure(channel, drawn.number, "count"):
+        tiled = bool(channel.maximum(tiled))
+    if tiled or len(set(share.order)) < len(share.order):
         return "", []
     with abort_on_failure(channel, drawn.number, "count"):
         algorithm, operator = share.scene.cluster.compositing, plan.look.operator

@@ -120,6 +120,7 @@ def row(point: Point) -> dict[str, Any]:
         "imbalance": sum(point.imbalance) / len(point.imbalance),
         "imbalance_samples": point.imbalance_samples,
         "samples": sum(point.samples),
+        "sharing": point.sharing,
         "algorithm": point.algorithm,
         "transport": point.transport,
         "compositing_seconds": point.compositing_seconds,

@@ -38,6 +38,7 @@ class Point:
     imbalance : largest over mean seconds of drawing, of each frame
     samples : field samples of a frame, by rank
     draw_seconds : drawing, by rank; of the fastest frame, since other work on the machine only ever adds to a time
+    sharing : how the ranks shared a frame: sort-last, sort-first or hybrid
     algorithm, transport, codec : what composited
     counted_algorithm, rounds, bytes_dense : of one frame by messages; see `rounds`
     bricks, voxel_bytes, peak_memory_bytes : by rank
@@ -65,6 +66,7 @@ class Point:
     imbalance: tuple[float, ...]
     samples: tuple[int, ...]
     draw_seconds: tuple[float, ...]
+    sharing: str
     algorithm: str
     transport: str
     codec: str
@@ -121,6 +123,7 @@ def make_point(scaling: str, measured: Measured, difference: Difference | None) 
         imbalance=tuple(frame.imbalance for frame in frames),
         samples=tuple(rank.samples for rank in last),
         draw_seconds=tuple(min(frame[i].seconds["render"] for frame in measured.frames) for i in range(len(last))),
+        sharing=measured.sharing,
         algorithm=last[0].compositing.get("algorithm", "gather"),
         transport=last[0].compositing.get("transport", "messages"),
         codec=last[0].compositing.get("codec", "raw"),

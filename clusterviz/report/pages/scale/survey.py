@@ -31,6 +31,10 @@ class Failed:
     reason: str
 
 
+DEALT: dict[str, object] = {"mode": "sort-last", "groups": None, "tiling": "auto"}
+"""Settings by which the ranks share the data, as those do whose distributions are compared."""
+
+
 @dataclass(frozen=True)
 class Found:
     """What was measured: points by rank count, what failed, and distributions over the frames of an orbit."""
@@ -109,7 +113,7 @@ def _run_orbits(
     for name in DISTRIBUTIONS:
         progress(_orbit(name, ranks))
         try:
-            measured, _ = job(with_settings(scene, {"distribution": name}), ranks, orbit=True)
+            measured, _ = job(with_settings(scene, DEALT | {"distribution": name}), ranks, orbit=True)
             found.append(make_balance(name, measured))
         except ClustervizError as error:
             failed.append(Failed(f"{name} distribution", ranks, str(error)))

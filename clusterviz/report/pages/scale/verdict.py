@@ -43,9 +43,11 @@ def _bottleneck(point: Point, base: Point) -> str:
     head = f"The bottleneck is {name}: {share:.0%} of a frame of {_milliseconds(point.total_seconds)} {where}"
     if point.efficiency is None or point.ranks == base.ranks:
         return head + "."
+    tail = f"; parallel efficiency is {point.efficiency:.0%}"
+    if point.efficiency > 1 + CLEAR:
+        return f"{head}{tail}: something slowed down the frames of {_ranks(base)}."
     losses = _losses(point, base)
     cause = max(losses, key=lambda loss: losses[loss])
-    tail = f"; parallel efficiency is {point.efficiency:.0%}"
     if losses[cause] > CLEAR * point.total_seconds:
         tail += f", lost mostly to {cause} ({_milliseconds(losses[cause])} a frame)"
     return head + tail + "."
