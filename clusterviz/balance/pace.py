@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 FRAMES_AHEAD = 4  # that what is under way should take, at most
+GUESS = 1e8  # bytes a second, before any was measured: what is planned shall not wait for that
 MEMORY = 0.8  # weight of what was measured before
 WHOLE = 1.0  # a share by which nothing is limited
 
@@ -61,8 +62,8 @@ class Pace:
         if self.share >= WHOLE:
             return None
         # Each byte is packed by one rank and opened by another.
-        rate = self.share * self.frame_seconds * self.bytes / self.seconds if self.seconds else 0.0
-        room = int(FRAMES_AHEAD * rate * ranks / 2) - under_way
+        rate = self.bytes / self.seconds if self.seconds else GUESS
+        room = int(FRAMES_AHEAD * self.share * self.frame_seconds * rate * ranks / 2) - under_way
         if room >= largest:
             return room
         return 0 if under_way else largest

@@ -113,7 +113,9 @@ class Dynamic:
         """What bricks cost, from what they cost together; and how fast they move."""
         told = [rank.balance for rank in costs]
         work = [(float(each.get("seconds", 0)), sum(map(each.get, HANDLED, (0, 0)))) for each in told]
-        self._pace = self._pace.after(max(float(each.get("frame_seconds", 0)) for each in told), work)
+        # Before a frame has ended, the time of drawing tells most of it.
+        frame = max(float(rank.balance.get("frame_seconds") or rank.seconds.get("render", 0)) for rank in costs)
+        self._pace = self._pace.after(frame, work)
         if self._balance is not None:
             self._balance = learn(self._balance, expected_samples(plan), rank_costs(costs), self._policy)
 

@@ -60,7 +60,7 @@ def check_alike(overlapped: list[Rendered], alone: list[Rendered]) -> None:
         (1, {}),
         (3, {}),
         (3, {"blending": "average", "transport": "messages"}),
-        (3, {"distribution": "dynamic", "opacity": [[0.3, 0.0], [1.0, 0.5]]}),
+        (3, {"distribution": "dynamic", "migration_share": 1.0, "opacity": [[0.3, 0.0], [1.0, 0.5]]}),
     ],
     ids=str,
 )
