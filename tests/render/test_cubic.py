@@ -7,11 +7,11 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, drawn_by_each, error, noise, picture, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, drawn_by_each, error, noise, picture, pictures, prepare, scene_of, whole
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 from render.test_shading import LIGHTS, LIT, smooth
-from render.test_surfaces import FEW, surfaces, wrong
+from render.test_surfaces import FEW, most_wrong, surfaces
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
@@ -104,7 +104,7 @@ def test_parts_drawn_apart_make_the_whole(context: moderngl.Context) -> None:
 def test_surfaces_of_splines(context: moderngl.Context) -> None:
     voxels = smooth(dtype=np.uint8)
     scene = cubic_scene(voxels, look=surfaces(voxels, 0.55, 0.45, **LIT))
-    assert wrong(picture(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)) <= FEW
+    assert most_wrong(pictures(context, scene, voxels, brick=7), render_reference(scene, GRID, voxels)) <= FEW
 
 
 def test_projections_of_splines(context: moderngl.Context) -> None:

@@ -22,6 +22,7 @@ JOB = np.dtype(
         ("record_floats", "i4"),  # in a row of the records
         ("planes", "i4"),  # how many clip the volume
         ("lights", "i4"),  # how many shine on it
+        ("surfaces", "i4"),  # isosurfaces in it
         ("fading", "i4"),  # pieces of its gradient opacity
         ("table_sides", "i4", 2),  # of a transfer function of two dimensions: columns, rows
         ("slack", "f4"),  # voxels that float32 may have rounded away
@@ -47,6 +48,7 @@ JOB = np.dtype(
         ("sums", "i8"),  # float64 (segments, 8) as in plan/preintegration.py
         ("clip", "i8"),
         ("lighting", "i8"),  # float32 (7 + rows · lights, 4), see plan/shading.py
+        ("surface", "i8"),  # float32 (surfaces, 8): value, 0, 0, 0; colour, opacity
         ("grading", "i8"),  # float32 (4 + fading, 4), see plan/grading.py
         ("table", "i8"),  # float32 (rows, columns, 4)
         ("depth", "f8", 4),  # the view depth of (x, y, z) is their product with the first three, and the last

@@ -15,7 +15,6 @@ from clusterviz.render.vectors.transfer.pieces import MOST, Pieces
 Held = Literal["many", "few", "fitted"]
 Graded = Literal["", "faded", "opacities", "colours"]
 """It does nothing; extinction is multiplied; a table holds opacities, or colours, too."""
-PROJECTIONS: tuple[Blending, ...] = ("maximum", "minimum", "local-maximum", "average", "additive")
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,7 @@ class Kernel:
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     stretched : slabs are longer where groups of cells allow it
+    surfaces : isosurfaces are shown, alone or in the volume
     leaping : rays start where the last frame says
     """
 
@@ -49,6 +49,7 @@ class Kernel:
     smooth: bool = False
     jittered: bool = False
     stretched: bool = False
+    surfaces: bool = False
     leaping: bool = False
 
     @property
@@ -66,6 +67,7 @@ class Kernel:
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
             *(["stretched"] if self.stretched else []),
+            *(["surfaces"] if self.surfaces and self.blending == "composite" else []),
             *(["leaping"] if self.leaping else []),
         )
         return f"cast_{'_'.join(parts)}"
@@ -87,6 +89,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     shading, smooth = plan.look.shading, plan.look.smooth
     light: Light = ("near" if shading.has_places else "far") if shading else ""
     kind, graded, jittered = plan.encoding.kind, graded_of(plan), plan.march.jittered
+    surfaces = bool(plan.look.surfaces) or blending == "isosurface"
     return Kernel(
         kind,
         plan.march.filter,
@@ -99,6 +102,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
         smooth,
         jittered,
         stretched=plan.march.stretching is not None,
+        surfaces=surfaces,
         leaping=plan.march.leaping is not None,
     )
 
@@ -114,7 +118,5 @@ def graded_of(plan: Plan) -> Graded:
 
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
-    look, march = plan.look, plan.march
-    special = plan.mixture or look.surfaces
-    blending = look.blending == "composite" or look.blending in PROJECTIONS
-    return blending and not (special or march.split) and march.filter in ("linear", "nearest", "cubic")
+    march = plan.march
+    return not (plan.mixture or march.split) and march.filter in ("linear", "nearest", "cubic")

@@ -45,6 +45,8 @@ def _look_tables(plan: Plan) -> Tables:
     """Those that only some looks have."""
     shading, grading = plan.look.shading, plan.look.grading
     tables: Tables = {"lighting": shading.block()} if shading else {}
+    if plan.look.surfaces:
+        tables["surface"] = plan.look.surface_block()
     if grading:
         tables["grading"] = grading.block()
         if grading.table is not None:
@@ -106,7 +108,7 @@ def leaping_of(job: NDArray[np.void], missed: NDArray[np.float32]) -> Leaping:
 def _count_looks(job: NDArray[np.void], plan: Plan) -> None:
     """Tell the sizes of `_look_tables`."""
     shading, grading = plan.look.shading, plan.look.grading
-    job["lights"] = len(shading.lights) if shading else 0
+    job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(plan.look.surfaces)
     if grading:
         job["fading"] = grading.fading
         if grading.table is not None:

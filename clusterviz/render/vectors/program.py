@@ -17,6 +17,8 @@ from clusterviz.render.vectors.looks.preintegrated import Preintegrated
 from clusterviz.render.vectors.looks.projections import Extreme, Sum
 from clusterviz.render.vectors.looks.relief import Relief
 from clusterviz.render.vectors.looks.samples import Samples
+from clusterviz.render.vectors.looks.surfaces import Surfaces
+from clusterviz.render.vectors.marching.clip import Cut
 from clusterviz.render.vectors.marching.march import Look, March
 from clusterviz.render.vectors.marching.place import Places
 from clusterviz.render.vectors.marching.starts import Starts
@@ -26,6 +28,9 @@ from clusterviz.render.vectors.transfer.classify import Classifier
 from clusterviz.render.vectors.transfer.grading import Fading, Table
 from clusterviz.render.vectors.transfer.pieces import PieceClassifier
 from clusterviz.render.vectors.transfer.ramps import Ramps
+
+Extras = tuple[Stretch | None, Cut | None, Starts | None]
+"""What only some scenes need: where slabs may be longer, where planes cut them, where rays start."""
 
 
 def program_of(kernel: Kernel) -> str:
@@ -37,10 +42,11 @@ def program_of(kernel: Kernel) -> str:
     nearest = kernel.filter == "nearest"
     field = (CubicField if kernel.filter == "cubic" else Field)(code, job, kernel.kind, nearest)
     stretch = Stretch(code) if kernel.stretched else None
+    cut = Cut(code) if kernel.surfaces else None
     starts = Starts(code, job) if kernel.leaping else None
-    look = _look(kernel, code, job, field, stretch, starts)
+    look = _look(kernel, code, job, field, (stretch, cut, starts))
     places = Places(code, job, nearest, stretch)
-    tiles = Tile(code, job, March(code, job, places, look, kernel.jittered, stretch, starts), starts)
+    tiles = Tile(code, job, March(code, job, places, look, kernel.jittered, stretch, cut, starts), starts)
 
     def next_tile() -> Value:
         tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -55,7 +61,8 @@ def program_of(kernel: Kernel) -> str:
     return code.text()
 
 
-def _look(kernel: Kernel, code: Code, job: Job, field: Field, stretch: Stretch | None, starts: Starts | None) -> Look:
+def _look(kernel: Kernel, code: Code, job: Job, field: Field, extras: Extras) -> Look:
+    stretch, cut, starts = extras
     samples = Samples(code, job, field, starts)
     if kernel.preintegrated:
         relief = _relief(kernel, code, job, field)
@@ -64,13 +71,18 @@ def _look(kernel: Kernel, code: Code, job: Job, field: Field, stretch: Stretch |
         return LocalMaximum(code, job, samples)
     if kernel.blending in ("maximum", "minimum"):
         return Extreme(code, samples, kernel.blending == "maximum")
+    if cut and kernel.blending == "isosurface":
+        return Surfaces(code, job, samples, _relief(kernel, code, job, field), cut)
     many = kernel.pieces == "many"
     classifier = Classifier(code, job) if many else PieceClassifier(code, job, kernel.pieces == "fitted")
     if kernel.blending == "average":
         return Sum(code, samples, classifier)
     holds_colour = kernel.graded == "colours"
     table = Table(code, job, classifier, holds_colour) if kernel.graded in ("opacities", "colours") else None
-    optics = Optics(code, classifier, _relief(kernel, code, job, field), table)
+    relief = _relief(kernel, code, job, field)
+    optics = Optics(code, classifier, relief, table)
+    if cut:
+        return Surfaces(code, job, samples, relief, cut, optics)
     return Composite(code, job, samples, optics, stretch)
 
 

@@ -20,6 +20,8 @@ EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
     "pre-integrated": ({"classification": "pre-integrated"}, program, "Preintegrated"),
     "jittered": ({"jitter": True}, rays, "shift_of"),
     "stretched": ({"adaptive": 1 / 64}, program, "Stretch"),
+    "isosurfaces": ({"look": {"isosurfaces": (100.0,)}}, program, "Cut"),
+    "isosurfaces alone": ({"look": {"blending": "isosurface", "isosurfaces": (100.0,)}}, program, "Surfaces"),
     "local maximum": ({"look": {"blending": "local-maximum"}}, program, "LocalMaximum"),
 }
 

@@ -6,6 +6,9 @@
 - over.py             how runs of either are put behind others
 - projections.py      maximum, minimum, average and sum
 - local_maximum.py    the first stretch above a threshold
+- surfaces.py         isosurfaces, alone or in a volume
+- course.py           the field along slabs, as far as they need it
+- root.py             where the field is their value
 - optics.py           what samples are, all in all
 - relief.py           all that depends on the gradient
 - light.py            lights on a volume

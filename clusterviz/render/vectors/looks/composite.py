@@ -7,7 +7,7 @@ from clusterviz.kernels.lanes import Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.looks.optics import Optics
-from clusterviz.render.vectors.looks.over import put_behind, too_little_left
+from clusterviz.render.vectors.looks.over import put_behind, take_sample, too_little_left
 from clusterviz.render.vectors.looks.samples import Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.marching.stretch import Stretch
@@ -61,8 +61,4 @@ class Composite:
         return too_little_left(kept, self._residual)
 
     def _take(self, sums: Variables, seen: Value, slab: Class) -> None:
-        code = self._code
-        weight = code.select(seen, (1.0 - sums[3].now) * slab.opacity, 0.0)
-        for part, colour in zip(sums, slab.colour, strict=False):
-            part.set(code.select(seen, code.fma(weight, colour, part.now), part.now))
-        sums[3].set(sums[3].now + weight)
+        take_sample(self._code, sums, seen, slab.opacity, slab.colour)

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import Value
+from clusterviz.kernels.lanes import Value, Vector
 from clusterviz.render.vectors.looks.samples import add_exactly
 from clusterviz.render.vectors.marching.march import Four, Variables
+
+
+def take_sample(code: Code, sums: Variables, seen: Value, opacity: Value, colour: Vector) -> None:
+    """Put a sample behind those of its run, where it is seen; `colour` is straight."""
+    weight = code.select(seen, (1.0 - sums[3].now) * opacity, 0.0)
+    for part, channel in zip(sums, colour, strict=False):
+        part.set(code.select(seen, code.fma(weight, channel, part.now), part.now))
+    sums[3].set(sums[3].now + weight)
 
 
 def put_behind(code: Code, kept: Variables, run: Four, drawn: Value) -> None:

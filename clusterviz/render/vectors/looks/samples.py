@@ -36,8 +36,7 @@ class Samples:
             along = code.splat(number.now.to(F32))
             here = self.moved(spot, slab, along)
             s = self._field.at(here)
-            with code.when(self._far):
-                self._field.ask_for(self.moved(spot, slab, along + AHEAD))
+            self._ask_ahead(spot, slab, along)
             yield s, number.now, here
             number.set(number.now + 1)
 
@@ -50,10 +49,20 @@ class Samples:
         """The scalars at spots."""
         return self._field.at(spot)
 
+    def on_the_way(self, spot: Spot, slab: Vector, along: Value) -> Value:
+        """The scalars so many slabs on, of rays that go on from there."""
+        s = self._field.at(self.moved(spot, slab, along))
+        self._ask_ahead(spot, slab, along)
+        return s
+
     def moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
         """Spots so many slabs on."""
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
         return replace(spot, beyond=(x, y, z))
+
+    def _ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
+        with self._code.when(self._far):
+            self._field.ask_for(self.moved(spot, slab, along + AHEAD))
 
 
 def zeros(code: Code) -> Variables:

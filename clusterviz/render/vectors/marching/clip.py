@@ -32,6 +32,26 @@ def keeps(code: Code, job: Job, place: Vector) -> Value:
     return kept.now > 0
 
 
+class Cut:
+    """Which midpoints of the slabs that a packet's rays take now all planes keep, where slabs are not taken as wholes.
+
+    Surfaces are cut where they are: a slab is taken if any part of it may be kept, which is one more at either end.
+    """
+
+    def __init__(self, code: Code) -> None:
+        self._code = code
+        self._from, self._to = (Variable(code.same(I32, 0)) for _ in range(2))
+
+    def take(self, begin: Value, end: Value) -> None:
+        """Tell the slabs [begin, end) that planes keep, by their numbers from those on that are taken now."""
+        self._from.set(begin)
+        self._to.set(end)
+
+    def keeps(self, number: Value) -> Value:
+        """Whether the midpoint of a slab is kept, by its number from those on that are taken now."""
+        return (number >= self._from.now) & (number < self._to.now)
+
+
 def _plane(code: Code, job: Job, number: Value) -> tuple[Vector, Value]:
     address = job["clip"] + number * PLANE_BYTES
     x, y, z, w = (code.splat(code.load(F64, address + 8 * part)) for part in range(4))

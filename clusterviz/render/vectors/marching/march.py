@@ -12,15 +12,18 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.marching.clip import keeps, kept_range
+from clusterviz.render.vectors.marching.clip import Cut, keeps, kept_range
 from clusterviz.render.vectors.marching.place import Place, Places
 from clusterviz.render.vectors.marching.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
 from clusterviz.render.vectors.marching.starts import Starts
-from clusterviz.render.vectors.marching.state import NEVER, Packet
+from clusterviz.render.vectors.marching.state import NEVER, STARTED, Layout, Packet
 from clusterviz.render.vectors.marching.stretch import Stretch
 
 Four = tuple[Value, Value, Value, Value]
 Variables = list[Variable]
+
+KEPT: Layout = (("kept_from", I32, 1), ("kept_to", I32, 1))
+"""The slabs whose midpoints clipping planes keep, where slabs are not kept as wholes."""
 
 
 class Look(Protocol):
@@ -59,6 +62,7 @@ class March:
     ----------
     jittered : every pixel has a lattice of slabs of its own
     stretch : where slabs may be longer; None: nowhere
+    cut : what clipping planes keep of slabs; None: they are kept as wholes
     starts : where rays start; None: at their first slab
     """
 
@@ -70,10 +74,16 @@ class March:
         look: Look,
         jittered: bool = False,
         stretch: Stretch | None = None,
+        cut: Cut | None = None,
         starts: Starts | None = None,
     ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
-        self._jittered, self._stretch, self._starts = jittered, stretch, starts
+        self._jittered, self._stretch, self._cut, self._starts = jittered, stretch, cut, starts
+
+    @property
+    def keeps_more(self) -> Layout:
+        """What is kept of a packet beside what is of every one."""
+        return (KEPT if self._cut else ()) + (STARTED if self._starts else ())
 
     def rays_through(self, x: Value, y: Value) -> Rays:
         """The rays through the pixels (x, y) of the picture."""
@@ -89,6 +99,10 @@ class March:
             first.set(begin)
             behind.set(past)
         kept_from, kept_to = kept_range(code, job, rays)
+        if self._cut:
+            packet.set("kept_from", kept_from)
+            packet.set("kept_to", kept_to)
+            kept_from, kept_to = kept_from - 1, code.least(kept_to + 1, rays.slabs)
         first.set(code.most(first.now, kept_from))
         behind.set(code.least(behind.now, kept_to))
         hit = inside & (rays.slabs > 0)
@@ -141,6 +155,7 @@ class March:
             # Rays that have found something wait for those that are still looking.
             with code.when(~code.any(gap & (at.now < behind))):
                 slabs = code.select(here & place.visible, step, 0)
+                self._tell_cut(packet, at.now)
                 run, taken, sampled = self._run(kept, place, slab, slabs, at.now)
                 drawn, on = slabs > 0, at.now + taken
                 if ahead:
@@ -167,6 +182,11 @@ class March:
         run, taken = self._look.run(kept, spot, slab, self._stretch.stretches(some), first)
         return run, self._stretch.slabs(taken), taken
 
+    def _tell_cut(self, packet: Packet, at: Value) -> None:
+        """Tell what planes keep of the slabs from some numbers on."""
+        if self._cut:
+            self._cut.take(packet.get("kept_from") - at, packet.get("kept_to") - at)
+
     def finish(self, packet: Packet, kept: Variables) -> Value:
         """Draw the last slabs, where the box owns them and something may be visible; samples taken in all, int32."""
         code, job = self._code, self._job
@@ -177,6 +197,7 @@ class March:
             slab = _float(rays.slab)
             place = self._places.of(rays.last, slab, _inverse(code, slab))
             seen = mine & place.visible
+            self._tell_cut(packet, rays.slabs - 1)
             drawn.set(seen.to(I32))
             last = self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1))
             self._look.add(kept, last, seen)

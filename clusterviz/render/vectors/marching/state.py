@@ -15,7 +15,9 @@ LOOK_VECTORS = 8
 NEVER = (1 << 31) - 1  # a slab that no ray has
 BLOCKS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
 """Lanes of a packet: its pixels across and down."""
-_LAYOUT: tuple[tuple[str, Any, int], ...] = (
+Layout = tuple[tuple[str, Any, int], ...]
+"""Names, elements, and how many vectors there are of each."""
+_LAYOUT: Layout = (
     ("first", F64, 3),
     ("slab", F64, 3),
     ("last", F64, 3),
@@ -28,13 +30,14 @@ _LAYOUT: tuple[tuple[str, Any, int], ...] = (
     ("samples", I32, 1),  # taken so far
     ("look", F32, LOOK_VECTORS),
 )
-_STARTS: tuple[tuple[str, Any, int], ...] = (
+STARTED: Layout = (
     ("entry", I32, 1),  # the first slab that is this draw's
     ("start", I32, 1),  # the one that it starts with, or would start with
     ("hit", I32, 1),  # the first one that adds something
     ("checked", I32, 1),  # 1: it starts with the first one all the same
     ("missed", F32, 1),  # opacity before `start`
 )
+"""Where rays may start where the last frame says."""
 
 
 class State:
@@ -43,13 +46,13 @@ class State:
     Parameters
     ----------
     packets : how many
-    started : whether rays may start where the last frame says
+    more : what else is known of each
     """
 
-    def __init__(self, code: Code, packets: int, started: bool) -> None:
+    def __init__(self, code: Code, packets: int, more: Layout = ()) -> None:
         self._code, self._offsets = code, {}
         offset = 0
-        for name, element, vectors in _LAYOUT + (_STARTS if started else ()):
+        for name, element, vectors in (*_LAYOUT, *more):
             self._offsets[name] = (offset, element)
             offset += vectors * BYTES[element] * code.lanes
         self._bytes = offset

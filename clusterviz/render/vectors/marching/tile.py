@@ -26,7 +26,7 @@ class Tile:
         self._across, self._down = BLOCKS[code.lanes]
         self._columns = TILE // self._across
         self._packets = self._columns * TILE // self._down
-        self._state = State(code, self._packets, starts is not None)
+        self._state = State(code, self._packets, march.keeps_more)
         self._next = code.scratch(4 * self._packets)
 
     def draw(self, tile: Value) -> Value:
