@@ -168,10 +168,14 @@ def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.Mon
 
 
 def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """When they arrive is a matter of time; corners of what shows of single ones may be thinner than a pixel."""
     scenes = moving(turning(scene_of(), frames=12))
     at_random(monkeypatch)
     frames = run_loopback(3, lambda channel: draw_all(scenes, channel))[0]
-    check(frames, without(turning(scene_of(), frames=12)))
+    for frame, plain in zip(frames, without(turning(scene_of(), frames=12)), strict=True):
+        found = compare(frame.image, plain.image, BOUND)  # type: ignore[arg-type]
+        assert found.count <= 5
+        assert found.max < 0.01
     assert so_far(frames, "bricks_received") > 10
     assert sum(rays(frame, "estimated") for frame in frames) > 0
 
