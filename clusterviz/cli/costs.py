@@ -53,6 +53,7 @@ def summary(statistics: FrameStatistics) -> str:
         lines.append(f"shared     {statistics.sharing}")
     if statistics.accuracy:
         lines.append(f"accuracy   {statistics.accuracy}")
+        lines += [f"           {key}: {reason}" for key, reason in statistics.accuracy.reasons.items()]
     return "\n".join(lines)
 
 

@@ -35,9 +35,11 @@ from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
-from clusterviz.frame.run import STEPS, Image, Options, Rendered, Run
+from clusterviz.frame.run import STEPS, Options, Rendered, Run
 from clusterviz.frame.settling import Settling
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
+from clusterviz.frame.small_picture import SmallPicture
+from clusterviz.render.choice import on_processor
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
@@ -193,16 +195,23 @@ class FrameLoop:
             scene = complete_scene(scene, self._opened.facts)
         return self._settling.settle(scene)
 
-    def _small_picture(self, scene: Scene) -> tuple[Image | None, int]:
-        """One of the pictures that a calibration asks for, on rank 0, and the samples that all ranks took."""
+    def _small_picture(self, scene: Scene) -> SmallPicture:
+        """One of the pictures that a calibration asks for."""
         # Frames follow each other's cost; what is drawn between them is none of theirs.
         run, distribution = self._run, deepcopy(self._choosing.distribution)
         share = deal(run, self._opened, scene, distribution)
         if self._opened:
             self._drawing.bring(self._opened, share)
+        before, plan = run.clock.seconds.get("render", 0.0), share.plan
         partials, counts = self._drawing.draw(share)
+        seconds = run.clock.seconds.get("render", 0.0) - before
         image, counts = Compositing(run, several=False).picture(share, partials, counts)
-        return image, sum(run.channel.allgather(counts.samples))
+        assert plan is not None, "only what shows a volume has settings to choose"
+        textured = not on_processor(plan, run.options.device)
+        every = run.channel.allgather((counts.samples, seconds, textured))
+        samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
+        told = (plan.march.filter, all(one[2] for one in every), plan.look.operator == "over")
+        return SmallPicture(image, samples, len(share.pieces), slowest, *told)
 
     def __enter__(self) -> FrameLoop:
         return self

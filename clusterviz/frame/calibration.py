@@ -8,19 +8,20 @@ an edge. `plan/accuracy.py` says how it is chosen; `settling.py`, when.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
+from clusterviz.frame.small_picture import Draw
+from clusterviz.frame.texture_unit import TextureUnit
 from clusterviz.plan.accuracy import COARSEST, Aim, Choice, choose, next_trial
 from clusterviz.plan.estimate import Trial
+from clusterviz.plan.leftover import Picked, Probe, pick_filter, reduced, why_exact
 from clusterviz.scene.values import Quality, Scene
 
-Draw = Callable[[Scene], tuple[Image | None, int]]
 FIRST_SIDE = 64
 """Pixels along the longer side of a first picture, which only tells how much of the view is covered."""
 SHARE, LEAST_PIXELS = 1 / 64, 1500
@@ -43,6 +44,9 @@ class Calibration:
     covered : share of the picture that the volume covers
     pixels : of each of the small pictures
     samples : of all of them together, on all ranks
+    filter : that was picked, where all was compared
+    images : partial ones that a picture is made of
+    is_coloured : whether pixels are colours before they are finished
     """
 
     scene: Scene
@@ -50,6 +54,9 @@ class Calibration:
     covered: float
     pixels: int
     samples: int
+    filter: Picked
+    images: int
+    is_coloured: bool
 
 
 class _Verdict(NamedTuple):
@@ -60,33 +67,40 @@ class _Verdict(NamedTuple):
     covered: float
 
 
-def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, covered: float | None = None) -> Calibration:
+def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None) -> Calibration:
     """Find out which settings hold a scene's bound; collective.
 
     Parameters
     ----------
     scene : completed, with a volume and `quality.max_error`
     aim : what is asked for
-    draw : the picture of a scene, on rank 0, and the samples that all ranks took; collective
-    covered : share of the picture that the volume covers, where a choice is followed that knew it
+    draw : the picture of a scene; collective
+    followed : what the choice follows from, which knows what the texture unit adds; None: all is compared
     """
-    samples = 0
-    if covered is None:
-        image, samples = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
-        covered = channel.broadcast(_covered(image))
+    samples, covered = 0, followed.covered if followed else 1.0
+    if followed is None:
+        first = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
+        samples, covered = first.samples, channel.broadcast(_covered(first.image))
     scale, pictures = math.sqrt(_share(aim, covered)), dict[Trial, Image]()
     trial, choice = next_trial(pictures, aim), None
     while trial is not None:
-        small = _small(scene, trial, scale)
-        image, taken = draw(small)
-        samples += taken
-        if image is not None:
-            pictures[trial] = image
-        verdict = channel.broadcast(_judged(pictures, aim, image))
+        small = draw(_small(scene, trial, scale))
+        samples += small.samples
+        if small.image is not None:
+            pictures[trial] = small.image
+        verdict = channel.broadcast(_judged(pictures, aim, small.image))
         assert verdict is not None, "rank 0 has the picture"
         trial, choice, covered = verdict
     assert choice is not None, "rank 0 has chosen where it wants no further picture"
-    return Calibration(scene, choice, covered, math.prod(small.image.size), samples)
+    if followed is not None:
+        picked, choice = followed.filter, replace(choice, error=choice.error + followed.filter.error)
+    elif why := why_exact(small.filter, len(scene.volumes), small.is_textured):
+        picked = Picked("exact", reason=why)
+    else:
+        picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
+        samples += taken
+    pixels = math.prod(_small(scene, choice.trial, scale).image.size)
+    return Calibration(scene, choice, covered, pixels, samples, picked, small.images, small.is_coloured)
 
 
 def covered_pixels(aim: Aim, covered: float) -> float:
@@ -94,10 +108,25 @@ def covered_pixels(aim: Aim, covered: float) -> float:
     return _share(aim, covered) * covered * aim.pixels
 
 
-def chosen(scene: Scene, trial: Trial, early_termination: float) -> Scene:
+def chosen(
+    scene: Scene, trial: Trial, early_termination: float, filter: str = "exact", pixel: str = "float32"
+) -> Scene:
     """The scene with the settings that were chosen, and nothing left to choose."""
-    settings = {"step": trial.step, "classification": trial.classification, "filter": "exact"}
+    settings = {"step": trial.step, "classification": trial.classification, "filter": filter, "pixel": pixel}
     return _with(scene, **settings, early_termination=early_termination)
+
+
+def _picked(
+    small: Scene, pictures: dict[Trial, Image], choice: Choice, aim: Aim, channel: Channel, draw: Draw
+) -> tuple[Picked, Choice, int]:
+    """The filter, the choice that goes with it, and the samples that it took to pick; timed only where it fits."""
+    unit = TextureUnit(small, channel, draw)
+    error = unit.error(aim)
+    less = reduced(aim, error)
+    share = unit.share() if less else None
+    instead = channel.broadcast(choose(pictures, less) if less and pictures else None)
+    picked, choice = pick_filter(Probe(error, share), choice, instead, aim)
+    return picked, choice, unit.samples
 
 
 def _judged(pictures: dict[Trial, Image], aim: Aim, image: Image | None) -> _Verdict | None:

@@ -8,12 +8,16 @@ choice goes with what they tell. Where it has gone far, or anything else has cha
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from time import perf_counter
 
+from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
-from clusterviz.frame.calibration import LEAST_PIXELS, Calibration, Draw, calibrate, chosen, covered_pixels
+from clusterviz.frame.calibration import LEAST_PIXELS, Calibration, calibrate, chosen, covered_pixels
 from clusterviz.frame.run import Run
+from clusterviz.frame.small_picture import Draw
 from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
+from clusterviz.plan.leftover import Picked, pick_pixel
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.scene.difference import check_same_volume
 from clusterviz.scene.values import Scene
@@ -47,14 +51,19 @@ class Settling:
         """
         began, aim = perf_counter(), make_aim(scene)
         found, samples = self._found(scene, aim)
-        error, trial = found.choice.error, found.choice.trial
-        settings = (trial.step, trial.classification, aim.residual)
+        ranks, trial, error = self._run.channel.size, found.choice.trial, found.choice.error
+        bounds = {name: rounding_bound(name, found.images) for name in ("uint8", "float16")}
+        pixel = pick_pixel(bounds, aim.bound - error, ranks, found.is_coloured)
+        error, residual = error + pixel.error, _for_the_step(aim, found.filter).residual
+        settings = (trial.step, trial.classification, found.filter.value, residual, pixel.value)
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
-        accuracy = Accuracy(aim.bound, error, error <= aim.bound, *settings, *cost)
+        reached = error <= aim.bound
+        reasons = _reasons(found, pixel, reached)
+        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, reasons)
         if accuracy.warning and not self._warned and self._run.channel.rank == 0:
             warnings.warn(accuracy.warning, stacklevel=5)
         self._warned = bool(accuracy.warning)
-        return chosen(scene, trial, aim.residual), accuracy
+        return chosen(scene, trial, residual, found.filter.value, pixel.value), accuracy
 
     def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
         """A choice for the scene, and the samples that it took."""
@@ -62,7 +71,7 @@ class Settling:
         if last and anew and _can_follow(last, scene, aim):
             if scene == last.scene:
                 return last, 0
-            found = self._last = self._calibrated(scene, _following(last, anew, scene, aim), last.covered)
+            found = self._last = self._calibrated(scene, _following(last, anew, scene, aim), last)
             self._followed_for += 1
             if self._followed_for < FOLLOWED_FOR or not has_strayed(found.choice, anew.choice, aim):
                 return found, found.samples
@@ -71,9 +80,9 @@ class Settling:
         self._followed_for = 0
         return found, samples + found.samples
 
-    def _calibrated(self, scene: Scene, aim: Aim, covered: float | None = None) -> Calibration:
+    def _calibrated(self, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
         with self._run.aside("accuracy"):
-            return calibrate(scene, aim, self._run.channel, self._draw, covered)
+            return calibrate(scene, aim, self._run.channel, self._draw, followed)
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
@@ -87,7 +96,26 @@ def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
 
 def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:
     """What is asked for: of few pixels only whether the step is too long, where no other transfer function is drawn."""
+    aim = _for_the_step(aim, last.filter)
     following = aim.following(last.choice.trial)
     if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
         return following
     return aim.following(last.choice.trial, coarsest=anew.choice.trial.level)
+
+
+def _for_the_step(aim: Aim, filter: Picked) -> Aim:
+    """What the filter leaves to the step and to rays that end early."""
+    return replace(aim, bound=aim.bound - filter.error) if filter.error else aim
+
+
+def _reasons(found: Calibration, pixel: Picked, reached: bool) -> dict[str, str]:
+    """Why each setting is what it is."""
+    return {
+        "step": "the longest that is expected to hold the bound"
+        if reached
+        else "nothing that is tried holds the bound",
+        "classification": found.choice.reason,
+        "filter": found.filter.reason,
+        "early_termination": "an eighth of the bound is for rays that end early",
+        "pixel": pixel.reason,
+    }

@@ -10,7 +10,8 @@
 - clip.py      clipping planes in index space
 - encoding.py  how voxels are stored
 - segments.py  the transfer function as the shader reads it
-- accuracy.py  which settings hold a bound on the error at least cost; estimate.py: by which errors
+- accuracy.py  which settings hold a bound on the error at least cost; estimate.py: by which errors; leftover.py: filter
+  and pixels
 - stretching.py  where slabs may be longer
 - preintegration.py  the same for slabs that are classified between their ends
 """

@@ -111,10 +111,12 @@ class Choice:
     ----------
     trial : classification and step
     error : estimated, the residual of rays that end early included
+    reason : for its way of classification, in words
     """
 
     trial: Trial
     error: float
+    reason: str = ""
 
 
 def make_aim(scene: Scene) -> Aim:
@@ -166,12 +168,27 @@ def choose(pictures: Pictures, aim: Aim) -> Choice:
         found.append(_expected(Trial(way, level), curve, aim))
     reached = [choice for choice in found if choice.error <= aim.bound]
     if not reached:
-        return min(found, key=lambda one: one.error)
-    cheapest = min(reached, key=lambda choice: choice.trial.cost)
+        return _with_reason(min(found, key=lambda one: one.error), found, aim)
+    cheapest = _with_reason(min(reached, key=lambda choice: choice.trial.cost), found, aim)
     if aim.last and aim.last.cost <= STEADY * cheapest.trial.cost:
         kept = _expected(aim.last, errors[aim.last.classification], aim)
-        return kept if kept.error <= aim.bound else cheapest
+        return replace(kept, reason=cheapest.reason) if kept.error <= aim.bound else cheapest
     return cheapest
+
+
+def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
+    """The choice, and why not the other way."""
+    other = next((one for one in among if one.trial.classification != choice.trial.classification), None)
+    if other is None:
+        text = "as in the view before" if aim.last else "the only one for what is shown"
+    elif other.error > aim.bound:
+        text = (
+            f"{other.trial.classification} does not hold it down to step {other.trial.step:.3g}, and promises no less"
+        )
+    else:
+        ratio = other.trial.cost / choice.trial.cost
+        text = f"{other.trial.classification} at step {other.trial.step:.3g} would cost {ratio:.2g} times as much"
+    return replace(choice, reason=text)
 
 
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,8 @@ class Accuracy:
     error : the largest that is to be expected, estimated
     reached : whether that is within the bound
     step : in voxels
-    classification, early_termination : as in the scene
+    classification, filter, early_termination, pixel : as in the scene
+    reasons : for them, in words, by their names
     pilot_pixels : of each of the small pictures that were drawn to find out
     pilot_samples, pilot_seconds : of all of them together, on all ranks
     """
@@ -25,16 +27,20 @@ class Accuracy:
     reached: bool
     step: float
     classification: str
+    filter: str
     early_termination: float
+    pixel: str
     pilot_pixels: int
     pilot_samples: int
     pilot_seconds: float
+    reasons: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """What was chosen and what that should come to, in a line."""
         text = f"error about {self.error:.2g} at most (asked for {self.max_error:.3g}): step {self.step:.3g}"
         return (
-            f"{text}, {self.classification}; {self.pilot_samples:,} samples in {self.pilot_seconds:.2f} s to find out"
+            f"{text}, {self.classification}, {self.filter}, {self.pixel}; "
+            f"{self.pilot_samples:,} samples in {self.pilot_seconds:.2f} s to find out"
         )
 
     @property

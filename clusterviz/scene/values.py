@@ -186,7 +186,7 @@ class Quality(Section):
     max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(plain)] | None = Field(
         default=None,
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
-        "classification, filter, early_termination and adaptive are then chosen, whatever they are here.",
+        "classification, filter, early_termination, adaptive and pixel are then chosen, whatever they are here.",
     )
     pixel: Literal["float32", "float16", "uint8"] = Field(
         default="float32",

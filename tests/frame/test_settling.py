@@ -65,7 +65,7 @@ def test_the_bound_is_held_in_views_where_the_first_choice_breaks_it() -> None:
 
 @pytest.mark.gl
 def test_any_number_of_ranks_follows_alike() -> None:
-    scene = scene_of("marschner-lobb", PEAK, BOUND, "[28,20]")
+    scene = scene_of("marschner-lobb", PEAK, BOUND, "[20,14]")
     chosen = []
     for ranks in (1, 3, 5):
         every = run_loopback(ranks, lambda channel: [accuracy_of(one) for one in drawn(channel, scene)])
@@ -96,3 +96,31 @@ def test_another_transfer_function_is_followed_and_another_bound_is_not() -> Non
     assert found[1].step < found[0].step
     assert bounded.max_error == 0.1
     assert bounded.step > found[1].step
+
+
+@pytest.mark.gl
+def test_fewer_bits_are_taken_where_ranks_send_and_the_bound_has_room() -> None:
+    scene = scene_of("gaussian", RAMP, 0.06, "[28,20]")
+    fine = {"max_error": None, "step": 1 / 40}
+    truths = drawn(LoopbackChannel(), with_settings(scene, fine))
+    for ranks, pixel in ((1, "float32"), (3, "float16")):
+        frames = run_loopback(ranks, lambda channel: drawn(channel, scene))[0]
+        for error, frame in zip(largest_errors(frames, truths), frames, strict=True):
+            accuracy = accuracy_of(frame)
+            assert frame.scene.quality.pixel == accuracy.pixel == pixel
+            assert error <= accuracy.error <= 0.06
+            assert set(accuracy.reasons) == {"step", "classification", "filter", "early_termination", "pixel"}
+            assert all(accuracy.reasons.values())
+
+
+@pytest.mark.gl
+def test_the_texture_unit_is_measured_where_opengl_draws() -> None:
+    scene = scene_of("gaussian", RAMP, 0.02, "[28,20]")
+    with FrameLoop(scene, LoopbackChannel(), options=Options(device=0, overlap=False)) as loop:
+        frames = [loop.frame(one, number) for number, one in enumerate(scenes_along(loop.scene, 2, 20.0))]
+        truth = loop.frame(with_settings(frames[0].scene, {"step": 1 / 32, "filter": "exact"}), 2)
+    first, second = map(accuracy_of, frames)
+    assert "hardware adds about" in first.reasons["filter"]
+    assert "of the time a sample" in first.reasons["filter"]
+    assert second.filter == first.filter == frames[1].scene.quality.filter
+    assert largest_errors([frames[0]], [truth])[0] <= first.error <= 0.02
