@@ -70,6 +70,12 @@ BAD = [
     ({"volumes": {"path": "a"}}, "volumes", "path", "a list"),
     ({"volumes": ["a.npy"]}, "volumes[0]: not a section", '"a.npy"', "path, array"),
     ({"volumes": [{"path": "a"}] * 9}, "too many volumes", "path", "at most 8"),
+    (
+        {"volumes": [{"path": "a", "isosurfaces": list(range(11))}] * 3},
+        "isosurfaces: too many",
+        "33",
+        "32 isosurfaces in all volumes",
+    ),
     (mixed(blending="maximum"), "volumes[1].blending: not for several", '"maximum"', "one volume"),
     (mixed() | {"quality": {"filter": "hardware"}}, "quality.filter: not for several", "hardware", "one volume"),
     (mixed() | {"quality": {"borders": "split"}}, "quality.borders: not for several", "split", "one volume"),
