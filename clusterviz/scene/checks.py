@@ -100,10 +100,13 @@ def check_surface(value: Any) -> Any:
     return value
 
 
-def check_surfaces(isosurfaces: tuple[object, ...] | None) -> None:
-    """A picture of isosurfaces needs some; None where another picture is asked for."""
-    if isosurfaces == ():
+def check_surfaces(blending: str, isosurfaces: tuple[object, ...]) -> None:
+    """A picture of isosurfaces needs some, and a projection shows none."""
+    if blending == "isosurface" and not isosurfaces:
         raise UnusableError("missing", "one data value or more, for blending: isosurface", key="isosurfaces")
+    if isosurfaces and blending not in ("composite", "isosurface"):
+        allowed = "this key with blending: composite or isosurface"
+        raise UnusableError(f"not for blending: {blending}", allowed, key="isosurfaces")
 
 
 def check_gradient(kernel: str, interpolation: str) -> None:

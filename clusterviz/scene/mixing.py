@@ -7,7 +7,14 @@ from typing import Any
 
 from clusterviz.scene.checks import UnusableError
 
-QUALITIES = ("leaping", "borders", "filter", "adaptive")
+PROJECTED = "their values have no scale in common, of which a ray could show one"
+QUALITIES = {
+    "leaping": "the last frame's samples are kept of one",
+    "borders": "what each brick needs of a volume is cut out of it already",
+    "filter": "the texture unit samples one volume a brick",
+    "adaptive": "there is no bound on the error of mixtures",
+}
+"""What is not done, and why."""
 MIXED = ("composite", "isosurface", "overlap", "exact")
 MOST_SURFACES = 32
 """In all volumes: those in a slab are kept in a list until they are in order."""
@@ -22,11 +29,11 @@ def check_mixed(volumes: Sequence[Any], quality: Any) -> None:
     """
     if len(volumes) < 2:
         return
-    keys = [(f"volumes[{n}].blending", volume.blending) for n, volume in enumerate(volumes)]
-    keys += [(f"quality.{name}", getattr(quality, name)) for name in QUALITIES]
-    for key, found in keys:
+    keys = [(f"volumes[{n}].blending", volume.blending, PROJECTED) for n, volume in enumerate(volumes)]
+    keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in QUALITIES.items()]
+    for key, found, why in keys:
         if found and found not in MIXED:
-            raise UnusableError("not for several volumes", "one volume with it", key=key, found=found)
+            raise UnusableError(f"not for several volumes: {why}", "one volume with it", key=key, found=found)
     surfaces = sum(len(volume.isosurfaces) for volume in volumes)
     if surfaces > MOST_SURFACES:
         told = f"{MOST_SURFACES} isosurfaces in all volumes"

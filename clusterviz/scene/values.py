@@ -107,7 +107,7 @@ class Volume(Section):
     @model_validator(mode="after")
     def _has_surfaces(self) -> Volume:
         check_gradient(self.gradient, self.interpolation)
-        check_surfaces(self.isosurfaces if self.blending == "isosurface" else None)
+        check_surfaces(self.blending, self.isosurfaces)
         check_grading(
             self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
         )

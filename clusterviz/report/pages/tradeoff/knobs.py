@@ -12,7 +12,7 @@ from itertools import product
 from typing import Any, get_args
 
 from clusterviz.errors import InputError, SceneError
-from clusterviz.plan.look import is_preintegrated
+from clusterviz.plan.look import has_surfaces, is_preintegrated
 from clusterviz.plan.stretching import what_has_no_bound
 from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
 from clusterviz.scene.values import Scene
@@ -100,7 +100,8 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
     settings : the scene as it is, each value alone, then combinations
     left_out : how many combinations there were beyond `most`
     """
-    knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks]
+    idle = _idle(scene)
+    knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks and knob.name not in idle]
     found = [Setting({}, "scene")]
     for knob in knobs:
         kind = "control" if knob.control else "alone"
@@ -151,6 +152,18 @@ def changed(scene: Scene, setting: Setting) -> Scene:
         The scene cannot have it.
     """
     return with_settings(scene, setting.changes)
+
+
+def _idle(scene: Scene) -> set[str]:
+    """The knobs that change nothing of how the scene's volumes are drawn."""
+    volumes = scene.volumes
+    works = {
+        "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
+        "jitter": not any(has_surfaces(volume) for volume in volumes),
+        "filter": any(volume.interpolation != "nearest" for volume in volumes),
+        "early_termination": any(volume.blending in ("composite", "isosurface") for volume in volumes),
+    }
+    return {name for name, does in works.items() if not does}
 
 
 def _is_possible(scene: Scene, setting: Setting) -> bool:

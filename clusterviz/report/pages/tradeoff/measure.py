@@ -38,7 +38,7 @@ class Cost:
     total_seconds : from a barrier until the picture is whole on rank 0; reading, uploading and writing apart; likewise
     total_seconds_min, total_seconds_max : of the fastest and the slowest frame
     samples : field samples of one frame, all ranks
-    voxel_bytes : GPU memory for voxels, all ranks
+    voxel_bytes : memory in which voxels lie for drawing, all ranks
     peak_memory_bytes : resident size of the largest rank's process, at its largest
     bytes_sent, messages_sent : of compositing one frame, all ranks, the final gather apart
     """

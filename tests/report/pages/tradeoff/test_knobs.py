@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 
@@ -83,6 +83,20 @@ def test_unknown_knobs() -> None:
     assert parse_knobs(None) == ALL
     with pytest.raises(InputError, match="--knobs: unknown knob; found stepp; allowed step"):
         parse_knobs("stepp")
+
+
+@pytest.mark.parametrize(
+    ("look", "idle"),
+    [
+        ({"blending": "maximum"}, {"classification", "borders", "early_termination"}),
+        ({"interpolation": "nearest"}, {"classification", "borders", "filter"}),
+        ({"isosurfaces": (0.5,)}, {"classification", "borders", "jitter"}),
+    ],
+)
+def test_what_does_nothing_to_a_look_is_not_tried(look: dict[str, Any], idle: set[str]) -> None:
+    scene = SCENE.model_copy(update={"volumes": (SCENE.volumes[0].model_copy(update=look),)})
+    tried = {name for setting in settings_of(scene, 1, ALL, 1000)[0] for name in setting.changes}
+    assert idle == {"classification", "borders", "early_termination", "filter", "jitter"} - tried
 
 
 def test_what_several_volumes_refuse_is_not_tried() -> None:
