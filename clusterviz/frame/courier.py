@@ -74,7 +74,7 @@ class _Awaited:
 
 @dataclass
 class Delivery:
-    """What has come to this rank since the last delivery.
+    """What has come to this rank.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Courier:
     Attributes
     ----------
     bytes_sent, bytes_raw : so far, and what they would have been unpacked
-    bytes_opened : so far
+    bytes_opened, bricks_stored : so far
     """
 
     def __init__(self, channel: Channel, parcels: Parcels, time_slice: TimeSlice) -> None:
@@ -112,10 +112,9 @@ class Courier:
         self._awaited: list[_Awaited] = []
         self._arrived: deque[tuple[_Awaited, int]] = deque()
         self._whole: deque[_Incoming] = deque()
-        self._delivery = Delivery()
         self._numbers = 0
         self._messages: dict[tuple[int, int], int] = defaultdict(int)
-        self.bytes_sent = self.bytes_raw = self.bytes_opened = 0
+        self.bytes_sent = self.bytes_raw = self.bytes_opened = self.bricks_stored = 0
 
     def post(self, flights: Sequence[Flight], parcels: Parcels) -> range:
         """Expect the bricks that fly to this rank, and send its own among them as there is time.
@@ -153,25 +152,21 @@ class Courier:
             if self._outgoing[0].sent == self._outgoing[0].parcels.pieces:
                 self._outgoing.popleft()
 
-    def collect(self, store: Store) -> None:
+    def collect(self, store: Store) -> Delivery:
         """Open pieces that have come, and store bricks that are whole, while there is time.
 
         Parameters
         ----------
         store : is given bricks, with the stamps of how they are stored; says whether they are of use
         """
+        delivery = Delivery()
         with self._slice.step():
-            came = dict(self._channel.test_some([each.pending for each in self._awaited]))
-            self._arrived.extend((self._awaited[at], size) for at, size in came.items())
-            if came:
+            while came := dict(self._channel.test_some([each.pending for each in self._awaited])):
+                self._arrived.extend((self._awaited[at], size) for at, size in came.items())
                 self._awaited = [each for at, each in enumerate(self._awaited) if at not in came]
-        while self._store_brick(store) if self._whole else self._open_piece():
+        while self._store_brick(store, delivery) if self._whole else self._open_piece():
             pass
-
-    def delivered(self) -> Delivery:
-        """What was collected since this was asked last."""
-        found, self._delivery = self._delivery, Delivery()
-        return found
+        return delivery
 
     def void(self) -> None:
         """Nobody wants what is under way: it is not worked on, and counts as lost when it ends."""
@@ -259,19 +254,20 @@ class Courier:
         except CodecError:
             brick.is_void = True
 
-    def _store_brick(self, store: Store) -> bool:
+    def _store_brick(self, store: Store, delivery: Delivery) -> bool:
         """Whether there was time to store the first of the whole bricks."""
         brick = self._whole[0]
         flight, parcels = brick.flight, brick.parcels
         if brick.is_void or brick.stream is None:
-            self._delivery.lost.append(brick.number)
+            delivery.lost.append(brick.number)
         else:
             if not self._slice.allows("store", parcels.stream_bytes):
                 return False
             with self._slice.step("store", parcels.stream_bytes):
                 useful = store(flight.brick, parcels.stamp, parcels.brick(brick.stream, brick.voxels))
-            (self._delivery.arrived if useful else self._delivery.lost).append(brick.number)
+            (delivery.arrived if useful else delivery.lost).append(brick.number)
+            self.bricks_stored += useful
         self._whole.popleft()
         told = {"brick": flight.brick, "from": flight.source, "bytes": brick.bytes}
-        self._delivery.spans.append(Span("brick", "migrate", brick.posted, perf_counter(), told))
+        delivery.spans.append(Span("brick", "migrate", brick.posted, perf_counter(), told))
         return True

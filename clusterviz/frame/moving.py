@@ -40,6 +40,7 @@ class Moving:
         self._slice = TimeSlice(distribution.share)
         self._courier: Courier | None = None
         self._flying: dict[int, Index] = {}
+        self._under_way: set[int] = set()
         self._beginnings = 0
         self._counts: dict[str, Any] = {}
         self._received, self._lost, self._frames = 0, 0, 0
@@ -51,40 +52,31 @@ class Moving:
         """Send what shall fly, as far as there is time; what is drawn stays as it was dealt."""
         done = self._run.clock.seconds
         self._began = perf_counter() - done["plan"] - done["load"]
-        self._slice.begin()
         self._depart(opened, share)
         return share
 
     def counted(self, counts: RankFrame) -> RankFrame:
-        """Take what has come by now; a frame's counts with what was sent and received in it, and so far."""
-        courier, found = self._courier, dict[str, Any]()
-        if courier is not None:
-            with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
-                courier.collect(self._store)
-            delivery = courier.delivered()
-            self._run.clock.note(*delivery.spans)
-            self._received += len(delivery.arrived)
-            self._lost += sum(number in self._flying for number in delivery.lost)
-            found = {"arrived": delivery.arrived, "lost": delivery.lost}
-            for name, before in self._sums.items():
-                found[name] = getattr(courier, name) - before
+        """A frame's counts with what was sent for it and what has come since the last one, and so far."""
+        found: dict[str, Any] = {"seconds": self._slice.seconds, "frame_seconds": self._slice.frame_seconds}
         found |= {"bricks_received": self._received, "bricks_lost": self._lost}
-        found |= {"seconds": self._slice.seconds, "frame_seconds": self._slice.frame_seconds}
+        if self._courier is not None:
+            now = {"bytes_sent": 0, "bytes_raw": 0, "bytes_opened": 0, "bricks_stored": 0}
+            now = {name: getattr(self._courier, name) for name in now}
+            found |= {name: count - self._sums.get(name, 0) for name, count in now.items()}
+            self._sums = now
         return replace(counts, balance=self._counts | found)
 
     def after(self, share: Share, costs: Sequence[RankFrame]) -> None:
-        """What has come changes hands; of damaged messages all ranks hear."""
+        """What has come by now changes hands; of damaged messages all ranks hear. The next frame's slice begins."""
         check_same(self._run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
-        if share.plan is not None:
-            arrived, lost = (
-                sorted(number for rank in costs for number in rank.balance.get(name, ()))
-                for name in ("arrived", "lost")
-            )
-            self._distribution.land(self._known(arrived), self._known(lost))
-            # The first frame opens what lasts: but for drawing, it tells nothing of others.
-            drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
-            self._slice.end(perf_counter() - self._began if self._frames else drawing)
-            self._frames += 1
+        if share.plan is None:
+            return
+        # The first frame opens what lasts: but for drawing, it tells nothing of others.
+        drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
+        self._slice.end(perf_counter() - self._began if self._frames else drawing)
+        self._frames += 1
+        self._slice.begin()
+        self._land()
 
     def close(self) -> None:
         """Let what is under way arrive, and give the channel back."""
@@ -114,18 +106,31 @@ class Moving:
                 self._send(share.plan, parcels_of(share.plan, opened.source.dtype), flights, share.holds)
 
     def _send(self, plan: Plan, parcels: Parcels, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
-        """What came first, so that it changes hands soon; then what shall go."""
         courier = self._courier = self._courier or Courier(self._run.channel, parcels, self._slice)
-        self._sums = {name: getattr(courier, name) for name in ("bytes_sent", "bytes_raw", "bytes_opened")}
         self._plan = plan
         numbers = courier.post(flights, parcels)
         self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
+        self._under_way.update(numbers)
 
         def read(brick: Index, asked: Parcels) -> Stored | None:
             return self._drawing.stored([brick])[brick] if brick in holds and asked == parcels else None
 
-        courier.collect(self._store)
         courier.send(read)
+
+    def _land(self) -> None:
+        """Every rank has sent by now what it had time for; so what arrives is the same in every run, where all has."""
+        if self._courier is None or not self._under_way:
+            self._distribution.land([], [])
+            return
+        with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+            delivery = self._courier.collect(self._store)
+            told = self._run.channel.allgather((delivery.arrived, delivery.lost))
+        self._run.clock.note(*delivery.spans)
+        arrived, lost = (sorted(number for rank in told for number in rank[side]) for side in (0, 1))
+        self._under_way -= {*arrived, *lost}
+        self._received += len(delivery.arrived)
+        self._lost += sum(number in self._flying for number in delivery.lost)
+        self._distribution.land(self._known(arrived), self._known(lost))
 
     def _store(self, brick: Index, stamp: int, stored: Stored) -> bool:
         """Whether a brick that came is stored as frames now have it; it is drawn when it has changed hands."""

@@ -154,7 +154,7 @@ class FrameStatistics:
             "share": max(each["seconds"] / total if total else 0.0 for each, total in told),
             "bytes_sent": sum(each["bytes_sent"] for each, _ in told),
             "bytes_raw": sum(each.get("bytes_raw", 0) for each, _ in told),
-            "bricks": sum(len(each.get("arrived", ())) for each, _ in told),
+            "bricks": sum(each.get("bricks_stored", 0) for each, _ in told),
         }
 
     def as_json(self) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, h
 
 def test_a_rank_that_decides_otherwise_ends_the_job_before_a_wrong_picture(tmp_path: Path) -> None:
     arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
-    ended = finish(failing(1, "clusterviz.frame.dynamic:expected_samples", "turn", 3, *arguments), SECONDS)
+    ended = finish(failing(1, "clusterviz.frame.dynamic:expected_samples", "turn", 3, *arguments))
     messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
     assert (ended.status, len(messages)) == (1, 1)
     assert "rank 1, frame 0, compare: decides otherwise than the other ranks who draws what; all ranks" in messages[0]
