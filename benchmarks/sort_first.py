@@ -58,8 +58,8 @@ WAYS: dict[str, dict[str, Any]] = {
     "scheduled, 32": {"mode": "sort-first", "tiling": "scheduled", "tile": 32},
     "temporal": {"mode": "sort-first", "tiling": "temporal"},
     "estimated": {"mode": "sort-first", "tiling": "estimated"},
-    "hybrid, 2 groups": {"groups": 2, "transport": "messages"},
-    "hybrid, 4 groups": {"groups": 4, "transport": "messages"},
+    "hybrid, 2 groups, 32": {"groups": 2, "transport": "messages", "tiling": "interleaved"},
+    "hybrid, 4 groups, 32": {"groups": 4, "transport": "messages", "tiling": "interleaved"},
     "hybrid, 2 groups, cuts": {"groups": 2, "transport": "messages", "tiling": "temporal"},
     "hybrid, 4 groups, cuts": {"groups": 4, "transport": "messages", "tiling": "temporal"},
 }
