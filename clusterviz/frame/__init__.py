@@ -36,7 +36,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Options, Rendered, Run
-from clusterviz.frame.settling import Settling
+from clusterviz.frame.settling import Settling, with_pixel
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.small_picture import SmallPicture
 from clusterviz.render.choice import on_processor
@@ -173,6 +173,8 @@ class FrameLoop:
             if accuracy and not self._run.options.keep_bricks:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
             share = companion.before(self._opened, share) if companion else share
+        if accuracy:
+            share, accuracy = with_pixel(share, accuracy, self._run.channel.size)
         check_alike(self._run, share)
         partials, counts = self._drawing.draw(share)
         counts = companion.counted(counts) if companion else counts
@@ -210,8 +212,7 @@ class FrameLoop:
         textured = not on_processor(plan, run.options.device)
         every = run.channel.allgather((counts.samples, seconds, textured))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        told = (plan.march.filter, all(one[2] for one in every), plan.look.operator == "over")
-        return SmallPicture(image, samples, len(share.pieces), slowest, *told)
+        return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
 
     def __enter__(self) -> FrameLoop:
         return self

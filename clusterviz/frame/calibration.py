@@ -45,8 +45,6 @@ class Calibration:
     pixels : of each of the small pictures
     samples : of all of them together, on all ranks
     filter : that was picked, where all was compared
-    images : partial ones that a picture is made of
-    is_coloured : whether pixels are colours before they are finished
     """
 
     scene: Scene
@@ -55,8 +53,6 @@ class Calibration:
     pixels: int
     samples: int
     filter: Picked
-    images: int
-    is_coloured: bool
 
 
 class _Verdict(NamedTuple):
@@ -100,7 +96,7 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
         picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
         samples += taken
     pixels = math.prod(_small(scene, choice.trial, scale).image.size)
-    return Calibration(scene, choice, covered, pixels, samples, picked, small.images, small.is_coloured)
+    return Calibration(scene, choice, covered, pixels, samples, picked)
 
 
 def covered_pixels(aim: Aim, covered: float) -> float:
@@ -108,11 +104,9 @@ def covered_pixels(aim: Aim, covered: float) -> float:
     return _share(aim, covered) * covered * aim.pixels
 
 
-def chosen(
-    scene: Scene, trial: Trial, early_termination: float, filter: str = "exact", pixel: str = "float32"
-) -> Scene:
-    """The scene with the settings that were chosen, and nothing left to choose."""
-    settings = {"step": trial.step, "classification": trial.classification, "filter": filter, "pixel": pixel}
+def chosen(scene: Scene, trial: Trial, early_termination: float, filter: str = "exact") -> Scene:
+    """The scene with the settings that were chosen, and nothing left to choose before it is dealt out."""
+    settings = {"step": trial.step, "classification": trial.classification, "filter": filter, "pixel": "float32"}
     return _with(scene, **settings, early_termination=early_termination)
 
 

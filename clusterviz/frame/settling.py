@@ -8,6 +8,7 @@ choice goes with what they tell. Where it has gone far, or anything else has cha
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from dataclasses import replace
 from time import perf_counter
 
@@ -15,6 +16,7 @@ from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
 from clusterviz.frame.calibration import LEAST_PIXELS, Calibration, calibrate, chosen, covered_pixels
 from clusterviz.frame.run import Run
+from clusterviz.frame.share import Share
 from clusterviz.frame.small_picture import Draw
 from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
 from clusterviz.plan.leftover import Picked, pick_pixel
@@ -51,19 +53,15 @@ class Settling:
         """
         began, aim = perf_counter(), make_aim(scene)
         found, samples = self._found(scene, aim)
-        ranks, trial, error = self._run.channel.size, found.choice.trial, found.choice.error
-        bounds = {name: rounding_bound(name, found.images) for name in ("uint8", "float16")}
-        pixel = pick_pixel(bounds, aim.bound - error, ranks, found.is_coloured)
-        error, residual = error + pixel.error, _for_the_step(aim, found.filter).residual
-        settings = (trial.step, trial.classification, found.filter.value, residual, pixel.value)
+        trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
+        settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
         reached = error <= aim.bound
-        reasons = _reasons(found, pixel, reached)
-        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, reasons)
+        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached))
         if accuracy.warning and not self._warned and self._run.channel.rank == 0:
             warnings.warn(accuracy.warning, stacklevel=5)
         self._warned = bool(accuracy.warning)
-        return chosen(scene, trial, residual, found.filter.value, pixel.value), accuracy
+        return chosen(scene, trial, residual, found.filter.value), accuracy
 
     def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
         """A choice for the scene, and the samples that it took."""
@@ -83,6 +81,26 @@ class Settling:
     def _calibrated(self, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
         with self._run.aside("accuracy"):
             return calibrate(scene, aim, self._run.channel, self._draw, followed)
+
+
+def with_pixel(share: Share, accuracy: Accuracy, ranks: int) -> tuple[Share, Accuracy]:
+    """A frame that is dealt out, with the format for its partial images that what is left of the bound has room for.
+
+    Parameters
+    ----------
+    share : with a plan, and float32
+    ranks : that draw
+    """
+    assert share.plan is not None, "only what shows a volume has settings to choose"
+    # Images of one window may lie behind each other; where nobody shares the screen, there is a single one.
+    images = max(Counter(piece.window for piece in share.pieces).values(), default=0)
+    bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
+    left = accuracy.max_error - accuracy.error
+    picked = pick_pixel(bounds, left, ranks, share.plan.look.operator == "over")
+    quality = share.scene.quality.model_copy(update={"pixel": picked.value})
+    reasons = {**accuracy.reasons, "pixel": picked.reason}
+    told = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
+    return replace(share, scene=share.scene.model_copy(update={"quality": quality})), told
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
@@ -108,7 +126,7 @@ def _for_the_step(aim: Aim, filter: Picked) -> Aim:
     return replace(aim, bound=aim.bound - filter.error) if filter.error else aim
 
 
-def _reasons(found: Calibration, pixel: Picked, reached: bool) -> dict[str, str]:
+def _reasons(found: Calibration, reached: bool) -> dict[str, str]:
     """Why each setting is what it is."""
     return {
         "step": "the longest that is expected to hold the bound"
@@ -117,5 +135,4 @@ def _reasons(found: Calibration, pixel: Picked, reached: bool) -> dict[str, str]
         "classification": found.choice.reason,
         "filter": found.filter.reason,
         "early_termination": "an eighth of the bound is for rays that end early",
-        "pixel": pixel.reason,
     }

@@ -18,20 +18,16 @@ class SmallPicture:
     ----------
     image : on rank 0 only
     samples : that all ranks took
-    images : partial ones, of all ranks together
     seconds : of drawing, on the slowest rank
     filter : of the plan
     is_textured : whether all ranks draw by OpenGL
-    is_coloured : whether pixels are colours before they are finished, and not scalars or sums
     """
 
     image: Image | None
     samples: int
-    images: int
     seconds: float
     filter: Filter
     is_textured: bool
-    is_coloured: bool
 
 
 Draw = Callable[[Scene], SmallPicture]
