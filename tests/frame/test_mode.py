@@ -260,6 +260,17 @@ def test_what_is_there_is_given_up_only_for_what_is_clearly_better() -> None:
     assert choose([last, shared], present=2) == 4  # which no longer fits
 
 
+@pytest.mark.parametrize("seconds", [1e-12, 1e-9, 1e-6, 1e-3])
+def test_what_is_better_in_both_is_chosen_whatever_a_sample_takes(seconds: float) -> None:
+    """A busy machine measures longer samples, and begins with the same mode unless samples stand against messages."""
+
+    def way(groups: int, samples: float, compositing: float) -> Forecast:
+        return Forecast(groups, samples, seconds * samples, compositing, 0)
+
+    assert choose([way(1, 1e5, 1e-3), way(4, 0.89e5, 0.89e-3)]) == 4
+    assert choose([way(1, 1e5, 1e-3), way(4, 0.91e5, 0.91e-3)]) == 1
+
+
 def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
     view, bounded = [INTO_A_CORNER], {"max_error": 0.02}
