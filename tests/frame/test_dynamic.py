@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import check, draw_all, looks, views
+from frame.views import HIDDEN, check, draw_all, looks, views
 
 from clusterviz.balance import Move, dynamic
 from clusterviz.comm import Channel, run_loopback
@@ -184,6 +185,29 @@ def test_ranks_become_even_and_messages_stay_within_the_budget() -> None:
 def test_what_cannot_work_is_refused_before_the_first_frame(keys: dict[str, int], said: str) -> None:
     with pytest.raises(InputError, match=said):
         run_loopback(3, lambda channel: draw_all(moving(views(2), **keys), channel))
+
+
+def test_the_number_of_ranks_that_is_named_would_do() -> None:
+    scenes = moving(views(2), memory_limit=8000)
+    with pytest.raises(InputError) as refusal:
+        run_loopback(3, lambda channel: draw_all(scenes, channel))
+    named = re.search(r"allowed (\d+) ranks", str(refusal.value))
+    assert named
+    check(run_loopback(int(named[1]), lambda channel: draw_all(scenes, channel))[0], views(2))
+
+
+def test_frames_that_show_and_cost_nothing_are_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In front, between others and behind them: a camera that looks away, and a transfer function without opacity."""
+    seen, away = views(1)[0], views(10)[9]
+    hidden = with_settings(seen, {"opacity": HIDDEN})
+    scenes = [away, hidden, away, seen, seen, away, hidden, seen, seen, hidden, seen, away]
+    at_random(monkeypatch)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert so_far(frames, "bricks_received") > 0
+    for frame, scene in zip(frames, scenes, strict=True):
+        assert frame.image is not None
+        assert frame.image.any() == (scene is seen)
 
 
 def test_a_memory_limit_is_kept_while_bricks_move(monkeypatch: pytest.MonkeyPatch) -> None:
