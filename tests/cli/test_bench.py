@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,11 +13,13 @@ import numpy as np
 import pytest
 
 from clusterviz.cli.bench import over
-from clusterviz.cli.jobs import run_job
+from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command
 from clusterviz.composite import ALGORITHMS
 from clusterviz.reference import over as reference_over
 
 SIZE = (23, 17)
+MEASURED = [*ALGORITHMS, "auto"]
+ONE_AFTER_ANOTHER = Path(__file__).parent / "one_after_another.py"
 
 
 @pytest.mark.gl
@@ -49,27 +53,45 @@ def test_over(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.Monke
         assert all(0 < row["min_ms"] <= row["median_ms"] for row in rows.values())
 
 
-@pytest.fixture
-def images(tmp_path: Path) -> tuple[Path, np.ndarray[Any, Any]]:
+def make_images(parent: Path) -> tuple[Path, np.ndarray[Any, Any]]:
     """A folder with the images of three ranks, and their composition in float64."""
     rng = np.random.default_rng(0)
     alpha = rng.integers(0, 256, (3, SIZE[1], SIZE[0], 1))
     layers = np.concatenate([rng.integers(0, 1 + np.repeat(alpha, 3, axis=3)), alpha], axis=3).astype(np.uint8)
-    folder = tmp_path / "images"
+    folder = parent / "images"
     folder.mkdir()
     for rank, layer in enumerate(layers):
         layer.tofile(folder / f"img_{rank}.rgba")
     return folder, reference_over(list(layers / 255.0))
 
 
+@pytest.fixture
+def images(tmp_path: Path) -> tuple[Path, np.ndarray[Any, Any]]:
+    """The same, for one test."""
+    return make_images(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray[Any, Any]]:
+    """A folder with the picture and the report of every algorithm on three ranks, and the picture in float64."""
+    folder = tmp_path_factory.mktemp("measured")
+    images, expected = make_images(folder)
+    options = ["--images", str(images), "--size", "23x17", "--codec", "raw", "--transport", "messages", "--frames=2"]
+    commands = []
+    for name in MEASURED:
+        outputs = ["--out", str(folder / f"{name}.rgba"), "--json", str(folder / f"{name}.json")]
+        commands.append(["bench", "composite", *options, "--algorithm", name, *outputs])
+    (folder / "commands").write_text(json.dumps(commands))
+    job = [*job_command(3, [])[:-2], str(ONE_AFTER_ANOTHER), str(folder / "commands")]
+    subprocess.run(job, check=True, timeout=120, env=OVERSUBSCRIBE | os.environ)
+    return folder, expected
+
+
 @pytest.mark.fresh
-@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "auto"])
-def test_composite(algorithm: str, images: tuple[Path, np.ndarray[Any, Any]], tmp_path: Path) -> None:
-    folder, expected = images
-    out, file = tmp_path / "o.rgba", tmp_path / "c.json"
-    options = ["--size", "23x17", "--algorithm", algorithm, "--codec", "raw", "--transport", "messages", "--frames=2"]
-    run_job(3, ["bench", "composite", "--images", str(folder), *options, "--out", str(out), "--json", str(file)])
-    report = json.loads(file.read_text())
+@pytest.mark.parametrize("algorithm", MEASURED)
+def test_composite(algorithm: str, measured: tuple[Path, np.ndarray[Any, Any]]) -> None:
+    folder, expected = measured
+    report = json.loads((folder / f"{algorithm}.json").read_text())
     assert report["algorithm"] in (ALGORITHMS if algorithm == "auto" else (algorithm,))
     assert (report["ranks"], report["size"], report["frames"]) == (3, [23, 17], 2)
     assert (report["codec"], report["transport"]) == ("raw", "messages")
@@ -77,7 +99,7 @@ def test_composite(algorithm: str, images: tuple[Path, np.ndarray[Any, Any]], tm
     for key in ("messages_sent", "bytes_raw", "bytes_sent"):
         assert len(report[key]) == 3
         assert sum(report[key]) > 0
-    picture = np.fromfile(out, np.uint8).reshape(SIZE[1], SIZE[0], 4)
+    picture = np.fromfile(folder / f"{algorithm}.rgba", np.uint8).reshape(SIZE[1], SIZE[0], 4)
     # Two merges round by half a level each, and the first one's error in alpha weighs what lies behind it.
     assert np.abs(picture / 255.0 - expected).max() <= 1.5 / 255
 
