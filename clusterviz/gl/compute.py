@@ -26,13 +26,15 @@ def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> Non
     finish()
 
 
+def gl_function(name: str, *arguments: Any) -> Any:
+    """A function of OpenGL that returns nothing, by the ctypes types of its arguments; calls let Python's lock go."""
+    egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
+    address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
+    return ctypes.CFUNCTYPE(None, *arguments)(address(name.encode()))
+
+
 @cache
 def _functions() -> tuple[Any, Any, Any]:
     """glUseProgram, glDispatchCompute, glFinish."""
-    egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
-    address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
-
-    def function(name: bytes, numbers: int) -> Any:
-        return ctypes.CFUNCTYPE(None, *[ctypes.c_uint] * numbers)(address(name))
-
-    return function(b"glUseProgram", 1), function(b"glDispatchCompute", 3), function(b"glFinish", 0)
+    number = ctypes.c_uint
+    return gl_function("glUseProgram", number), gl_function("glDispatchCompute", *[number] * 3), gl_function("glFinish")

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.gl.texels import read_box
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import stretch_bits
@@ -90,13 +91,11 @@ class Residence:
 
     def stored(self, bricks: Sequence[Index]) -> Iterator[tuple[Index, Stored]]:
         """What is in the slots of bricks, read back from the GPU."""
-        # A texture is read as a whole.
-        texels = None if isinstance(self._voxels, moderngl.Buffer) else self._texels(self._voxels)
         for index in bricks:
             number = self.slots[index]
             low, high = (side[number] for side in self._ranges or ())
             bend = None if self._bends is None else self._bends[number]
-            words = self._words(number) if texels is None else self._cut(texels, number)
+            words = self._words(number) if isinstance(self._voxels, moderngl.Buffer) else self._texels(number)
             yield index, Stored(self._slot.unpack(words), low, high, int(self._counts[number]), bend)
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -168,14 +167,11 @@ class Residence:
         assert isinstance(self._voxels, moderngl.Buffer), "textures have texels"
         return np.frombuffer(self._voxels.read(self._slot.bytes, offset=number * self._slot.bytes), "<u4")
 
-    def _texels(self, texture: moderngl.Texture3D) -> NDArray[Any]:
-        """All texels, (z, y, x)."""
-        kind = STORED_TYPE[self._slot.kind]
-        return np.frombuffer(texture.read(alignment=1), kind).reshape(texture.depth, texture.height, texture.width)
-
-    def _cut(self, texels: NDArray[Any], number: int) -> NDArray[Any]:
+    def _texels(self, number: int) -> NDArray[Any]:
+        """A slot of a texture, (z, y, x)."""
+        assert isinstance(self._voxels, moderngl.Texture3D), "buffers have words"
         x, y, z, width, height, depth = self._viewport(number)
-        return np.ascontiguousarray(texels[z : z + depth, y : y + height, x : x + width])
+        return read_box(self._voxels, (x, y, z), (depth, height, width), STORED_TYPE[self._slot.kind])
 
     def _viewport(self, number: int) -> tuple[int, int, int, int, int, int]:
         """The texels of a slot: corner and size along (x, y, z)."""
