@@ -147,10 +147,10 @@ def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of thin shells much is missed. Had all rays been checked, they would have told so, and missed nothing."""
-    thin = ((0.0, 0.0), (0.45, 0.0), (0.5, 0.9), (0.55, 0.0), (1.0, 0.0))
-    scene = with_settings(scene_of(), {"path": "field:marschner-lobb:24", "opacity": thin, "size": (40, 32)})
-    scenes = turning(scene, 3.0, 2)
+    """Of crests of waves some are missed. Had all rays been checked, they would have told so, and missed nothing."""
+    crests = ((0.0, 0.0), (0.97, 0.0), (1.0, 0.9))
+    scene = with_settings(scene_of(), {"path": "field:marschner-lobb:48", "opacity": crests, "size": (40, 32)})
+    scenes = turning(scene, 2.0, 2)
     plain = without(scenes)[1]
     drawn = {}
     for tiles in (1, 1 << 30):
@@ -163,18 +163,18 @@ def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.Mon
     missed = compare(others.image, plain.image, 1 / 255)  # type: ignore[arg-type]
     report = checked.statistics.leaping
     assert report is not None
-    assert BOUND < missed.max <= report.error + BOUND
-    assert 0 < missed.count <= report.wrong < 4 * missed.count
+    assert 1 / 255 < missed.max <= report.error + BOUND
+    assert 0 < missed.count <= report.wrong <= 2 * missed.count
 
 
 def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """When they arrive is a matter of time; corners of what shows of single ones may be thinner than a pixel."""
+    """What a rank shows ends at its bricks, amid what is dense; when they arrive is a matter of time."""
     scenes = moving(turning(scene_of(), frames=12))
     at_random(monkeypatch)
     frames = run_loopback(3, lambda channel: draw_all(scenes, channel))[0]
     for frame, plain in zip(frames, without(turning(scene_of(), frames=12)), strict=True):
         found = compare(frame.image, plain.image, BOUND)  # type: ignore[arg-type]
-        assert found.count <= 5
+        assert found.count <= 1
         assert found.max < 0.01
     assert so_far(frames, "bricks_received") > 10
     assert sum(rays(frame, "estimated") for frame in frames) > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -93,9 +94,14 @@ def reproject(
     (last, view), (before, now) = views, rects
     width, height = last.size
     cut = before.x_begin == 0 or before.y_begin == 0 or before.x_end == width or before.y_end == height
+    found = _holding(hits[0, : before.height, : before.width]) if not cut else (0, 0, before.width, before.height)
+    if found is None:
+        return
     lenses = [matrix(each).ravel() for each in (last, view) for matrix in (rays_of, projection_of)]
     numbers = np.concatenate([*lenses, box.begin, box.end, [alike]])
-    sizes = np.array([*_numbers(before), *hits.shape[1:], *_numbers(now), starts.shape[1], cut], np.int64)
+    shown = _surely_shown(last, view, box, before)
+    bounds = (*hits.shape[1:], *_numbers(now), starts.shape[1], cut, *shown, *found)
+    sizes = np.array([*_numbers(before), *bounds], np.int64)
     places = np.empty((4, before.height, before.width), np.float32)
     _kernel()(*(array.__array_interface__["data"][0] for array in (numbers, sizes, hits, places, starts)))
 
@@ -111,6 +117,28 @@ def _lens(view: View) -> NDArray[np.float64]:
 
 def _numbers(rect: Rect) -> tuple[int, int, int, int]:
     return rect.x_begin, rect.y_begin, rect.width, rect.height
+
+
+def _holding(hits: NDArray[np.float32]) -> tuple[int, int, int, int] | None:
+    """The rectangle (begin and end, x before y) of all that are no NaN, where there is one."""
+    there = hits == hits
+    columns, rows = (np.flatnonzero(there.any(axis=axis)) for axis in (0, 1))
+    if len(rows) == 0:
+        return None
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def _surely_shown(last: View, view: View, box: Box, rect: Rect) -> tuple[int, int, int, int]:
+    """Pixels (begin and end, x before y) at which whatever of the box is there was in the last rectangle, too.
+
+    A place in the box is seen at a mean of where its corners are, weighted by their depths. From view to view corners
+    move, and weights change as much as the ratios of the depths differ.
+    """
+    before, now = (project(each, box.corners) for each in (last, view))
+    ratios = now[:, 2] / before[:, 2] if not view.parallel else np.ones(len(now))
+    change, spread = float(ratios.max() / ratios.min()) - 1.0, np.ptp(before[:, :2], axis=0).max()
+    most = math.ceil(float(np.abs(now - before)[:, :2].max()) + change * float(spread)) + 1
+    return rect.x_begin + most, rect.y_begin + most, rect.x_end - most, rect.y_end - most
 
 
 def _sides(view: View, box: Box) -> NDArray[np.bool_]:

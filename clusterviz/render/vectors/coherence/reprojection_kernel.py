@@ -3,8 +3,9 @@
 What the last frame saw is a surface: the hits of four neighbouring rays are the corners of a cell of it. It parts space
 that is known to be empty, in front of it, from space of which nothing is known, and nothing that was hidden can come
 into view but through it. Where the rays of a cell hit alike, the cell lies between their hits. Where they did not, what
-they passed may reach from the nearest hit as far as each ray saw, or to where it left the box, so all of that counts. A
-cell is drawn as the rectangle of pixels around it, at the depth of its nearest corner; of several the nearest one wins.
+they passed may reach from the nearest hit as far as each ray saw, or to where it left the box, so all of that counts.
+Where not all of them hit something, a ray a pixel further may just touch it: that counts, too. A cell is drawn as the
+rectangle of pixels around it, at the depth of its nearest corner; of several the nearest one wins.
 
 References
 ----------
@@ -22,8 +23,9 @@ from numba import carray  # type: ignore[attr-defined]
 
 LENS = 16  # numbers of a camera: three rows of four, half the width and height, pixel, 1 for parallel projection
 BOX = 6  # the least and the greatest x, y, z
-SIZES = 12
+SIZES = 20
 ROUNDED = 1e-3  # pixels
+RIM = 1.0  # pixels around cells not all of whose rays hit something
 
 _inline = numba.njit(error_model="numpy", inline="always")
 _called = numba.njit(error_model="numpy")
@@ -37,7 +39,8 @@ def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ign
     numbers_at : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and by how
         much depths of hits that are alike differ
     sizes_at : int64: the last frame's rectangle of pixels (x, y, width, height), its rows and columns in memory; this
-        frame's rectangle and columns in memory; 1 where the box may go on beyond the last picture
+        frame's rectangle and columns in memory; 1 where the box may go on beyond the last picture; a rectangle of
+        pixels (begin and end) whose rays surely enter where it was shown; one of the last frame's that holds all hits
     hits_at : float32 (3, rows, columns), (x, y, z) of the last frame; NaN where a ray met nothing
     places_at : float32 (4, height, width), memory for their pixels and depths in this frame, and depths in the last
     starts_at : float32 (…, columns), of this frame
@@ -45,29 +48,30 @@ def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ign
     numbers, sizes = carray(numbers_at, 4 * LENS + BOX + 1, np.float64), carray(sizes_at, SIZES, np.int64)
     ray, last, seen = numbers[:LENS], numbers[LENS : 2 * LENS], numbers[3 * LENS : 4 * LENS]
     box, alike = numbers[4 * LENS : 4 * LENS + BOX], numbers[4 * LENS + BOX]
-    rect, window, width, height = sizes[:4], sizes[6:10], sizes[2], sizes[3]
+    rect, window, part, width, height = sizes[:4], sizes[6:10], sizes[16:20], sizes[2], sizes[3]
     target = carray(starts_at, (sizes[9], sizes[10]), np.float32)
     hits = carray(hits_at, (3, sizes[4], sizes[5]), np.float32)
     places = carray(places_at, (4, height, width), np.float32)
-    for y in range(height):
-        for x in range(width):
+    for y in range(max(part[1] - 1, 0), min(part[3] + 1, height)):
+        for x in range(max(part[0] - 1, 0), min(part[2] + 1, width)):
             u, v, depth = _projected(seen, hits[0, y, x], hits[1, y, x], hits[2, y, x])
             places[0, y, x], places[1, y, x], places[2, y, x] = u, v, depth
             places[3, y, x] = _depth(last, hits[0, y, x], hits[1, y, x], hits[2, y, x])
-    for y in range(-1, height):
-        for x in range(-1, width):
+    for y in range(part[1] - 1, part[3]):
+        for x in range(part[0] - 1, part[2]):
             if 0 <= x < width - 1 and 0 <= y < height - 1:
                 least, most, found = _around(places[3], x, y)
                 if found == 0:
                     continue
-                if found == 4 and most - least <= alike:
-                    left, right, _ = _around(places[0], x, y)
-                    top, bottom, _ = _around(places[1], x, y)
-                    _splat((left, right, top, bottom), _around(places[2], x, y)[0], window, target)
+                if found == 4:
+                    sides, depth = _between_hits(places, x, y)
+                    if most - least > alike:
+                        sides, depth = _before_hits(ray, seen, rect, (x, y), float(least), sides, depth)
+                    _splat(sides, depth, window, target)
                     continue
-            _splat_unlike(ray, box, seen, rect, places, (x, y), window, target)
+            _splat_rim(ray, box, seen, rect, places, (x, y), window, target)
     if sizes[11]:
-        _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, window, target)
+        _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, window, sizes[12:16], target)
 
 
 @_inline
@@ -75,6 +79,26 @@ def _around(plane, x, y):  # type: ignore[no-untyped-def]
     """The least and the greatest of four neighbours, and how many are no NaN."""
     a, b, c, d = plane[y, x], plane[y, x + 1], plane[y + 1, x], plane[y + 1, x + 1]
     return min(min(a, b), min(c, d)), max(max(a, b), max(c, d)), (a == a) + (b == b) + (c == c) + (d == d)
+
+
+@_inline
+def _between_hits(places, x, y):  # type: ignore[no-untyped-def]
+    """The sides (left, right, top, bottom) and the least depth of a cell, in this frame."""
+    left, right, _ = _around(places[0], x, y)
+    top, bottom, _ = _around(places[1], x, y)
+    return (float(left), float(right), float(top), float(bottom)), float(_around(places[2], x, y)[0])
+
+
+@_inline
+def _before_hits(ray, seen, rect, cell, nearest, sides, depth):  # type: ignore[no-untyped-def]
+    """The same of all that lies before what the four rays of a cell hit, from the nearest hit's depth on."""
+    left, right, top, bottom = sides
+    for number in range(4):
+        place = _on_ray(ray, rect[0] + cell[0] + (number & 1), rect[1] + cell[1] + (number >> 1), nearest)
+        u, v, ahead = _projected(seen, place[0], place[1], place[2])
+        left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+        depth = min(depth, ahead)
+    return (left, right, top, bottom), depth
 
 
 @_inline
@@ -103,8 +127,8 @@ def _splat(sides, depth, window, target):  # type: ignore[no-untyped-def]
 
 
 @_called
-def _splat_unlike(ray, box, seen, rect, places, cell, window, target):  # type: ignore[no-untyped-def]
-    """A cell whose rays did not hit alike, or some of which are beyond the rectangle: of them nothing is known."""
+def _splat_rim(ray, box, seen, rect, places, cell, window, target):  # type: ignore[no-untyped-def]
+    """A cell not all of whose rays hit something, or were in the rectangle: of the others nothing is known."""
     nearest, farthest = math.inf, 0.0
     for number in range(4):
         x, y = cell[0] + (number & 1), cell[1] + (number >> 1)
@@ -128,20 +152,24 @@ def _splat_unlike(ray, box, seen, rect, places, cell, window, target):  # type: 
             u, v, ahead = _projected(seen, place[0], place[1], place[2])
             left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
             depth = min(depth, ahead)
-    _splat((left, right, top, bottom), depth, window, target)
+    # At a rim, a ray beyond those that hit something may just touch it.
+    _splat((left - RIM, right + RIM, top - RIM, bottom + RIM), depth, window, target)
 
 
 @_called
-def _start_unseen(ray, box, last, rect, window, target):  # type: ignore[no-untyped-def]
+def _start_unseen(ray, box, last, rect, window, shown, target):  # type: ignore[no-untyped-def]
     """Rays that enter the box where the last picture did not show it start there."""
     for y in range(window[3]):
+        inside = shown[1] <= window[1] + y < shown[3]
         for x in range(window[2]):
+            if inside and shown[0] <= window[0] + x < shown[2]:
+                continue
             enter, leave = _within(ray, box, window[0] + x, window[1] + y)
             if leave > enter:
                 place = _on_ray(ray, window[0] + x, window[1] + y, enter)
                 u, v, _ = _projected(last, place[0], place[1], place[2])
-                shown = rect[0] <= u <= rect[0] + rect[2] - 1 and rect[1] <= v <= rect[1] + rect[3] - 1
-                target[y, x] = target[y, x] if shown else 0.0
+                seen = rect[0] <= u <= rect[0] + rect[2] - 1 and rect[1] <= v <= rect[1] + rect[3] - 1
+                target[y, x] = target[y, x] if seen else 0.0
 
 
 @_inline
