@@ -29,12 +29,9 @@ def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
     Raises
     ------
     InputError
-        More groups than ranks; several volumes whose bricks shall move.
+        More groups than ranks.
     """
     cluster = scene.cluster
-    if cluster.distribution == "dynamic" and len(scene.volumes) > 1:
-        text, allowed = "moves bricks of one volume only", "auto, coherent, interleaved, replicated"
-        raise InputError(text, where="cluster.distribution", found="dynamic", allowed=allowed)
     if cluster.mode == "sort-first":
         return [ranks]
     if cluster.groups is not None:

@@ -18,7 +18,7 @@ from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.parcel import Parcels, parcels_of, stamp_of
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
-from clusterviz.frame.share import OpenedVolume, Share
+from clusterviz.frame.share import Share
 from clusterviz.frame.time_slice import TimeSlice
 from clusterviz.plan.plan import Plan
 from clusterviz.render.stored import Stored
@@ -101,9 +101,9 @@ class Moving:
             "bytes_sent": 0,
             "bricks_recalled": distribution.recalled(rank),
         }
-        if share.plan is not None and isinstance(opened, OpenedVolume):
+        if share.plan is not None:
             with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
-                self._send(share.plan, parcels_of(share.plan, opened.source.dtype), flights, share.holds)
+                self._send(share.plan, parcels_of(share.plan, opened.range_type), flights, share.holds)
 
     def _send(self, plan: Plan, parcels: Parcels, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
         courier = self._courier = self._courier or Courier(self._run.channel, parcels, self._slice)

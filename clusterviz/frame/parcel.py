@@ -40,7 +40,7 @@ class Parcels:
     Attributes
     ----------
     slot : in which bricks lie
-    dtype : of the volume's voxels
+    dtype : of what is known of groups of cells: that of the volume's voxels, float64 of several volumes
     stamp : of how they are stored; another plan's may differ
     piece_bytes : of a stream, a multiple of 16
     """
@@ -53,8 +53,8 @@ class Parcels:
     @property
     def range_bytes(self) -> int:
         """Of what is known of a brick's groups of cells: lows, highs, and bends where slabs are stretched."""
-        groups = int(np.prod(self.slot.groups_zyx))
-        return 2 * groups * self.dtype.itemsize + (8 * groups if self.slot.stretched else 0)
+        bends = 8 * int(np.prod(self.slot.groups_zyx)) if self.slot.stretched else 0
+        return 2 * int(np.prod(self._range_shape)) * self.dtype.itemsize + bends
 
     @property
     def stream_bytes(self) -> int:
@@ -78,13 +78,16 @@ class Parcels:
     def stream(self, stored: Stored) -> Bytes:
         """A brick as bytes, uint8 (stream_bytes,)."""
         found = np.zeros(self.stream_bytes, np.uint8)
-        z, y, x = stored.samples.shape
-        samples = found[: self._sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
-        samples[:z, :y, :x] = stored.samples
-        # The last samples of a smaller brick are repeated.
-        samples[z:, :y, :x] = samples[z - 1 : z, :y, :x]
-        samples[:, y:, :x] = samples[:, y - 1 : y, :x]
-        samples[:, :, x:] = samples[:, :, x - 1 : x]
+        samples = self._samples(found)
+        if self.slot.parts:
+            samples[:] = stored.samples
+        else:
+            z, y, x = stored.samples.shape
+            samples[:z, :y, :x] = stored.samples
+            # The last samples of a smaller brick are repeated.
+            samples[z:, :y, :x] = samples[z - 1 : z, :y, :x]
+            samples[:, y:, :x] = samples[:, y - 1 : y, :x]
+            samples[:, :, x:] = samples[:, :, x - 1 : x]
         parts = [stored.low, stored.high] if stored.bend is None else [stored.low, stored.high, stored.bend]
         ranges = np.concatenate([_bytes(part) for part in parts])
         found[self._sample_bytes : self._sample_bytes + ranges.size] = ranges
@@ -117,16 +120,29 @@ class Parcels:
 
     def brick(self, stream: Bytes, voxels: int) -> Stored:
         """The brick of a whole stream, in whose memory its samples stay."""
-        samples = stream[: self._sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
         ranges = stream[self._sample_bytes : self._sample_bytes + self.range_bytes]
-        groups = self.slot.groups_zyx
-        side = int(np.prod(groups)) * self.dtype.itemsize
-        low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(groups) for begin in (0, side))
+        groups, shape = self.slot.groups_zyx, self._range_shape
+        side = int(np.prod(shape)) * self.dtype.itemsize
+        low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(shape) for begin in (0, side))
         bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.stretched else None
-        return Stored(samples, low, high, voxels, bend)
+        return Stored(self._samples(stream), low, high, voxels, bend)
+
+    def _samples(self, stream: Bytes) -> NDArray[Any]:
+        """The part of a stream that is samples, (z, y, x), or of several volumes the words of the slot."""
+        if self.slot.parts:
+            return stream[: self._sample_bytes].view(np.uint32)
+        return stream[: self._sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
+
+    @property
+    def _range_shape(self) -> tuple[int, ...]:
+        """Of the lows, and of the highs."""
+        volumes = (len(self.slot.parts),) if self.slot.parts else ()
+        return (*volumes, *self.slot.groups_zyx)
 
     @property
     def _sample_bytes(self) -> int:
+        if self.slot.parts:
+            return self.slot.bytes
         return int(np.prod(self.slot.samples_zyx)) * PIXEL[self.slot.kind].itemsize
 
     @property
@@ -150,8 +166,9 @@ def parcels_of(plan: Plan, dtype: np.dtype[Any]) -> Parcels:
 
 def stamp_of(plan: Plan) -> int:
     """A number for how a plan's bricks are stored: bricks of another one are of no use to it."""
+    encodings = [part.encoding for part in plan.mixture.ingredients] if plan.mixture else [plan.encoding]
     # Integers are stored as they are, whatever the encoding makes of them later.
-    stored = slot_of(plan), plan.encoding if plan.encoding.kind == "f32" else None
+    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings]
     return zlib.crc32(repr(stored).encode())
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from clusterviz.data.bricks import read_bricks
 from clusterviz.data.grid import Grid
@@ -39,6 +42,11 @@ class OpenedVolumes:
     def facts(self) -> tuple[VolumeFacts, ...]:
         """What completing a scene needs to know."""
         return tuple(fact for volume in self.volumes for fact in volume.facts)
+
+    @property
+    def range_type(self) -> np.dtype[Any]:
+        """Of what is known of groups of cells."""
+        return np.dtype(np.float64)
 
     def plan(self, scene: Scene) -> Plan:
         """One frame's decisions."""

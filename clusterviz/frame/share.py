@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index, Source
@@ -54,6 +56,11 @@ class OpenedVolume:
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
         return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, percentile_1, percentile_99),)
+
+    @property
+    def range_type(self) -> np.dtype[Any]:
+        """Of what is known of groups of cells: the voxels'."""
+        return self.source.dtype
 
     def plan(self, scene: Scene) -> Plan:
         """One frame's decisions."""

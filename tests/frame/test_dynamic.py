@@ -11,10 +11,10 @@ import pytest
 from frame.views import HIDDEN, check, draw_all, looks, views
 
 from clusterviz.balance import Move, dynamic
-from clusterviz.comm import Channel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Rendered, parcel
+from clusterviz.frame import FrameLoop, Options, Rendered, Run, parcel, prepare
 from clusterviz.frame.courier import Courier, Delivery
 from clusterviz.frame.parcel import Parcels
 from clusterviz.frame.time_slice import TimeSlice
@@ -236,8 +236,21 @@ def within(moves: Callable[..., tuple[Move, ...]]) -> Callable[..., tuple[Move, 
     return fitting
 
 
-def test_bricks_of_several_volumes_are_refused() -> None:
-    scene = moving(views(1))[0]
-    both = scene.model_copy(update={"volumes": scene.volumes * 2})
-    with pytest.raises(InputError, match=r"cluster.distribution: moves bricks of one volume only; found dynamic"):
-        run_loopback(2, lambda channel: draw_all([both], channel))
+def test_bricks_of_several_volumes_move_and_change_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second one's range changes on the way."""
+    at_random(monkeypatch)
+    looks = [{"path": "field:shells:12", "opacity": 0.1, "clim": clim} for clim in ((0.0, 1.0), (0.2, 0.9))]
+    scenes = []
+    for number, scene in enumerate(views(8, brick=5)):
+        second = scene.volumes[0].model_copy(update=looks[number > 4])
+        scenes.append(scene.model_copy(update={"volumes": (*scene.volumes, second)}))
+    stamps = []
+    for scene in (scenes[0], scenes[-1]):
+        plan = prepare(Run(LoopbackChannel(), Options()), scene)[0].plan
+        assert plan is not None
+        stamps.append(parcel.stamp_of(plan))
+    assert stamps[0] != stamps[1], "bricks that were stored for another range are of no use"
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert so_far(frames, "bricks_received") > 10
+    assert so_far(frames, "bricks_lost") == 0
