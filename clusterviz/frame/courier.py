@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 
 from clusterviz.balance import Flight
-from clusterviz.codec import AutoCodec, prepare_codecs
+from clusterviz.codec import AutoCodec
 from clusterviz.codec.contract import Bytes, CodecError
 from clusterviz.comm import Channel
 from clusterviz.composite.model.network import default_network
+from clusterviz.composite.packing import compile_codecs
 from clusterviz.data.source import Index
 from clusterviz.frame.parcel import PIXEL, Parcels
 from clusterviz.frame.time_slice import TimeSlice
@@ -106,7 +107,7 @@ class Courier:
         self._channel, self._slice = channel.beside(), time_slice
         nodes = len(channel.nodes())
         network = default_network(nodes)
-        prepare_codecs((PIXEL[parcels.slot.kind],))
+        compile_codecs(channel, PIXEL[parcels.slot.kind])
         self._codec = AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte)
         self._outgoing: deque[_Outgoing] = deque()
         self._awaited: list[_Awaited] = []
