@@ -20,7 +20,7 @@ class Leaping:
     Attributes
     ----------
     estimated : the last frame told where to start
-    left_out : it told that they meet nothing, so they were not drawn
+    left_out : it told that they meet nothing, so they were not drawn; those beside the volume's box are among them
     late : of `estimated`, those that noticed that they had started too late, and began again
     checked : started where they enter the volume, and found what they would have missed
     wrong : of these, those that would have missed more than 1/255 of a full scale

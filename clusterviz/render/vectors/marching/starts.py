@@ -44,10 +44,22 @@ class Starts:
         code, new = self._code, found & self.found.now.equals(NEVER)
         self.found.set(code.select(new, number, self.found.now))
 
-    def read(self, packet: Packet, rays: Rays, x: Value, y: Value) -> None:
-        """Let the rays of a packet start where the last frame says; pixels as of the draw."""
+    def depths(self, packet: Packet, inside: Value, x: Value, y: Value) -> Value:
+        """What the last frame says of a packet's rays, whose state begins with none of them; pixels as of the draw."""
         code = self._code
         depth = code.gather(F32, self._job["starts"], y * self._job["stride"] + x, 4)
+        self.count("left_out", inside & ~self.meets(depth))
+        packet.set("hit", code.same(I32, NEVER))
+        packet.set("checked", code.same(I32, 0))
+        return depth
+
+    def meets(self, depth: Value) -> Value:
+        """Rays that have to be drawn, by what the last frame says."""
+        return depth < NOTHING
+
+    def read(self, packet: Packet, rays: Rays, depth: Value) -> None:
+        """Let the rays of a packet start where the last frame says."""
+        code = self._code
         checked, nothing = depth < 0.0, code.size(depth) >= NOTHING
         first, by = (self._depth(place) for place in (rays.first, rays.slab))
         slabs = (code.size(depth).to(F64) - (first + self._job.part("depth", 3))) / by
@@ -57,7 +69,6 @@ class Starts:
         start = code.select(nothing, NEVER, code.most(code.least(start, rays.slabs - 2), entry))
         drawn = packet.get("done").equals(0)
         self.count("estimated", drawn & ~nothing & ~checked & (start > entry))
-        self.count("left_out", drawn & nothing & ~checked)
         self.count("checked", drawn & checked)
         packet.set("entry", entry)
         packet.set("at", code.select(checked | nothing, entry, start))
@@ -80,12 +91,16 @@ class Starts:
     def finish(self, packet: Packet, opacity: Value, x: Value, y: Value) -> None:
         """Write where the rays of a packet hit something, NaN where they did not, and what they would have missed."""
         code, job, rays, hit = self._code, self._job, packet.rays, packet.get("hit")
-        whole = midpoint(code, rays, code.least(hit, rays.slabs))
-        nowhere, last = hit.equals(NEVER), hit >= rays.slabs - 1
+        nowhere = code.same(F32, float("nan"))
+        place = [Variable(nowhere) for _ in range(3)]
+        with code.when(code.any(hit < NEVER)):
+            whole = midpoint(code, rays, code.least(hit, rays.slabs))
+            last = hit >= rays.slabs - 1
+            for axis in range(3):
+                at = code.select(last, rays.last[axis], whole[axis]).to(F32)
+                place[axis].set(code.select(hit < NEVER, at, nowhere))
         for axis in range(3):
-            at = code.select(last, rays.last[axis], whole[axis]).to(F32)
-            at = code.select(nowhere, code.same(F32, float("nan")), at)
-            self._write(at, job["hits"] + job["plane"] * axis, x, y)
+            self._write(place[axis].now, job["hits"] + job["plane"] * axis, x, y)
         missed = packet.get("missed")
         missed = code.select(missed.equals(NOT_YET), opacity, missed)
         self._write(code.select(packet.mask("checked"), missed, code.same(F32, 0.0)), job["starts"], x, y)

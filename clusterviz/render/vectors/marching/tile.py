@@ -68,11 +68,13 @@ class Tile:
             packet.set("look", code.same(F32, 0.0), vector)
         packet.set("done", code.same(I32, 1))
         packet.set("samples", code.same(I32, 0))
-        with code.when(code.any(inside)):
+        depth = self._starts.depths(packet, inside, x, y) if self._starts else None
+        drawn = inside & self._starts.meets(depth) if self._starts and depth else inside
+        with code.when(code.any(drawn)):
             rays = self._march.rays_through(x + job.part("rect", 0), y + job.part("rect", 1))
             hit = self._march.begin(packet, rays, inside)
-            if self._starts:
-                self._starts.read(packet, rays, x, y)
+            if self._starts and depth:
+                self._starts.read(packet, rays, depth)
             code.store(code.select(hit, code.number(I32, 0), NEVER), self._spot(number))
 
     def _go_on(self, number: Value, limit: Value) -> None:
