@@ -43,6 +43,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "average": {"volume": {"blending": "average"}},
     "additive": {"volume": {"blending": "additive"}},
     "pre-integrated": {"scene": {"quality": {"classification": "pre-integrated"}}},
+    "pre-integrated, split": {"scene": {"quality": {"classification": "pre-integrated", "borders": "split"}}},
     "jitter": {"scene": {"quality": {"jitter": True}}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},

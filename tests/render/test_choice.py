@@ -41,7 +41,9 @@ def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
     assert on_processor(plan_of(), device, environment) is processor
 
 
-@pytest.mark.parametrize("keys", [{"filter": "hardware"}, {"classification": "pre-integrated", "borders": "split"}])
+@pytest.mark.parametrize(
+    "keys", [{"filter": "hardware"}, {"classification": "pre-integrated", "borders": "split", "leaping": True}]
+)
 def test_what_the_processor_cannot_draw_is_left_to_opengl(
     keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

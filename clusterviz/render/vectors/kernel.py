@@ -34,6 +34,7 @@ class Kernel:
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
     stretched : slabs are longer where groups of cells allow it
+    split : slabs are cut where they leave a brick
     surfaces : isosurfaces are shown, alone or in the volume
     leaping : rays start where the last frame says
     """
@@ -49,6 +50,7 @@ class Kernel:
     smooth: bool = False
     jittered: bool = False
     stretched: bool = False
+    split: bool = False
     surfaces: bool = False
     leaping: bool = False
 
@@ -67,6 +69,7 @@ class Kernel:
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
             *(["stretched"] if self.stretched else []),
+            *(["split"] if self.split else []),
             *(["surfaces"] if self.surfaces and self.blending == "composite" else []),
             *(["leaping"] if self.leaping else []),
         )
@@ -102,6 +105,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
         smooth,
         jittered,
         stretched=plan.march.stretching is not None,
+        split=plan.march.split,
         surfaces=surfaces,
         leaping=plan.march.leaping is not None,
     )
@@ -119,4 +123,5 @@ def graded_of(plan: Plan) -> Graded:
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     march = plan.march
-    return not (plan.mixture or march.split) and march.filter in ("linear", "nearest", "cubic")
+    leaps_in_parts = march.split and march.leaping is not None
+    return not (plan.mixture or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")

@@ -21,6 +21,7 @@ from clusterviz.render.vectors.looks.surfaces import Surfaces
 from clusterviz.render.vectors.marching.clip import Cut
 from clusterviz.render.vectors.marching.march import Look, March
 from clusterviz.render.vectors.marching.place import Places
+from clusterviz.render.vectors.marching.split import SplitMarch
 from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.marching.stretch import Stretch
 from clusterviz.render.vectors.marching.tile import Tile
@@ -28,9 +29,6 @@ from clusterviz.render.vectors.transfer.classify import Classifier
 from clusterviz.render.vectors.transfer.grading import Fading, Table
 from clusterviz.render.vectors.transfer.pieces import PieceClassifier
 from clusterviz.render.vectors.transfer.ramps import Ramps
-
-Extras = tuple[Stretch | None, Cut | None, Starts | None]
-"""What only some scenes need: where slabs may be longer, where planes cut them, where rays start."""
 
 
 def program_of(kernel: Kernel) -> str:
@@ -41,12 +39,8 @@ def program_of(kernel: Kernel) -> str:
     samples = Variable(code.number(I64, 0))
     nearest = kernel.filter == "nearest"
     field = (CubicField if kernel.filter == "cubic" else Field)(code, job, kernel.kind, nearest)
-    stretch = Stretch(code) if kernel.stretched else None
-    cut = Cut(code) if kernel.surfaces else None
     starts = Starts(code, job) if kernel.leaping else None
-    look = _look(kernel, code, job, field, (stretch, cut, starts))
-    places = Places(code, job, nearest, stretch)
-    tiles = Tile(code, job, March(code, job, places, look, kernel.jittered, stretch, cut, starts), starts)
+    tiles = Tile(code, job, _march(kernel, code, job, field, starts), starts)
 
     def next_tile() -> Value:
         tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -61,12 +55,28 @@ def program_of(kernel: Kernel) -> str:
     return code.text()
 
 
-def _look(kernel: Kernel, code: Code, job: Job, field: Field, extras: Extras) -> Look:
-    stretch, cut, starts = extras
+def _march(kernel: Kernel, code: Code, job: Job, field: Field, starts: Starts | None) -> March | SplitMarch:
     samples = Samples(code, job, field, starts)
+    if kernel.split:
+        return SplitMarch(code, job, _preintegrated(kernel, code, job, field, samples), kernel.jittered)
+    stretch = Stretch(code) if kernel.stretched else None
+    cut = Cut(code) if kernel.surfaces else None
+    look = _look(kernel, code, job, field, samples, (stretch, cut))
+    places = Places(code, job, kernel.filter == "nearest", stretch)
+    return March(code, job, places, look, kernel.jittered, stretch, cut, starts)
+
+
+def _preintegrated(kernel: Kernel, code: Code, job: Job, field: Field, samples: Samples) -> Preintegrated:
+    relief = _relief(kernel, code, job, field)
+    return Preintegrated(code, job, samples, Ramps(code, job), relief, kernel.kind == "f32")
+
+
+def _look(
+    kernel: Kernel, code: Code, job: Job, field: Field, samples: Samples, extras: tuple[Stretch | None, Cut | None]
+) -> Look:
+    stretch, cut = extras
     if kernel.preintegrated:
-        relief = _relief(kernel, code, job, field)
-        return Preintegrated(code, job, samples, Ramps(code, job), relief, kernel.kind == "f32")
+        return _preintegrated(kernel, code, job, field, samples)
     if kernel.blending == "local-maximum":
         return LocalMaximum(code, job, samples)
     if kernel.blending in ("maximum", "minimum"):

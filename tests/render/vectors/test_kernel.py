@@ -22,6 +22,7 @@ EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
     "stretched": ({"adaptive": 1 / 64}, program, "Stretch"),
     "isosurfaces": ({"look": {"isosurfaces": (100.0,)}}, program, "Cut"),
     "isosurfaces alone": ({"look": {"blending": "isosurface", "isosurfaces": (100.0,)}}, program, "Surfaces"),
+    "split": ({"classification": "pre-integrated", "borders": "split"}, program, "SplitMarch"),
     "local maximum": ({"look": {"blending": "local-maximum"}}, program, "LocalMaximum"),
 }
 

@@ -10,4 +10,6 @@
 - stretch.py  slabs that are longer where groups of cells allow it
 - starts.py   where rays start by what the last frame found
 - march.py    from run to run
+- split.py    the same where slabs are cut as they leave a brick
+- faces.py    where rays meet the faces of bricks
 """

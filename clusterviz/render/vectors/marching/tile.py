@@ -10,6 +10,7 @@ from clusterviz.kernels.lanes import F32, I32, I64, Value
 from clusterviz.render.drawn import SQUARE
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.march import March
+from clusterviz.render.vectors.marching.split import SplitMarch
 from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.marching.state import BLOCKS, LOOK_VECTORS, NEVER, State
 
@@ -21,7 +22,7 @@ TURN = 32
 class Tile:
     """The tiles of a kernel, drawn one after the other in the same memory."""
 
-    def __init__(self, code: Code, job: Job, march: March, starts: Starts | None = None) -> None:
+    def __init__(self, code: Code, job: Job, march: March | SplitMarch, starts: Starts | None = None) -> None:
         self._code, self._job, self._march, self._starts = code, job, march, starts
         self._across, self._down = BLOCKS[code.lanes]
         self._columns = TILE // self._across
