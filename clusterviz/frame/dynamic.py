@@ -68,6 +68,7 @@ class Dynamic:
     ) -> None:
         self._ranks, self._limit_bytes, self._budget_bytes = ranks, limit_bytes, budget_bytes
         self._balance: Balance | None = None
+        self._model: tuple[Plan, NDArray[np.float64]] | None = None
         self._sizes: NDArray[np.int64] = np.zeros((1, 1, 1), np.int64)
         self._policy, self._pace = Policy(0, 0), Pace(share)
         self.share = share
@@ -82,7 +83,7 @@ class Dynamic:
         InputError
             A share does not fit into the memory of a rank; the budget cannot carry a brick.
         """
-        model = expected_samples(plan)
+        model = self._expected(plan)
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
             balance = self._begin(plan, model)
         elif model.any() and not self._planned:
@@ -117,7 +118,7 @@ class Dynamic:
         frame = max(float(rank.balance.get("frame_seconds") or rank.seconds.get("render", 0)) for rank in costs)
         self._pace = self._pace.after(frame, work)
         if self._balance is not None:
-            self._balance = learn(self._balance, expected_samples(plan), rank_costs(costs), self._policy)
+            self._balance = learn(self._balance, self._expected(plan), rank_costs(costs), self._policy)
 
     def land(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
         """After a frame: these bricks have arrived, and those will not."""
@@ -133,6 +134,12 @@ class Dynamic:
     def _planned(self) -> tuple[Flight, ...]:
         flights = self._balance.migration.flights if self._balance else ()
         return tuple(flight for flight in flights if flight.stage == "planned")
+
+    def _expected(self, plan: Plan) -> NDArray[np.float64]:
+        """What a plan should take: asked for when it is dealt, and when its costs are known."""
+        if self._model is None or self._model[0] is not plan:
+            self._model = plan, expected_samples(plan)
+        return self._model[1]
 
     def _begin(self, plan: Plan, model: NDArray[np.float64]) -> Balance:
         """A tree by what is expected, and by what is known from frames before bricks were dealt anew."""
