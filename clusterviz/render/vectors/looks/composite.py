@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
+
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.looks.optics import Optics
 from clusterviz.render.vectors.looks.over import put_behind, take_sample, too_little_left
-from clusterviz.render.vectors.looks.samples import Samples, four, zeros
+from clusterviz.render.vectors.looks.samples import ABREAST, Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.marching.stretch import Stretch
 from clusterviz.render.vectors.transfer.classify import Class
@@ -31,18 +34,21 @@ class Composite:
         """The sum of the run's samples."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
         sums, most = zeros(code), Variable(code.largest(slabs))
-        with self._samples.along(spot, slab, most) as (s, number, here):
+        with self._samples.along(spot, slab, most, ABREAST) as samples:
             # NaN compares false.
-            seen = (s >= self._optics.visible_from) & (number < end.now)
-            with code.when(code.any(seen)):
-                found = self._optics.of_slab(s, here, slab)
-                self._take(sums, seen, self._stretch.of_stretches(found) if self._stretch else found)
-                self._samples.note(sums[3].now, number)
-                with code.when(self._stops):
-                    # A ray ends with the sample that leaves too little light, not with its run.
-                    ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
-                    end.set(code.select(ended, number + 1, end.now))
-                    most.set(code.largest(end.now))
+            seen = [(s >= self._optics.visible_from) & (number < end.now) for s, number, _ in samples]
+            with code.when(code.any(reduce(or_, seen))):
+                found = [self._optics.of_slab(s, here, slab) for s, _, here in samples]
+                for (_, number, _), here, one in zip(samples, seen, found, strict=True):
+                    mine = here & (number < end.now)
+                    self._take(sums, mine, self._stretch.of_stretches(one) if self._stretch else one)
+                    self._samples.note(sums[3].now, number)
+                    with code.when(self._stops):
+                        # A ray ends with the sample that leaves too little light, not with its run.
+                        ended = mine & (rest * (1.0 - sums[3].now) <= self._residual)
+                        end.set(code.select(ended, number + 1, end.now))
+                        with code.when(code.any(ended)):
+                            most.set(code.largest(end.now))
         return four(sums), end.now
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:

@@ -11,7 +11,7 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.looks.samples import LARGEST, Samples, four, zeros
+from clusterviz.render.vectors.looks.samples import ABREAST, LARGEST, Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 
 
@@ -25,8 +25,9 @@ class LocalMaximum:
     def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """The stretch of the run's samples."""
         found = zeros(self._code)
-        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number, _):
-            self._take(found, s, number < slabs)
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
+            for s, number, _ in samples:
+                self._take(found, s, number < slabs)
         return four(found), slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:

@@ -45,7 +45,7 @@ class Preintegrated:
         begin = code.select(first, code.same(F32, -WITHIN), -0.5)
         front = _Front(code, self._ramps, self._samples.at(self._samples.moved(spot, slab, begin)))
         half_on = self._samples.moved(spot, slab, code.same(F32, 0.5))
-        with self._samples.along(half_on, slab, most) as (s, number, _):
+        with self._samples.along(half_on, slab, most) as ((s, number, _),):
             middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
             seen = self._take(sums, front, s, self._units, number < end.now, (middle, slab))
             self._samples.note(sums[3].now, number)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
-from clusterviz.render.vectors.looks.samples import LARGEST, Samples, add_exactly, four, zeros
+from clusterviz.render.vectors.looks.samples import ABREAST, LARGEST, Samples, add_exactly, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.transfer.classify import Classifier
 
@@ -19,8 +19,9 @@ class Extreme:
     def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """The extreme of the run's samples, and whether there is any."""
         found = zeros(self._code)
-        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number, _):
-            self._take(found, s, (number < slabs) & (self._code.size(s) <= LARGEST))
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
+            for s, number, _ in samples:
+                self._take(found, s, (number < slabs) & (self._code.size(s) <= LARGEST))
         return four(found), slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
@@ -54,8 +55,9 @@ class Sum:
     def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
         """Of whole slabs."""
         sums = zeros(self._code)
-        with self._samples.along(spot, slab, Variable(self._code.largest(slabs))) as (s, number, _):
-            self._take(sums, s, number < slabs, self._code.same(F32, 1.0))
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
+            for s, number, _ in samples:
+                self._take(sums, s, number < slabs, self._code.same(F32, 1.0))
         return four(sums), slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:

@@ -14,6 +14,8 @@ from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.marching.starts import Starts
 
 AHEAD = 2.0  # slabs; what is asked for now should be there by then
+ABREAST = 2  # slabs that are sampled at once, so that the processor need not wait for one of them
+Sample = tuple[Value, Value, Spot]
 LARGEST = 3e38  # of what is a number
 
 
@@ -29,16 +31,20 @@ class Samples:
         self._code, self._field, self._far, self._starts = code, field, job["far"].equals(1), starts
 
     @contextmanager
-    def along(self, spot: Spot, slab: Vector, most: Variable) -> Iterator[tuple[Value, Value, Spot]]:
-        """For each slab of a run, `most` of them: the scalars at its midpoints, its number, and these midpoints."""
+    def along(self, spot: Spot, slab: Vector, most: Variable, abreast: int = 1) -> Iterator[list[Sample]]:
+        """For each slab of a run, `most` of them: the scalars at its midpoints, its number, and these midpoints.
+
+        So many slabs are sampled at once; those behind the run have to be left out.
+        """
         code, number = self._code, Variable(self._code.number(I32, 0))
         with code.loop(lambda: number.now < most.now):
-            along = code.splat(number.now.to(F32))
-            here = self.moved(spot, slab, along)
-            s = self._field.at(here)
-            self._ask_ahead(spot, slab, along)
-            yield s, number.now, here
-            number.set(number.now + 1)
+            numbers = [number.now + later for later in range(abreast)]
+            along = [code.splat(one.to(F32)) for one in numbers]
+            for one in along:
+                self._ask_ahead(spot, slab, one)
+            spots = [self.moved(spot, slab, one) for one in along]
+            yield [(self._field.at(here), one, here) for here, one in zip(spots, numbers, strict=True)]
+            number.set(number.now + abreast)
 
     def note(self, opacity: Value, number: Value) -> None:
         """What a run's opacity is behind one of its slabs: the next frame may want to know where it began."""
