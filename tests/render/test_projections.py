@@ -64,9 +64,9 @@ def test_parts_drawn_apart_make_the_whole(context: moderngl.Context, blending: s
     for camera in ("outside", "inside"):
         scene = scene_of(voxels, camera_at(camera, GRID), unit=30.0, look=look_of(blending, voxels))
         prepared = prepare(scene, voxels, brick=7)
-        picture, samples = projected(context, scene, prepared)
+        wholes = {where: projected(where, scene, prepared) for where in (context, None)}
         for parts, where in product((2, 5, 7), (context, None)):
-            found, taken = projected(where, scene, prepared, parts)
+            (picture, samples), (found, taken) = wholes[where], projected(where, scene, prepared, parts)
             assert np.abs(found - picture).max() <= 1e-6, f"{camera}, {parts} parts"
             # A part of a local maximum does not know that the stretch has ended in front of it.
             assert taken == samples or blending == "local-maximum"

@@ -14,7 +14,7 @@ JOB = np.dtype(
         ("whole", "i4"),  # 1: the box holds the whole volume
         ("row", "i4"),  # voxels in a row of a brick, rows in a layer times that, voxels in a brick
         ("layer", "i4"),
-        ("longest_run", "i4"),
+        ("window", "i4"),  # slabs of the windows into which rays are cut
         ("far", "i4"),  # 1: samples are so far apart, and bricks so many, that caches hold few of them
         ("brick", "i4"),  # cells along its side
         ("per_brick", "f8"),  # one over that

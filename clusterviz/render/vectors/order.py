@@ -15,12 +15,12 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.vectors.job import JOB
 from clusterviz.render.vectors.marching.leaps import FARTHEST
 from clusterviz.render.vectors.marching.starts import COUNTS
-from clusterviz.render.vectors.marching.tile import TILE
+from clusterviz.render.vectors.marching.tile import TILE, TURN
 from clusterviz.render.vectors.memory import VOXEL_BYTES
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 from clusterviz.report.leaping import VISIBLE, Leaping
 
-LONGEST_RUN = 32  # slabs, as in march.glsl
+LONGEST_WINDOW, WIDEST_WINDOW = TURN, 128.0  # slabs and voxels: positions in a window are float32
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, from which voxels are asked for ahead
 ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
@@ -70,7 +70,7 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
     _count_looks(job, plan)
     job["record_floats"] = plan.segments.records.itemsize // 4
-    job["longest_run"] = _longest_run(plan, slot)
+    job["window"] = _window(plan, slot)
     memory = np.count_nonzero(tables["bricks"]) * np.prod(slot.samples_zyx) * VOXEL_BYTES
     job["far"] = memory > CACHED and _voxels_a_slab(plan) > NEAR
     job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
@@ -115,13 +115,12 @@ def _count_looks(job: NDArray[np.void], plan: Plan) -> None:
             job["table_sides"] = grading.table.shape[1::-1]
 
 
-def _longest_run(plan: Plan, slot: Slot) -> int:
-    """Slabs whose cells can be told from the first one's by a whole number in float32."""
-    z, y, x = slot.samples_zyx
-    if x * y * z <= EXACT:
-        return LONGEST_RUN
-    farthest = EXACT / (x * y + x + 1) - 2
-    return int(np.clip(farthest / _voxels_a_slab(plan), 1, LONGEST_RUN))
+def _window(plan: Plan, slot: Slot) -> int:
+    """Slabs of a window, a power of two: their cells can be told from the first one's by a whole number in float32."""
+    _, y, x = slot.samples_zyx
+    farthest = min(EXACT / (x * y + x + 1) - 2, WIDEST_WINDOW)
+    slabs = np.clip(farthest / _voxels_a_slab(plan), 1, LONGEST_WINDOW)
+    return 1 << int(np.log2(slabs))
 
 
 def _voxels_a_slab(plan: Plan) -> float:

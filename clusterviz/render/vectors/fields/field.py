@@ -21,7 +21,7 @@ Corners = tuple[Value, ...]
 
 @dataclass(frozen=True)
 class Spot:
-    """Places of a packet, each relative to the corner of a cell of its brick, so that few digits are lost.
+    """Places of a packet, each relative to the corner of a cell near its brick, so that few digits are lost.
 
     Attributes
     ----------
@@ -29,6 +29,8 @@ class Spot:
     low, high : float32, how far the cell may move along x, y, z before it leaves the brick
     beyond : float32, from the cell's corner to the place
     cell : int32, the cell's number in the volume along x, y, z
+    begin : float32, how many slabs on from `beyond` those lie that are counted from here: of runs, which share the
+        place with which their window begins; None: they are at the place
     """
 
     voxel: Value
@@ -36,6 +38,7 @@ class Spot:
     high: Vector
     beyond: Vector
     cell: Vector
+    begin: Value | None = None
 
 
 class Field:

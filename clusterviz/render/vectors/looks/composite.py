@@ -30,10 +30,10 @@ class Composite:
         self._stops = job.part("optics", 1) > 0.0
         self._residual = code.splat(job.part("optics", 1))
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The sum of the run's samples."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
-        sums, most = zeros(code), Variable(code.largest(slabs))
+        most = Variable(code.largest(slabs))
         with self._samples.along(spot, slab, most, ABREAST) as samples:
             # NaN compares false.
             seen = [(s >= self._optics.visible_from) & (number < end.now) for s, number, _ in samples]
@@ -49,7 +49,7 @@ class Composite:
                         end.set(code.select(ended, number + 1, end.now))
                         with code.when(code.any(ended)):
                             most.set(code.largest(end.now))
-        return four(sums), end.now
+        return end.now
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, sampled at its midpoint."""

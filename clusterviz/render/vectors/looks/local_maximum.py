@@ -22,13 +22,12 @@ class LocalMaximum:
         self._code, self._samples = code, samples
         self._threshold = code.splat(job.part("optics", 2))
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The stretch of the run's samples."""
-        found = zeros(self._code)
         with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
             for s, number, _ in samples:
-                self._take(found, s, number < slabs)
-        return four(found), slabs
+                self._take(sums, s, number < slabs)
+        return slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab counts as a whole one."""

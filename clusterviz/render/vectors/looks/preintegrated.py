@@ -35,17 +35,16 @@ class Preintegrated:
         self._relief = relief
         self._code, self._samples, self._ramps, self._may_be_invalid = code, samples, ramps, may_be_invalid
         self._stops = job.part("optics", 1) > 0.0
-        self._longest = job["longest_run"]
+        self._longest = job["window"]
         self._units, self._residual = (code.splat(job.part("optics", k)) for k in range(2))
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The sum of the run's slabs."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
-        sums, most = zeros(code), Variable(code.largest(slabs))
+        most = Variable(code.largest(slabs))
         begin = code.select(first, code.same(F32, -WITHIN), -0.5)
         front = _Front(code, self._ramps, self._samples.at(self._samples.moved(spot, slab, begin)))
-        half_on = self._samples.moved(spot, slab, code.same(F32, 0.5))
-        with self._samples.along(half_on, slab, most) as ((s, number, _),):
+        with self._samples.along(self._samples.later(spot, 0.5), slab, most) as ((s, number, _),):
             middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
             seen = self._take(sums, front, s, self._units, number < end.now, (middle, slab))
             self._samples.note(sums[3].now, number)
@@ -53,8 +52,9 @@ class Preintegrated:
                 # A ray ends with the slab that leaves too little light, not with its run.
                 ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
                 end.set(code.select(ended, number + 1, end.now))
-                most.set(code.largest(end.now))
-        return four(sums), end.now
+                with code.when(code.any(ended)):
+                    most.set(code.largest(end.now))
+        return end.now
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, around its midpoint."""

@@ -16,13 +16,12 @@ class Extreme:
     def __init__(self, code: Code, samples: Samples, largest: bool) -> None:
         self._code, self._samples, self._largest = code, samples, largest
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The extreme of the run's samples, and whether there is any."""
-        found = zeros(self._code)
         with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
             for s, number, _ in samples:
-                self._take(found, s, (number < slabs) & (self._code.size(s) <= LARGEST))
-        return four(found), slabs
+                self._take(sums, s, (number < slabs) & (self._code.size(s) <= LARGEST))
+        return slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab counts as a whole one."""
@@ -52,13 +51,12 @@ class Sum:
     def __init__(self, code: Code, samples: Samples, classifier: Classifier) -> None:
         self._code, self._samples, self._classifier = code, samples, classifier
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """Of whole slabs."""
-        sums = zeros(self._code)
         with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
             for s, number, _ in samples:
                 self._take(sums, s, number < slabs, self._code.same(F32, 1.0))
-        return four(sums), slabs
+        return slabs
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """Of a share."""

@@ -13,7 +13,7 @@ from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.marching.starts import Starts
 
-AHEAD = 2.0  # slabs; what is asked for now should be there by then
+AHEAD = 4.0  # slabs; what is asked for now should be there by then
 ABREAST = 2  # slabs that are sampled at once, so that the processor need not wait for one of them
 Sample = tuple[Value, Value, Spot]
 LARGEST = 3e38  # of what is a number
@@ -61,10 +61,15 @@ class Samples:
         self._ask_ahead(spot, slab, along)
         return s
 
+    def later(self, spot: Spot, along: float) -> Spot:
+        """The same spots, slabs being counted from so many slabs on."""
+        return replace(spot, begin=self._code.same(F32, along) if spot.begin is None else spot.begin + along)
+
     def moved(self, spot: Spot, slab: Vector, along: Value) -> Spot:
         """Spots so many slabs on."""
+        along = along if spot.begin is None else spot.begin + along
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
-        return replace(spot, beyond=(x, y, z))
+        return replace(spot, beyond=(x, y, z), begin=None)
 
     def _ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
         with self._code.when(self._far):

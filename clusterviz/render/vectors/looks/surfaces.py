@@ -60,9 +60,9 @@ class Surfaces:
         self._optics, self._courses, self._rows = optics, Courses(code, job, samples), job["surface"]
         self._stops, self._residual = job.part("optics", 1) > 0.0, code.splat(job.part("optics", 1))
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The surfaces of the run's slabs, and the volume between them."""
-        code, rest, sums, half = self._code, 1.0 - kept[3].now, zeros(self._code), self._code.same(F32, 0.5)
+        code, rest, half = self._code, 1.0 - kept[3].now, self._code.same(F32, 0.5)
         begin = code.select(first, code.same(F32, -WITHIN), -0.5)
         noted = Noted(code, self._courses.mark(self._samples.at(self._samples.moved(spot, slab, begin))))
         at, end, found = Variable(code.same(I32, 0)), Variable(slabs), Variable(code.same(I32, 0))
@@ -85,7 +85,7 @@ class Surfaces:
                 # A ray ends with the slab that leaves too little light, not with its run.
                 ended = rest * (1.0 - sums[3].now) <= self._residual
                 end.set(code.select(ended, code.least(at.now, end.now), end.now))
-        return four(sums), end.now
+        return end.now
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, around its midpoint: taken as one with a surface."""

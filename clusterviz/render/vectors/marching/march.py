@@ -2,6 +2,10 @@
 
 Each ray has its own lattice and its own runs; the rays of a packet take their next runs together. What a run comes to
 is the look's (`Look`).
+
+Rays are cut into windows of a fixed number of slabs. Places in a window are counted in float32 from its first midpoint,
+and what its runs come to is summed by itself before it is put behind what is kept. So neither where runs begin nor how
+many there are changes a bit: pictures are the same with or without leaping over what is empty.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from clusterviz.render.vectors.marching.stretch import Stretch
 
 Four = tuple[Value, Value, Value, Value]
 Variables = list[Variable]
+CHANNELS = 4
 
 KEPT: Layout = (("kept_from", I32, 1), ("kept_to", I32, 1))
 """The slabs whose midpoints clipping planes keep, where slabs are not kept as wholes."""
@@ -33,13 +38,14 @@ class Look(Protocol):
     said in image/merge.py.
     """
 
-    def run(self, kept: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> tuple[Four, Value]:
-        """What runs of whole slabs come to, as if nothing were in front of them, and how many slabs were taken.
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
+        """Take runs of whole slabs; how many slabs were taken.
 
         Parameters
         ----------
         kept : what lies in front; a run may end early where nothing behind can matter
-        spot : of the first midpoint
+        sums : what their windows have come to so far, zeros at first, as if nothing were in front of them; changed
+        spot : slabs are counted from the first midpoint
         slab : from one midpoint to the next
         slabs : how many, of each ray; none where 0
         first : whether the run begins with the ray's first slab
@@ -49,7 +55,7 @@ class Look(Protocol):
         """What shares of slabs come to, where they are drawn; `only`: the ray has no other slab."""
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
-        """Put a run behind what is kept, where it is drawn."""
+        """Put what windows come to behind what is kept, where it is drawn."""
 
     def is_done(self, kept: Variables) -> Value:
         """Where nothing behind can matter."""
@@ -79,6 +85,7 @@ class March:
     ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
         self._jittered, self._stretch, self._cut, self._starts = jittered, stretch, cut, starts
+        self._to_end = job["window"] - 1
 
     @property
     def keeps_more(self) -> Layout:
@@ -127,25 +134,27 @@ class March:
             slab = _float(rays.slab)
             place = self._places.of(rays.entered, slab, _inverse(code, slab))
             seen, kept = mine & place.visible, packet.look
-            self._look.add(kept, self._look.last(place.spot, slab, rays.first_share, seen, code.same(I32, 0) > 0), seen)
+            spot = self._places.spot(place, rays.entered)
+            share = self._look.last(spot, slab, rays.first_share, seen, code.same(I32, 0) > 0)
+            self._look.add(kept, share, seen & (share[3] > 0.0))
             packet.set("samples", seen.to(I32))
             packet.set("done", code.select(self._look.is_done(kept), 1, packet.get("done")))
             packet.keep_look(kept)
 
-    def go_on(self, packet: Packet, kept: Variables, limit: Value) -> Value:
-        """Take a packet's rays up to a slab at least; returns the least slab with which one goes on."""
-        code, look = self._code, self._look
-        rays = packet.rays
+    def go_on(self, packet: Packet, kept: Variables, last: Value) -> Value:
+        """Take a packet's rays on, up to a slab that ends a window; returns the least slab with which one goes on."""
+        code, rays = self._code, packet.rays
         slab = _float(rays.slab)
         per_slab = _inverse(code, slab)
         at, done, samples = (Variable(packet.get(name)) for name in ("at", "done", "samples"))
         behind, ahead = packet.get("behind"), self._starts.ahead(packet) if self._starts else None
+        sums = [Variable(code.same(F32, 0.0)) for _ in range(CHANNELS)]
 
         def active() -> Value:
             return (at.now < behind) & done.now.equals(0)
 
-        with code.loop(lambda: code.any(active() & (at.now < limit))):
-            here = active()
+        with code.loop(lambda: code.any(active() & (at.now <= last))):
+            here, ends, stopped = active() & (at.now <= last), at.now | self._to_end, Variable(code.same(I32, 0))
             place = self._places.of(midpoint(code, rays, at.now), slab, per_slab)
             step = code.least(place.slabs, behind - at.now)
             if ahead:
@@ -153,34 +162,55 @@ class March:
             gap = here & ~place.visible
             at.set(code.select(gap, at.now + step, at.now))
             # Rays that have found something wait for those that are still looking.
-            with code.when(~code.any(gap & (at.now < behind))):
-                slabs = code.select(here & place.visible, step, 0)
+            with code.when(~code.any(gap & (at.now < behind) & (at.now <= last))):
+                slabs = code.select(here & place.visible, code.least(step, ends - at.now + 1), 0)
                 self._tell_cut(packet, at.now)
-                run, taken, sampled = self._run(kept, place, slab, slabs, at.now)
-                drawn, on = slabs > 0, at.now + taken
+                taken, sampled, short = self._run(kept, sums, rays, place, (slab, slabs, at.now))
+                on = at.now + taken
                 if ahead:
-                    late = ahead.passed(at.now, drawn)
-                    drawn, on = drawn & ~late, code.select(late, ahead.entry, on)
-                look.add(kept, run, drawn)
+                    late = ahead.passed(at.now, slabs > 0)
+                    on = code.select(late, ahead.entry, on)
+                    _clear(code, sums, late)
                 at.set(on)
                 samples.set(samples.now + sampled)
-                done.set(code.select(look.is_done(kept), 1, done.now))
+                stopped.set(short.to(I32))
+            left = here & ((at.now > ends) | (at.now >= behind) | (stopped.now > 0))
+            self._put_behind(kept, sums, left, done)
         for name, variable in (("at", at), ("done", done), ("samples", samples)):
             packet.set(name, variable.now)
         if ahead:
             ahead.keep(packet)
         return code.smallest(code.select(active(), at.now, NEVER))
 
-    def _run(self, kept: Variables, place: Place, slab: Vector, slabs: Value, at: Value) -> tuple[Four, Value, Value]:
-        """What runs come to, how many slabs were taken, and how many samples."""
-        first = at.equals(0)
+    def _run(
+        self, kept: Variables, sums: Variables, rays: Rays, place: Place, slabs: tuple[Vector, Value, Value]
+    ) -> tuple[Value, Value, Value]:
+        """Take runs; how many slabs were taken, how many samples, and which rays ended early.
+
+        Parameters
+        ----------
+        slabs : from one midpoint to the next, how many, and the first one's number
+        """
+        code, (slab, count, at) = self._code, slabs
+        begin = at & self._to_end
+        spot = self._places.window(place, midpoint(code, rays, at - begin), begin, count > 0)
         if self._stretch is None or place.doublings is None:
-            run, taken = self._look.run(kept, place.spot, slab, slabs, first)
-            return run, taken, taken
-        some = self._stretch.take(at, slabs, place.doublings)
-        spot, slab = self._stretch.longer(place.spot, slab)
-        run, taken = self._look.run(kept, spot, slab, self._stretch.stretches(some), first)
-        return run, self._stretch.slabs(taken), taken
+            taken = self._look.run(kept, sums, spot, slab, count, at.equals(0))
+            return taken, taken, taken < count
+        stretches = self._stretch.stretches(self._stretch.take(at, count, place.doublings))
+        spot, slab = self._stretch.longer(spot, slab)
+        taken = self._look.run(kept, sums, spot, slab, stretches, at.equals(0))
+        return self._stretch.slabs(taken), taken, taken < stretches
+
+    def _put_behind(self, kept: Variables, sums: Variables, left: Value, done: Variable) -> None:
+        """Put windows that rays have left behind what is kept: not those that came to nothing, which changes no bit."""
+        code = self._code
+        some = left & (sums[3].now > 0.0)
+        with code.when(code.any(some)):
+            r, g, b, a = (part.now for part in sums)
+            self._look.add(kept, (r, g, b, a), some)
+            _clear(code, sums, some)
+            done.set(code.select(self._look.is_done(kept), 1, done.now))
 
     def _tell_cut(self, packet: Packet, at: Value) -> None:
         """Tell what planes keep of the slabs from some numbers on."""
@@ -199,11 +229,18 @@ class March:
             seen = mine & place.visible
             self._tell_cut(packet, rays.slabs - 1)
             drawn.set(seen.to(I32))
-            last = self._look.last(place.spot, slab, rays.last_share, seen, rays.slabs.equals(1))
-            self._look.add(kept, last, seen)
+            spot = self._places.spot(place, rays.last)
+            share = self._look.last(spot, slab, rays.last_share, seen, rays.slabs.equals(1))
+            found = seen & (share[3] > 0.0)
+            self._look.add(kept, share, found)
             if self._starts:
-                self._starts.end(packet, seen & (last[3] > 0.0))
+                self._starts.end(packet, found)
         return packet.get("samples") + drawn.now
+
+
+def _clear(code: Code, sums: Variables, where: Value) -> None:
+    for part in sums:
+        part.set(code.select(where, 0.0, part.now))
 
 
 def _float(vector: Vector) -> Vector:

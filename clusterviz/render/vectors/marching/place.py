@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
@@ -27,13 +27,17 @@ class Place:
     ----------
     visible : something may be visible there
     slabs : how many from here on share this answer
-    spot : of the midpoint
+    brick : the number of its first cell in the volume along x, y, z, int32
+    voxels : int64, where that one's first corner is
+    cell : of the midpoint, in the volume, int32
     doublings : how often slabs may be doubled; None where they are never
     """
 
     visible: Value
     slabs: Value
-    spot: Spot
+    brick: Vector
+    voxels: Value
+    cell: Vector
     doublings: Value | None = None
 
 
@@ -55,7 +59,6 @@ class Places:
         # Where groups are of one size, leaps go on into other bricks.
         self._farthest = code.select((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0), FARTHEST, self._brick)
         self._slack = code.splat(job["slack"])
-        self._longest = code.splat(job["longest_run"])
 
     def of(self, position: Vector, slab: Vector, per_slab: Vector) -> Place:
         """The place of a midpoint that the box owns.
@@ -83,29 +86,53 @@ class Places:
             doublings = self._stretch.allowed(leap)
             # Longer slabs end with their group.
             visible, leap = visible | (doublings > 0), code.select(doublings > 0, 1, leap)
-        limit = code.select(visible, self._longest, LONGEST_LEAP)
-        slabs = self._slabs(_each(lambda at, by: at.to(F32) + by, local, beyond), group, leap, (slab, per_slab), limit)
+        here = _each(lambda at, by: at.to(F32) + by, local, beyond)
+        slabs = self._slabs(here, group, leap, (slab, per_slab))
         # Rays that lie nowhere read some brick, too.
         start = code.select(start.equals(0), self._job["some_brick"], start)
-        voxel = start + (self._voxel(local) << VOXEL_SHIFT).to(I64)
+        first = _each(lambda at, _: at * self._brick, number, number)
+        return Place(visible, slabs, first, start, cell, doublings)
+
+    def spot(self, place: Place, position: Vector) -> Spot:
+        """Where a midpoint is, as seen from the first corner of its cell."""
+        return self._seen_from(place, position, place.cell)
+
+    def window(self, place: Place, position: Vector, begin: Value, here: Value) -> Spot:
+        """Where runs are, as seen from the midpoint with which their window begins; anywhere for those not here.
+
+        So what a slab's place is in float32 depends on the ray alone, not on where its run begins.
+
+        Parameters
+        ----------
+        position : of that midpoint; it may lie in another brick
+        begin : how many slabs behind it the runs begin, int32
+        """
+        code = self._code
+        cell = _each(lambda at, near: code.select(here, code.call("floor", at).to(I32), near), position, place.cell)
+        return replace(self._seen_from(place, position, cell), begin=begin.to(F32))
+
+    def _seen_from(self, place: Place, position: Vector, cell: Vector) -> Spot:
+        local = _each(lambda at, first: at - first, cell, place.brick)
+        voxel = place.voxels + (self._voxel(local) << VOXEL_SHIFT).to(I64)
         low = _each(lambda at, _: (self._first - at).to(F32), local, local)
         high = _each(lambda last, at: (last - at).to(F32), self._last, local)
-        return Place(visible, slabs, Spot(voxel, low, high, beyond, cell), doublings)
+        beyond = _each(lambda at, whole: (at - whole.to(F64)).to(F32), position, cell)
+        return Spot(voxel, low, high, beyond, cell)
 
-    def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector], limit: Value) -> Value:
-        """How many midpoints from here on lie in the box that shares the answer, for certain: one to `limit`.
+    def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector]) -> Value:
+        """How many midpoints from here on lie in the box that shares the answer, for certain: at least one.
 
         That box is the brick, or the groups that a leap crosses. It is taken to be smaller by more than float32 has
         rounded away, so that no slab is taken that a neighbour, who decides exactly, takes too.
         """
-        code, whole, least = self._code, leap <= 0, limit.to(F32)
+        code, whole, least = self._code, leap <= 0, self._code.same(F32, float(LONGEST_LEAP))
         for axis in range(3):
             low = code.select(whole, 0, (group[axis] - (leap - 1)) << GROUP_SHIFT)
             high = code.select(whole, self._brick, self._group_end(group[axis] + leap))
             rises = slab[0][axis] >= 0.0
             ahead = code.select(rises, high.to(F32) - at[axis], at[axis] - low.to(F32)) - self._slack
             least = code.least(ahead * slab[1][axis], least)
-        return code.least(code.most((least - 1e-3).to(I32) + 1, 1), limit)
+        return code.most((least - 1e-3).to(I32) + 1, 1)
 
     def _voxel(self, local: Vector) -> Value:
         """The number of a cell's first corner in its brick."""

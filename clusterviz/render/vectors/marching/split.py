@@ -74,7 +74,7 @@ class SplitMarch:
         packet.set("samples", code.same(I32, 0))
         return code.any(hit)
 
-    def go_on(self, packet: Packet, kept: Variables, limit: Value) -> Value:
+    def go_on(self, packet: Packet, kept: Variables, last: Value) -> Value:
         """Take a packet's rays up to a slab at least; returns the least slab with which one goes on."""
         code, look, rays, until = self._code, self._look, packet.rays, packet.get("until")
         along, done, samples = (Variable(packet.get(name)) for name in ("along", "done", "samples"))
@@ -85,7 +85,7 @@ class SplitMarch:
         def active() -> Value:
             return (along.now < until) & done.now.equals(0)
 
-        with code.loop(lambda: code.any(active() & (along.now < limit.to(F64)))):
+        with code.loop(lambda: code.any(active() & (along.now < last.to(F64) + 1.0))):
             here = active()
             number, leave = self._faces.bricks_at(rays, along.now)
             leave = code.least(leave, until)

@@ -68,7 +68,8 @@ class Stretch:
         along = 0.5 * (length - 1.0)
         x, y, z = (code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
         across, down, deep = (length * by for by in slab)
-        return replace(spot, beyond=(x, y, z)), (across, down, deep)
+        begin = spot.begin / length if spot.begin else None
+        return replace(spot, beyond=(x, y, z), begin=begin), (across, down, deep)
 
     def stretches(self, slabs: Value) -> Value:
         """How many stretches so many slabs are."""

@@ -9,14 +9,13 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value
 from clusterviz.render.drawn import SQUARE
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.marching.march import March
+from clusterviz.render.vectors.marching.march import CHANNELS, March
 from clusterviz.render.vectors.marching.split import SplitMarch
 from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.marching.state import BLOCKS, LOOK_VECTORS, NEVER, State
 
 TILE = 32
-CHANNELS = 4
-TURN = 32
+TURN = 32  # slabs that packets go on in turn; a multiple of a window's
 
 
 class Tile:
@@ -39,11 +38,11 @@ class Tile:
             self._begin(number, *self._pixels(number, *corner))
         least = Variable(code.number(I32, 0))
         with code.loop(lambda: least.now < NEVER):
-            limit = code.least(least.now, NEVER - TURN) + TURN
+            last = least.now | (TURN - 1)
             least.set(code.number(I32, NEVER))
             with _counted(code, self._packets) as number:
-                with code.when(code.load(I32, self._spot(number)) < limit):
-                    self._go_on(number, limit)
+                with code.when(code.load(I32, self._spot(number)) <= last):
+                    self._go_on(number, last)
                 least.set(code.least(least.now, code.load(I32, self._spot(number))))
         with _counted(code, self._packets) as number:
             samples.set(samples.now + self._finish(number, *self._pixels(number, *corner)))
@@ -78,10 +77,10 @@ class Tile:
                 self._starts.read(packet, rays, depth)
             code.store(code.select(hit, code.number(I32, 0), NEVER), self._spot(number))
 
-    def _go_on(self, number: Value, limit: Value) -> None:
+    def _go_on(self, number: Value, last: Value) -> None:
         code, packet = self._code, self._state.packet(number)
         kept = packet.look
-        code.store(self._march.go_on(packet, kept, limit), self._spot(number))
+        code.store(self._march.go_on(packet, kept, last), self._spot(number))
         packet.keep_look(kept)
 
     def _finish(self, number: Value, x: Value, y: Value) -> Value:
