@@ -33,7 +33,7 @@ class Composite:
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The sum of the run's samples."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
-        most = Variable(code.largest(slabs))
+        most, before = Variable(code.largest(slabs)), sums[3].now
         with self._samples.along(spot, slab, most, ABREAST) as samples:
             # NaN compares false.
             seen = [(s >= self._optics.visible_from) & (number < end.now) for s, number, _ in samples]
@@ -42,7 +42,7 @@ class Composite:
                 for (_, number, _), here, one in zip(samples, seen, found, strict=True):
                     mine = here & (number < end.now)
                     self._take(sums, mine, self._stretch.of_stretches(one) if self._stretch else one)
-                    self._samples.note(sums[3].now, number)
+                    self._samples.note(sums[3].now > before, number)
                     with code.when(self._stops):
                         # A ray ends with the sample that leaves too little light, not with its run.
                         ended = mine & (rest * (1.0 - sums[3].now) <= self._residual)

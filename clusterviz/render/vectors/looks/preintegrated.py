@@ -41,13 +41,13 @@ class Preintegrated:
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The sum of the run's slabs."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
-        most = Variable(code.largest(slabs))
+        most, before = Variable(code.largest(slabs)), sums[3].now
         begin = code.select(first, code.same(F32, -WITHIN), -0.5)
         front = _Front(code, self._ramps, self._samples.at(self._samples.moved(spot, slab, begin)))
         with self._samples.along(self._samples.later(spot, 0.5), slab, most) as ((s, number, _),):
             middle = self._samples.moved(spot, slab, code.splat(number.to(F32)))
             seen = self._take(sums, front, s, self._units, number < end.now, (middle, slab))
-            self._samples.note(sums[3].now, number)
+            self._samples.note(sums[3].now > before, number)
             with code.when(self._stops):
                 # A ray ends with the slab that leaves too little light, not with its run.
                 ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)

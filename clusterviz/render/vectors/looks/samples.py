@@ -46,10 +46,10 @@ class Samples:
             yield [(self._field.at(here), one, here) for here, one in zip(spots, numbers, strict=True)]
             number.set(number.now + abreast)
 
-    def note(self, opacity: Value, number: Value) -> None:
-        """What a run's opacity is behind one of its slabs: the next frame may want to know where it began."""
+    def note(self, found: Value, number: Value) -> None:
+        """Behind which slab of a run something has been found in it: the next frame may want to know where."""
         if self._starts:
-            self._starts.note(opacity > 0.0, number)
+            self._starts.note(found, number)
 
     def at(self, spot: Spot) -> Value:
         """The scalars at spots."""

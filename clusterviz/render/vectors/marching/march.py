@@ -158,7 +158,7 @@ class March:
             place = self._places.of(midpoint(code, rays, at.now), slab, per_slab)
             step = code.least(place.slabs, behind - at.now)
             if ahead:
-                step = ahead.reached(at.now, step, kept[3].now)
+                step = ahead.reached(at.now, step, code.fma(1.0 - kept[3].now, sums[3].now, kept[3].now))
             gap = here & ~place.visible
             at.set(code.select(gap, at.now + step, at.now))
             # Rays that have found something wait for those that are still looking.
