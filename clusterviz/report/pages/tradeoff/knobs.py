@@ -12,7 +12,7 @@ from itertools import product
 from typing import Any, get_args
 
 from clusterviz.errors import InputError, SceneError
-from clusterviz.plan.look import has_surfaces, is_preintegrated
+from clusterviz.plan.look import has_surfaces, is_preintegrated, step_of
 from clusterviz.plan.stretching import what_has_no_bound
 from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
 from clusterviz.scene.values import Scene
@@ -175,6 +175,10 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
     quality, volumes = other.quality, other.volumes
     if quality.adaptive and any(what_has_no_bound(volume, quality) for volume in volumes):
         return False
+    if "step" in setting.changes and any(
+        step_of(one, quality.step, quality.classification) < quality.step for one in volumes
+    ):
+        return False  # slabs are no longer than with a smaller step
     return quality.borders == "overlap" or any(is_preintegrated(one, quality.classification) for one in volumes)
 
 

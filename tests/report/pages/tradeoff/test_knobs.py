@@ -99,6 +99,13 @@ def test_what_does_nothing_to_a_look_is_not_tried(look: dict[str, Any], idle: se
     assert idle == {"classification", "borders", "early_termination", "filter", "jitter"} - tried
 
 
+def test_steps_that_slabs_between_ends_cannot_have_are_not_tried() -> None:
+    tried = [setting.changes for setting in settings_of(SCENE, 1, ALL, 1000)[0]]
+    assert {"step": 4.0} in tried
+    assert {"step": 2.0, "classification": "pre-integrated"} in tried
+    assert {"step": 4.0, "classification": "pre-integrated"} not in tried
+
+
 def test_what_several_volumes_refuse_is_not_tried() -> None:
     scene = SCENE.model_copy(update={"volumes": SCENE.volumes * 2})
     tried = [setting.changes for setting in settings_of(scene, 1, ALL, 1000)[0]]
