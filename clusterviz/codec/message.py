@@ -182,11 +182,11 @@ def unpack(
     CodecError
         As `open_message`.
     """
-    from clusterviz.codec import run_kernels
-
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:
         return pixels
+    from clusterviz.codec import run_kernels
+
     whole: Pixels = np.empty((count, 4), dtype) if out is None else out
     packed = _read_only(pixels.reshape(-1).view(np.uint8))
     run_kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))

@@ -19,6 +19,7 @@ import numpy as np
 
 from clusterviz.balance import Flight
 from clusterviz.codec import AutoCodec
+from clusterviz.codec.auto import MIN_BYTES
 from clusterviz.codec.contract import Bytes, CodecError
 from clusterviz.comm import Channel
 from clusterviz.composite.model.network import default_network
@@ -107,7 +108,8 @@ class Courier:
         self._channel, self._slice = channel.beside(), time_slice
         nodes = len(channel.nodes())
         network = default_network(nodes)
-        compile_codecs(channel, PIXEL[parcels.slot.kind])
+        if parcels.most_bytes(0) > MIN_BYTES:  # smaller ones are never packed
+            compile_codecs(channel, PIXEL[parcels.slot.kind])
         self._codec = AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte)
         self._outgoing: deque[_Outgoing] = deque()
         self._awaited: list[_Awaited] = []
