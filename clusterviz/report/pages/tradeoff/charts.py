@@ -126,13 +126,15 @@ def _number_front(axes: Any, rated: Sequence[Rated], truth: Truth) -> None:
 
 
 def _plain_ticks(axes: Any) -> None:
-    """Costs span a decade or two: 200 reads better there than 2 × 10²."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    """Costs span a decade or two: 200 reads better there than 2 × 10²; and labels as long as 0.0025 need room."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     if axes.get_xscale() == "log":
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
 def _figure(width: float, height: float) -> Any:
