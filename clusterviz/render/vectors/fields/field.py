@@ -14,8 +14,8 @@ from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.render.vectors.job import Job
 
-PREFETCHED = {16: (0, 2, 5, 7, 8, 10, 13, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
-"""Every second pixel of a packet, like the black squares of a chessboard."""
+PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
+"""Pixels of a packet whose voxels are asked for ahead: its corners, and some between them, tell of the others."""
 Corners = tuple[Value, ...]
 
 
@@ -95,7 +95,7 @@ class Field:
         return self._kind == "f32"
 
     def ask_for(self, spot: Spot) -> None:
-        """Let the processor bring the voxels of a later sample nearer; half of the lanes tell of their neighbours."""
+        """Let the processor bring the voxels of a later sample nearer; some of the lanes tell of all."""
         self._code.prefetch(self._cell(spot)[1], PREFETCHED[self._code.lanes])
 
     def _cell(self, spot: Spot) -> tuple[list[Value], Value]:
