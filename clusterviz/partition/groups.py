@@ -8,8 +8,8 @@ between it and the eye, in that sense, are.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,13 +72,8 @@ def visible_groups(
     keys = [_merged_layers(owners.owner, axis, eye[axis]) for axis in range(3)]
     small = owners.owner[np.ix_(*[np.flatnonzero(np.diff(key, prepend=-1)) for key in keys])]
     z, y, x = (int(key[at]) for key, at in zip(keys, eye, strict=True))
-    number = np.full(small.shape, -1, np.int64)
-    ranks: list[int] = []
-    for rank, members in _grow_groups(small, owners.ranks, (z, y, x)):
-        number[members] = len(ranks)
-        ranks.append(rank)
-    whole = number[np.ix_(*keys)]
-    return tuple(Group(rank, np.argwhere(whole == index)) for index, rank in enumerate(ranks))
+    number, ranks = _grow_groups(small, owners.ranks, (z, y, x))
+    return tuple(map(Group, ranks, _members(number[np.ix_(*keys)], len(ranks))))
 
 
 def order_of(groups: tuple[Group, ...]) -> list[int]:
@@ -108,30 +103,44 @@ def _merged_layers(owner: NDArray[np.int32], axis: int, eye: int) -> NDArray[np.
     return np.concatenate([[0], np.cumsum(differs)])
 
 
-def _grow_groups(owner: NDArray[np.int32], ranks: int, eye: Index) -> Iterator[tuple[int, Bools]]:
-    """Rank after rank, with all that it can draw now; first those that can draw all that they have."""
-    present = [rank for rank in range(ranks) if np.any(owner == rank)]
-    foreign = np.stack([(owner != rank) & (owner != NOBODY) for rank in present] or [np.zeros(owner.shape, bool)])
-    mine = np.stack([owner == rank for rank in present] or [np.zeros(owner.shape, bool)])
-    done = np.zeros(owner.shape, bool)
-    left = mine.sum(axis=(1, 2, 3))
-    while left.any():
-        clear = ~_shadows(foreign & ~done, eye)
-        drawable = (clear & mine & ~done).sum(axis=(1, 2, 3))
-        # The whole ranks first, as in sorting a graph: that costs no group elsewhere.
-        best = int(np.argmax(np.where((drawable == left) & (left > 0), owner.size + 1, drawable)))
-        members = clear[best] & mine[best] & ~done
-        done |= members
-        left[best] -= drawable[best]
-        yield present[best], members
+def _grow_groups(owner: NDArray[np.int32], ranks: int, eye: Index) -> tuple[NDArray[np.int64], list[int]]:
+    """The number of each brick's group, -1 where nobody draws, and the groups' ranks; whole ranks come first."""
+    number = np.full(owner.shape, -1, np.int64)
+    left = owner.copy()
+    order: list[int] = []
+    held = np.bincount(owner[owner != NOBODY], minlength=ranks)
+    while held.any():
+        clear = _unobstructed(left, ranks, eye)
+        drawable = np.bincount(left[clear], minlength=ranks)
+        # The whole ranks first, as in sorting a graph: that costs no group elsewhere. None of them obstructs another.
+        whole = np.flatnonzero((drawable == held) & (held > 0))
+        chosen = whole if whole.size else np.array([np.argmax(drawable)])
+        group = np.full(ranks, -1)
+        group[chosen] = len(order) + np.arange(chosen.size)
+        members = clear & (group[left] >= 0)
+        number[members] = group[left[members]]
+        left[members] = NOBODY
+        held[chosen] -= drawable[chosen]
+        order += chosen.tolist()
+    return number, order
 
 
-def _shadows(blocked: Bools, eye: Index) -> Bools:
-    """What lies behind a blocked brick as seen from the eye, or is one: (n, bz, by, bx) for n at once."""
-    shadow = blocked.copy()
-    for axis, at in enumerate(eye, start=1):
-        ahead, behind = [slice(None)] * 4, [slice(None)] * 4
-        ahead[axis], behind[axis] = slice(at, None), slice(at, None, -1)
-        for side in (tuple(ahead), tuple(behind)):
-            shadow[side] = np.logical_or.accumulate(shadow[side], axis=axis)
-    return shadow
+def _unobstructed(owner: NDArray[np.int32], ranks: int, eye: Index) -> Bools:
+    """Bricks that their rank can draw now: between them and the eye are none but its own."""
+    lowest, highest = np.where(owner == NOBODY, ranks, owner), owner.copy()
+    for axis, at in enumerate(eye):
+        for side in (slice(at, None), slice(at, None, -1)):
+            part = (*[slice(None)] * axis, side)
+            np.minimum.accumulate(lowest[part], axis=axis, out=lowest[part])
+            np.maximum.accumulate(highest[part], axis=axis, out=highest[part])
+    clear: Bools = (lowest == highest) & (owner != NOBODY)
+    return clear
+
+
+def _members(number: NDArray[np.int64], groups: int) -> list[NDArray[np.int64]]:
+    """The bricks (m, 3) of each group, in array order."""
+    flat = number.ravel()
+    ordered = np.argsort(flat, kind="stable")
+    begins = np.searchsorted(flat[ordered], np.arange(groups + 1))
+    bricks = np.stack(np.unravel_index(ordered, number.shape), axis=1)
+    return [bricks[begin:end] for begin, end in itertools.pairwise(begins)]
