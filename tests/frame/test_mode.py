@@ -23,6 +23,7 @@ from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_ranks
 from clusterviz.image import compare
 from clusterviz.partition.screen import rank_groups
+from clusterviz.plan.leftover import Picked
 from clusterviz.plan.plan import Plan
 from clusterviz.report.sharing import Forecast
 from clusterviz.scene import Scene, Volume
@@ -273,6 +274,8 @@ def test_what_is_better_in_both_is_chosen_whatever_a_sample_takes(seconds: float
 
 def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
+    # One rank sends nothing, and rounds nothing; several may, within the bound.
+    monkeypatch.setattr("clusterviz.frame.settling.pick_pixel", lambda *_: Picked("float32"))
     view, bounded = [INTO_A_CORNER], {"max_error": 0.02}
     frame = run_loopback(RANKS, lambda channel: flown(channel, bounded, view), ranks_per_node=1)[0][0]
     (alone,) = flown(LoopbackChannel(), bounded, view)
