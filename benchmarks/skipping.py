@@ -1,8 +1,9 @@
 """What leaping over empty groups of cells saves: `python benchmarks/skipping.py [DATA] [--size N] [--json F]`.
 
-The same scenes drawn twice by OpenGL on one rank: as always, and with every group of cells of every brick called
-visible, so that each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what
-is leapt over has no opacity at all, so it is what float32 makes of positions counted from another slab of the ray.
+The same scenes drawn twice on one rank: as always, and with every group of cells of every brick called visible, so that
+each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what is leapt over
+has no opacity at all, so by OpenGL it is what float32 makes of positions counted from another slab of the ray. The
+processor's caster counts them from windows, and differs by nothing.
 """
 
 from __future__ import annotations
@@ -18,15 +19,19 @@ import numpy as np
 from looks import planned, whole_pieces
 from numpy.typing import NDArray
 
+from clusterviz.cli.arguments import parse_device
 from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample
 from clusterviz.gl.context import open_context
 from clusterviz.image import compare
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render import residence
+from clusterviz.render.choice import Device, egl_device, on_processor
 from clusterviz.render.drawn import Drawn
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import Slot
+from clusterviz.render.vectors import caster as vectors
+from clusterviz.render.vectors.caster import VectorCaster
 
 CORTEX = [(40.0, 0.0), (60.0, 0.0), (100.0, 0.04), (140.0, 0.25), (220.0, 0.7)]
 SPARSE = [(0.0, 0.0), (0.6, 0.0), (0.7, 0.5), (1.0, 0.9)]
@@ -37,22 +42,31 @@ def all_visible(ranges: Any, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
     return np.full((len(ranges[0]), slot.visibility_words), 0xFFFFFFFF, np.uint32)
 
 
-def drawn(plan: Plan, bricks: dict[Any, Any]) -> Drawn:
+def every_group(ranges: Any, plan: Plan) -> NDArray[np.bool_]:
+    """The same, in place of `visible_groups`."""
+    return np.ones(ranges[0].shape, bool)
+
+
+def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> Drawn:
     """One picture."""
-    caster = Raycaster(open_context(), plan)
+    on_cpu = on_processor(plan, device)
+    caster = VectorCaster(plan) if on_cpu else Raycaster(open_context(device=egl_device(device)), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, whole_pieces(plan))
     return found
 
 
-def measure(path: str, volume: dict[str, Any], size: int) -> dict[str, Any]:
+def measure(path: str, volume: dict[str, Any], size: int, device: Device) -> dict[str, Any]:
     """One scene with and without leaping."""
     source = open_source(path, None)
     plan, bricks = planned(path, source, (0.0, 1.0), size, {"volume": volume})
-    leaping = drawn(plan, bricks)
+    leaping = drawn(plan, bricks, device)
     every = replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool)))
-    with patch.object(residence, "visibility_bits", all_visible):
-        whole = drawn(every, bricks)
+    with (
+        patch.object(residence, "visibility_bits", all_visible),
+        patch.object(vectors, "visible_groups", every_group),
+    ):
+        whole = drawn(every, bricks, device)
     pictures = [np.zeros((size, size, 4), np.float32) for _ in range(2)]
     for picture, each in zip(pictures, (leaping, whole), strict=True):
         rect = each.partial.rect
@@ -66,6 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="?", help="a head like that of the sample mni152, which is the default")
     parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--device", type=parse_device, help="an EGL device by its index, or cpu; default: the best")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     head = options.data or str(fetch_sample("mni152"))
@@ -74,7 +89,7 @@ def main() -> None:
         "head, cortex": (head, {"clim": (40.0, 220.0), "opacity": CORTEX}),
         "hydrogen, 192³": ("field:hydrogen:192", {"clim": (0.0, 1.0), "opacity": SPARSE}),
     }
-    rows = {name: measure(path, volume, options.size) for name, (path, volume) in scenes.items()}
+    rows = {name: measure(path, volume, options.size, options.device) for name, (path, volume) in scenes.items()}
     print(f"{'scene':16} {'samples':>12} {'without':>12} {'share':>6} {'bricks':>9} {'max':>9}")
     for name, row in rows.items():
         bricks = f"{row['bricks']}/{row['bricks_without']}"
