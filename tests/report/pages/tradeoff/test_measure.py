@@ -21,6 +21,5 @@ def test_rays_that_start_by_the_last_frame_are_timed_on_the_way_to_the_camera() 
     assert leaping.scene.camera == whole.scene.camera
     assert leaping.image is not None
     assert whole.image is not None
-    assert np.abs(leaping.image - whole.image).max() < 1e-5
-    assert not np.array_equal(leaping.image, whole.image), "its rays count positions from their starts"
+    assert np.array_equal(leaping.image, whole.image), "no start is too late, and places are those of windows"
     assert leaping.cost.samples < whole.cost.samples
