@@ -33,6 +33,7 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.scene import Scene, Volume
+from clusterviz.scene.cluster import Cluster
 from clusterviz.scene.values import Camera, ImageSettings, Quality
 
 Bytes = np.ndarray
@@ -60,6 +61,7 @@ def equivalent_scene(volume: Path, shape_zyx: tuple[int, ...], options: argparse
         ),
         image=ImageSettings(size=(options.width, options.width), background="black"),
         quality=Quality(step=options.our_step or options.step, early_termination=options.early_termination),
+        cluster=Cluster(brick=options.brick),
     )
 
 
@@ -114,6 +116,7 @@ def report_on(name: str, volume: Path, options: argparse.Namespace) -> dict[str,
         "step_voxels": options.our_step or options.step,
         "peer_step_voxels": options.step,
         "early_termination": options.early_termination,
+        "brick": options.brick,
         "peer_s": {caster: statistics.median(peer[caster] for peer in peers) for caster in ratios},
         "median_s": our_s,
         "times_faster": {caster: statistics.median(found) for caster, found in ratios.items()},
@@ -159,6 +162,7 @@ def main() -> None:
     parser.add_argument("--step", type=float, default=1.0, help="in voxels, of both")
     parser.add_argument("--our-step", type=float, help="ours, where it is another")
     parser.add_argument("--early-termination", type=float, default=0.0, help="VTK's own is 1/255; ours: 0, never")
+    parser.add_argument("--brick", type=int, default=64, help="voxels along the side of ours; one rank needs only one")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--frames", type=int, default=5)
     parser.add_argument("--pictures", type=Path, help="a folder for the pictures, side by side")
