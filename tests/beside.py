@@ -5,7 +5,7 @@ Most tests keep one core busy; those that start whole commands or `mpirun` wait 
 end; the first takes the rest from its beginning, then those that start others from their end. Whoever comes to a test
 first claims it, by making a file that must not be there. The first process tells what the second reported, as if it had
 run the tests itself: every test is counted once, in one summary, by one exit status. A test that was claimed, but never
-reported, has failed.
+reported, has failed. (The workers of pytest-xdist cannot run what pytest-isolate-mpi starts.)
 """
 
 from __future__ import annotations
