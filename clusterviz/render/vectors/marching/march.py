@@ -31,12 +31,22 @@ KEPT: Layout = (("kept_from", I32, 1), ("kept_to", I32, 1))
 """The slabs whose midpoints clipping planes keep, where slabs are not kept as wholes."""
 
 
-class Look(Protocol):
-    """What becomes of the samples of rays.
+class Behind(Protocol):
+    """How what rays come to is put behind what lies in front of it.
 
-    What it keeps of a packet are `LOOK_VECTORS` vectors, zeros at first; four of them are the pixels, whose meaning is
+    What is kept of a packet are `LOOK_VECTORS` vectors, zeros at first; four of them are the pixels, whose meaning is
     said in image/merge.py.
     """
+
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
+        """Put what windows or runs come to behind what is kept, where it is drawn."""
+
+    def is_done(self, kept: Variables) -> Value:
+        """Where nothing behind can matter."""
+
+
+class Look(Behind, Protocol):
+    """What becomes of the samples of rays."""
 
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """Take runs of whole slabs; how many slabs were taken.
@@ -53,12 +63,6 @@ class Look(Protocol):
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """What shares of slabs come to, where they are drawn; `only`: the ray has no other slab."""
-
-    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
-        """Put what windows come to behind what is kept, where it is drawn."""
-
-    def is_done(self, kept: Variables) -> Value:
-        """Where nothing behind can matter."""
 
 
 class March:

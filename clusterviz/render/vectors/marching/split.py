@@ -15,7 +15,7 @@ from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import keeps, kept_range
 from clusterviz.render.vectors.marching.faces import Faces
-from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.marching.march import Behind, Four, Variables
 from clusterviz.render.vectors.marching.place import GROUP_SHIFT, VOXEL_SHIFT, WHOLE_BRICK, Places
 from clusterviz.render.vectors.marching.rays import FAR, Rays, packet_rays
 from clusterviz.render.vectors.marching.state import NEVER, Layout, Packet
@@ -25,17 +25,11 @@ SPLIT: Layout = (("along", F64, 1), ("until", F64, 1))
 """How far along rays are, and where they leave the box, the volume, or what planes keep."""
 
 
-class SplitLook(Protocol):
+class SplitLook(Behind, Protocol):
     """What becomes of parts of slabs."""
 
     def parts(self, spot: Spot, slab: Vector, begin: Value, leave: Value) -> tuple[Four, Value, Value]:
         """What parts of slabs come to from places on, up to where rays leave; how far they come, how many parts."""
-
-    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
-        """Put a run behind what is kept, where it is drawn."""
-
-    def is_done(self, kept: Variables) -> Value:
-        """Where nothing behind can matter."""
 
 
 class SplitMarch:
