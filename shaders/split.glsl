@@ -64,7 +64,9 @@ vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
     double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
     dvec2 box = in_box(ray);
     double s = max(max(double(k), shift), box.x);
-    double end = min((ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), min(double(ray.end), box.y));
+    double past = (ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), end = min(past, min(double(ray.end), box.y));
+    // Rounding must not put a ray's ends behind the volume's faces, into cells that are none.
+    double first = shift + 1e-6LF, last = past - 1e-6LF;
     int iterations = 0;
     // A dispatch may end at a whole number only.
     while (s < end && !is_done(sum) && !(iterations >= ITERATIONS && s == floor(s))) {
@@ -98,10 +100,10 @@ vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
         int limit = iterations < ITERATIONS ? LONGEST_RUN : 1, passed = 0;
         vec4 run = vec4(0.0);
         double from = s;
-        Class front = class_at(scalar_at(start, place.cell, beyond));
+        Class front = class_at(scalar_at(start, place.cell, beyond + float(max(s, first) - s) * slab));
         while (from < leave && passed < limit) {
             double to = min(floor(from) + 1.0LF, leave);
-            Class back = class_at(scalar_at(start, place.cell, beyond + float(to - s) * slab));
+            Class back = class_at(scalar_at(start, place.cell, beyond + float(min(to, last) - s) * slab));
             vec3 middle = beyond + float(0.5LF * (from + to) - s) * slab;
             take_slab(run, front, back, frame.optics.x * float(to - from), place, middle);
             front = back;

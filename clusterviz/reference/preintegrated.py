@@ -22,7 +22,7 @@ from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays
-from clusterviz.reference.slabs import pieces_of, slabs
+from clusterviz.reference.slabs import in_brick, pieces_of, slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
@@ -42,8 +42,9 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
     """The colours of some rays, (n, 4).
 
     Whether a slab is clipped is its midpoint's matter. With `quality.borders: split` slabs are cut at the faces of
-    bricks of `cluster.brick` cells. The light of each part is that of its midpoint; an end without a scalar has the
-    midpoint's, and a part whose midpoint has none either is transparent.
+    bricks of `cluster.brick` cells. A part knows the cells of its own brick alone, at its ends, too: voxels behind a
+    face are of no account. The light of each part is that of its midpoint; an end without a scalar has the midpoint's,
+    and a part whose midpoint has none either is transparent.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
@@ -55,7 +56,8 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
         for part in pieces_of(slab, rays, voxels.shape, brick):
             middle, known = sample(voxels, *part.point.T)
-            ends = [sample(voxels, *(start + t[:, None] * direction).T) for t in (part.begin, part.end)]
+            places = (in_brick(start + t[:, None] * direction, part.point, brick) for t in (part.begin, part.end))
+            ends = [sample(voxels, *place.T) for place in places]
             front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
             seen = (known | (ends[0][1] & ends[1][1])) & whole
             way = np.where(seen, part.end - part.begin, 0)

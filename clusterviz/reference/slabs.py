@@ -84,3 +84,11 @@ def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | N
     ordered = np.sort(np.clip(cuts, slab.begin, slab.end), axis=0)
     for begin, end in pairwise(ordered):
         yield Slab(slab.rays, begin, end, start + (begin + (end - begin) / 2)[:, None] * direction)
+
+
+def in_brick(point: Floats, beside: Floats, brick: int | None) -> Floats:
+    """Points, float64 (m, 3), moved by rounding's worth into the bricks of others, [first cell, first of the next)."""
+    if brick is None:
+        return point
+    first = np.floor(beside / brick) * brick
+    return np.clip(point, first, np.nextafter(first + brick, first))

@@ -60,6 +60,16 @@ def test_pictures_are_those_of_the_witness(
             assert np.abs(found - expected).max() <= BOUND
 
 
+def test_invalid_voxels_behind_a_face_are_of_no_account(context: moderngl.Context) -> None:
+    """And where rays enter by the volume's far faces, those in front of these are."""
+    voxels = noise()
+    voxels[np.random.default_rng(3).random(SHAPE) < 0.1] = np.nan
+    scene = split_scene(voxels, "outside", 5, clim=(-0.8, 0.8))
+    expected = render_reference(scene, GRID, voxels)
+    for found in pictures(context, scene, voxels, brick=5):
+        assert np.abs(found - expected).max() <= BOUND
+
+
 @pytest.mark.parametrize("camera", ["outside", "inside", "on-a-face", "parallel-along-an-axis"])
 def test_boxes_of_the_same_bricks_make_the_same_picture(context: moderngl.Context, camera: str) -> None:
     voxels = noise(dtype="uint8")

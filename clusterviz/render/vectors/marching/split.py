@@ -152,14 +152,16 @@ class BrickPlaces(Places):
         return code.most(along, code.select(ahead < leave, whole, code.most(whole, leave)))
 
     def _spot(self, position: Vector, first: Vector, start: Value) -> Spot:
-        code, cells = self._code, []
+        code, cells, high = self._code, [], []
         for axis, at in enumerate(position):
-            last = code.least(first[axis] + self._brick - 1, self._job.part("cells", axis) - 1)
+            in_brick, in_volume = first[axis] + self._last[axis], self._job.part("cells", axis) - 1
+            last = code.least(first[axis] + self._brick - 1, in_volume)
             cells.append(code.least(code.most(code.call("floor", at), first[axis].to(F64)).to(I32), last))
+            # Rays begin and end on the volume's faces, which belong to the cells before them.
+            high.append((code.least(in_brick, in_volume) - cells[axis]).to(F32))
         local = [cell - begin for cell, begin in zip(cells, first, strict=True)]
         beyond = [(at - cell.to(F64)).to(F32) for at, cell in zip(position, cells, strict=True)]
         low = [(self._first - at).to(F32) for at in local]
-        high = [(last - at).to(F32) for last, at in zip(self._last, local, strict=True)]
         # Rays that lie nowhere read some brick, too.
         some = code.select(start.equals(0), self._job["some_brick"], start)
         voxel = some + (self._voxel(_three(local)) << VOXEL_SHIFT).to(I64)
