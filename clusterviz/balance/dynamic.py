@@ -65,6 +65,7 @@ class Balance:
     target : who should draw what
     migration : who draws what now, and what is in flight
     recalled : int64 (ranks,), bricks that each rank is told to take before this frame and has in its cache
+    wire_bytes : int64 (bz, by, bx), what sending a brick takes
     """
 
     measured: Measured
@@ -73,6 +74,7 @@ class Balance:
     target: Owners
     migration: Migration
     recalled: NDArray[np.int64]
+    wire_bytes: NDArray[np.int64]
 
 
 def first_owners(model: Costs, ranks: int, policy: Policy, eye: Place = AFAR) -> Owners:
@@ -80,14 +82,22 @@ def first_owners(model: Costs, ranks: int, policy: Policy, eye: Place = AFAR) ->
     return front_owners(search_tree(model, ranks), model, eye, _atoms(policy, model.shape))
 
 
-def begin(model: Costs, ranks: int, brick_bytes: NDArray[np.int64], policy: Policy, eye: Place = AFAR) -> Balance:
+def begin(
+    model: Costs,
+    ranks: int,
+    brick_bytes: NDArray[np.int64],
+    policy: Policy,
+    eye: Place = AFAR,
+    wire_bytes: NDArray[np.int64] | None = None,
+) -> Balance:
     """Before the first frame: fronts by the model.
 
     Parameters
     ----------
     model : float64 (bz, by, bx), expected cost of each brick; above 0 where it has something to show
-    brick_bytes : int64 (bz, by, bx), 0 for bricks that have nothing to show
+    brick_bytes : int64 (bz, by, bx), what holding a brick takes; 0 for those that have nothing to show
     eye : as of `eye_place`
+    wire_bytes : of the same shape, what sending a brick takes; None: as much
 
     Raises
     ------
@@ -97,7 +107,8 @@ def begin(model: Costs, ranks: int, brick_bytes: NDArray[np.int64], policy: Poli
     owners = first_owners(model, ranks, policy, eye)
     migration = settled(owners, brick_bytes, policy.limit_bytes)
     tree = search_tree(model, ranks)
-    return Balance(unmeasured(tree.shape_zyx), tree, model, owners, migration, np.zeros(ranks, np.int64))
+    wire = brick_bytes if wire_bytes is None else wire_bytes
+    return Balance(unmeasured(tree.shape_zyx), tree, model, owners, migration, np.zeros(ranks, np.int64), wire)
 
 
 def land(balance: Balance, arrived: Collection[Index]) -> Balance:
@@ -157,7 +168,7 @@ def _unheld_moved(balance: Balance) -> Migration:
 
 def _wish(balance: Balance, cost: Costs, policy: Policy) -> Wish:
     migration, target = balance.migration, balance.target
-    wire = migration.brick_bytes.copy()
+    wire = balance.wire_bytes.copy()
     for rank, bricks in enumerate(migration.cached):
         for brick in bricks:
             if target.owner[brick] == rank:

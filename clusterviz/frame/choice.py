@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.dynamic import Dynamic
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.interleaved import Interleaved
 from clusterviz.frame.mode import candidates
-from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
 from clusterviz.frame.replicated import Replicated
-from clusterviz.frame.run import Run
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
-from clusterviz.report.machine import memory
 from clusterviz.report.sharing import Forecast, Sharing
 from clusterviz.scene.values import Cluster, Scene
 
@@ -44,17 +44,17 @@ def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
     return candidates(ranks) if cluster.mode == "auto" and several and _leaves_open(scene) else [1]
 
 
-def distribution_of(cluster: Cluster, ranks: int, groups: int, limit_bytes: int, several: bool) -> Distribution:
+def distribution_of(cluster: Cluster, ranks: int, groups: int, holding: Holding, several: bool) -> Distribution:
     """Who draws what, where a number of groups share the screen.
 
     Parameters
     ----------
-    limit_bytes : of bricks that every rank may hold, as `memory_limit` gives it; for a shared screen
+    holding : what every rank may hold; sort-last keeps to what the scene says of that
     """
     if groups == 1 and cluster.mode in ("auto", "sort-last"):
-        return _of_data(cluster, ranks)
+        return _of_data(cluster, ranks, replace(holding, limit_bytes=cluster.memory_limit))
     settings = TileSettings(_strategy(cluster, several), cluster.tile, cluster.repetitions)
-    return SharedScreen(rank_groups(ranks, groups), settings, limit_bytes, several)
+    return SharedScreen(rank_groups(ranks, groups), settings, holding, several)
 
 
 def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> Sharing:
@@ -64,14 +64,6 @@ def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> S
     return Sharing("sort-last", 1, forecasts)
 
 
-def memory_limit(run: Run, cluster: Cluster) -> int:
-    """Bytes of bricks that every rank may hold: as the scene says, or the smallest share of free memory; collective."""
-    if cluster.memory_limit is not None:
-        return cluster.memory_limit
-    mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
-    return -run.channel.maximum(-int(mine))
-
-
 def _leaves_open(scene: Scene) -> bool:
     """Whether nothing was said that belongs to sort-last."""
     cluster = scene.cluster
@@ -79,18 +71,17 @@ def _leaves_open(scene: Scene) -> bool:
     return said == ("auto", "auto", "auto") and not scene.quality.leaping
 
 
-def _of_data(cluster: Cluster, ranks: int) -> Distribution:
+def _of_data(cluster: Cluster, ranks: int, holding: Holding) -> Distribution:
     """The sort-last distribution that a scene names."""
-    limit = cluster.memory_limit
     match cluster.distribution:
         case "interleaved":
-            return Interleaved(ranks, limit)
+            return Interleaved(ranks, holding)
         case "replicated":
-            return Replicated(ranks, cluster.copies, limit)
+            return Replicated(ranks, cluster.copies, holding)
         case "dynamic":
-            return Dynamic(ranks, limit, cluster.migration_bytes, cluster.migration_share)
+            return Dynamic(ranks, holding, cluster.migration_bytes, cluster.migration_share)
         case _:
-            return Coherent(ranks, limit)
+            return Coherent(ranks, holding)
 
 
 def _strategy(cluster: Cluster, several: bool) -> str:

@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from clusterviz.composite.model.network import default_network
-from clusterviz.frame.choice import distribution_of, groups_of, memory_limit, sharing_of
+from clusterviz.frame.choice import distribution_of, groups_of, sharing_of
 from clusterviz.frame.companion import Companion, companion_of
 from clusterviz.frame.dealing import plan_frame
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.holding import holding_of
 from clusterviz.frame.mode import choose, forecast, held_bytes
 from clusterviz.frame.prepass import UNKNOWN, leaf_bricks, sound
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.plan.plan import Plan
-from clusterviz.render.storage import brick_bytes
 from clusterviz.report.sharing import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
@@ -57,10 +57,9 @@ class Choosing:
         self._cluster, ranks = scene.cluster, run.channel.size
         with run.alone("plan", "plan"):
             self._among = groups_of(scene, ranks, several)
-        self._limit = 0
-        if opened is not None and (self._among != [1] or self._cluster.mode in ("sort-first", "hybrid")):
-            with run.together("plan", "plan"):
-                self._limit = memory_limit(run, self._cluster)
+        shares_screen = self._among != [1] or self._cluster.mode in ("sort-first", "hybrid")
+        with run.together("plan", "plan"):
+            self._holding = holding_of(run, self._cluster, shares_screen)
         self._is_open = opened is not None and len(self._among) > 1
         self._groups = self._among[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
@@ -83,7 +82,7 @@ class Choosing:
         with run.alone("plan", "plan"):
             scene = complete_scene(scene, opened.facts)
             plan = plan_frame(opened, scene, last)
-            fitting = [n for n in self._among if held_bytes(plan, run.channel.size, n) <= self._limit]
+            fitting = [n for n in self._among if self._fits(held_bytes(plan, self._holding, run.channel.size, n))]
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
             found = self._forecasts(opened, scene, plan, fitting, last)
@@ -113,11 +112,15 @@ class Choosing:
     def _is_due(self) -> bool:
         return self._frames >= PAUSE and self._has_changed
 
+    def _fits(self, held: int) -> bool:
+        limit = self._holding.limit_bytes
+        return limit is None or held <= limit
+
     def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
         """Begin with a number of groups."""
         self.close()
         ranks = self._run.channel.size
-        self.distribution = distribution_of(self._cluster, ranks, groups, self._limit, self._several)
+        self.distribution = distribution_of(self._cluster, ranks, groups, self._holding, self._several)
         self.companion = companion_of(self._run, self._drawing, self.distribution, self._several)
         self.sharing = sharing_of(self.distribution, found)
 
@@ -131,15 +134,15 @@ class Choosing:
         holds = last.holds if last else frozenset()
         with run.alone("plan", "plan"):
             bricks = leaf_bricks(plan, channel.rank, channel.size) | holds
-            held = len(bricks) * int(brick_bytes(plan).max())
-        if last and channel.maximum(held) > self._limit:
+            held = len(bricks) * int(self._holding.brick_bytes(plan).max())
+        if last and not self._fits(channel.maximum(held)):
             return ()
         sounding = sound(run, self._drawing, opened, scene, plan, holds, self._seconds_per_sample)
         told: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
         with run.alone("plan", "choose"):
             if sounding is not None:
                 network = default_network(len(nodes))
-                found = tuple(forecast(plan, nodes, groups, network, sounding) for groups in among)
+                found = tuple(forecast(plan, self._holding, nodes, groups, network, sounding) for groups in among)
                 told = found, sounding.seconds_per_sample
         with run.together("plan", "choose"):
             found, seconds = channel.broadcast(told)

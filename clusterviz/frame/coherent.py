@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from clusterviz.data.source import Index
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.standing import Standing
 from clusterviz.partition import BspTree, Piece, bricks_of, build_tree, leaf_pieces, owners_of
 from clusterviz.plan.plan import Plan
@@ -17,12 +18,12 @@ class Coherent:
     Parameters
     ----------
     ranks : how many there are
-    limit_bytes : of bricks that a rank may hold; None: any
+    holding : what a rank may hold
     """
 
-    def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
+    def __init__(self, ranks: int, holding: Holding) -> None:
         self._tree = Standing[BspTree](
-            ranks, limit_bytes, build_tree, lambda tree, amount: owners_of(tree).sums(amount), bricks_of
+            ranks, holding, build_tree, lambda tree, amount: owners_of(tree).sums(amount), bricks_of
         )
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:

@@ -54,7 +54,7 @@ class Drawing:
         run, plan, holds = self._run, share.plan, share.holds
         if plan is None:
             return
-        caster = self._caster = self._caster or LastingCaster()
+        caster = self._caster = self._caster or LastingCaster(share.scene.cluster.memory_limit)
         caster.keep(holds)
         taken = self._taken_for(plan, holds)
         missing = caster.missing(plan, holds) - taken.keys()

@@ -34,9 +34,10 @@ from clusterviz.balance import (
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
+from clusterviz.frame.holding import Holding
 from clusterviz.partition import NOBODY, Owners, Piece, Place, eye_place, owner_pieces
 from clusterviz.plan.plan import Plan, shows_more
-from clusterviz.render.storage import brick_bytes
+from clusterviz.render.storage import slot_of
 from clusterviz.report.statistics import RankFrame
 
 EVEN_SHARES = 3  # that a rank may hold where no limit is given: its own bricks, others to come, and a cache
@@ -52,7 +53,7 @@ class Dynamic:
     Parameters
     ----------
     ranks : how many there are
-    limit_bytes : of bricks that a rank may hold; None: thrice an even share
+    holding : what a rank may hold: thrice an even share where nothing is said
     budget_bytes : of bricks that all ranks together may send in a frame; None: a share of all
     share : of a frame's time that a rank may give to migration
 
@@ -63,13 +64,12 @@ class Dynamic:
     planned_imbalance : busiest over mean of the last deal, as expected
     """
 
-    def __init__(
-        self, ranks: int, limit_bytes: int | None = None, budget_bytes: int | None = None, share: float = WHOLE
-    ) -> None:
-        self._ranks, self._limit_bytes, self._budget_bytes = ranks, limit_bytes, budget_bytes
+    def __init__(self, ranks: int, holding: Holding, budget_bytes: int | None = None, share: float = WHOLE) -> None:
+        self._ranks, self._holding, self._budget_bytes = ranks, holding, budget_bytes
         self._balance: Balance | None = None
         self._model: tuple[Plan, NDArray[np.float64]] | None = None
         self._sizes: NDArray[np.int64] = np.zeros((1, 1, 1), np.int64)
+        self._wire = self._sizes
         self._policy, self._pace = Policy(0, 0), Pace(share)
         self.share = share
         self.beginnings = 0
@@ -145,21 +145,22 @@ class Dynamic:
         """A tree by what is expected, and by what is known from frames before bricks were dealt anew."""
         measured = self._balance.measured if self._balance else unmeasured(plan.layout.counts_zyx)
         # Bricks that were shown once may be shown again.
-        sizes = self._sizes = np.maximum(self._sizes, brick_bytes(plan))
+        sizes = self._sizes = np.maximum(self._sizes, self._holding.brick_bytes(plan))
+        wire = self._wire = np.where(sizes > 0, slot_of(plan).sample_bytes, 0).astype(np.int64)
         cost = predict(measured, model, sizes > 0)
 
         def shares(ranks: int) -> NDArray[np.int64]:
             return first_owners(cost, ranks, Policy(0, 0), _eye(plan)).sums(sizes)
 
-        check_memory(shares, self._ranks, sizes, self._limit_bytes)
+        check_memory(shares, self._ranks, sizes, self._holding.limit_bytes)
         largest = int(shares(self._ranks).max())
-        limit = self._limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
-        if self._budget_bytes is not None and self._budget_bytes < sizes.max():
-            found, allowed = f"{self._budget_bytes} bytes", f"{sizes.max()} bytes or more, which a brick takes"
+        limit = self._holding.limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
+        if self._budget_bytes is not None and self._budget_bytes < wire.max():
+            found, allowed = f"{self._budget_bytes} bytes", f"{wire.max()} bytes or more, which a brick takes"
             raise InputError("cannot carry one brick", where="cluster.migration_bytes", found=found, allowed=allowed)
         self._policy = Policy(self._share(BUDGET), limit, unit=UNIT, refined=True)
         self.beginnings += 1
-        return replace(begin(cost, self._ranks, sizes, self._policy, _eye(plan)), measured=measured)
+        return replace(begin(cost, self._ranks, sizes, self._policy, _eye(plan), wire), measured=measured)
 
     def _hurried(self, model: NDArray[np.float64]) -> Policy:
         """More may be sent where the view or the cost has jumped: uneven frames cost more than messages."""
@@ -167,18 +168,18 @@ class Dynamic:
         cost = predict(self._balance.measured, model, self._sizes > 0)
         far = self._balance.migration.landed.imbalance(cost) > FAR_FROM_EVEN
         budget, under_way = self._share(JUMP_BUDGET if far else BUDGET), self._under_way()
-        affordable = self._pace.affordable_bytes(self._ranks, under_way, int(self._sizes.max()))
+        affordable = self._pace.affordable_bytes(self._ranks, under_way, int(self._wire.max()))
         return replace(self._policy, budget_bytes=budget if affordable is None else min(budget, affordable))
 
     def _under_way(self) -> int:
         """Bytes of bricks that have been sent, or shall be."""
         assert self._balance, "something was planned"
         flights = self._balance.migration.flights
-        return sum(int(self._sizes[flight.brick]) for flight in flights if flight.stage != "held")
+        return sum(int(self._wire[flight.brick]) for flight in flights if flight.stage != "held")
 
     def _share(self, share: float) -> int:
         """Bytes a frame, at least a brick."""
-        return self._budget_bytes or max(int(self._sizes.max()), int(share * int(self._sizes.sum())))
+        return self._budget_bytes or max(int(self._wire.max()), int(share * int(self._wire.sum())))
 
 
 def _eye(plan: Plan) -> Place:

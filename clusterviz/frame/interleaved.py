@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clusterviz.data.source import Index
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.standing import Standing
 from clusterviz.partition import Owners, Piece, interleave, owner_pieces
 from clusterviz.partition.bsp import Costs
@@ -22,12 +23,12 @@ class Interleaved:
     Parameters
     ----------
     ranks : how many there are
-    limit_bytes : of bricks that a rank may hold; None: any
+    holding : what a rank may hold
     """
 
-    def __init__(self, ranks: int, limit_bytes: int | None = None) -> None:
+    def __init__(self, ranks: int, holding: Holding) -> None:
         self._owners = Standing[Owners](
-            ranks, limit_bytes, _dealt, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
+            ranks, holding, _dealt, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
         )
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:

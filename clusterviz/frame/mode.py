@@ -17,13 +17,13 @@ from clusterviz.composite.model.choice import Wanted, fastest
 from clusterviz.composite.model.moves import Scene
 from clusterviz.composite.model.network import Network
 from clusterviz.composite.model.prediction import place_ranks, predict
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_ranks
 from clusterviz.image.region import EMPTY
 from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.render.drawn import footprint
-from clusterviz.render.storage import brick_bytes
 from clusterviz.report.sharing import Forecast
 
 LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
@@ -37,16 +37,17 @@ def candidates(ranks: int) -> list[int]:
     return sorted({1, *(ranks // size for size in sizes), *(-(-ranks // size) for size in sizes)})
 
 
-def held_bytes(plan: Plan, ranks: int, groups: int) -> int:
+def held_bytes(plan: Plan, holding: Holding, ranks: int, groups: int) -> int:
     """Bytes of bricks of the rank that holds most: the smallest group may come to see all that is shown."""
-    return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(brick_bytes(plan)).max())
+    return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(holding.brick_bytes(plan)).max())
 
 
-def forecast(plan: Plan, nodes: Nodes, groups: int, network: Network, sounding: Sounding) -> Forecast:
+def forecast(plan: Plan, holding: Holding, nodes: Nodes, groups: int, network: Network, sounding: Sounding) -> Forecast:
     """What a number of groups should take and hold.
 
     Parameters
     ----------
+    holding : how bricks are counted
     nodes : the ranks of each
     groups : 1 … ranks, whose sizes differ by one at most
     sounding : what a pre-pass found
@@ -55,7 +56,7 @@ def forecast(plan: Plan, nodes: Nodes, groups: int, network: Network, sounding: 
     samples = samples_of_ranks(sounding, plan, rank_groups(ranks, groups))
     drawing = drawing_seconds(sounding, samples, nodes)
     compositing = compositing_seconds(plan, nodes, groups, network)
-    return Forecast(groups, float(samples.max()), drawing, compositing, held_bytes(plan, ranks, groups))
+    return Forecast(groups, float(samples.max()), drawing, compositing, held_bytes(plan, holding, ranks, groups))
 
 
 def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network) -> float:

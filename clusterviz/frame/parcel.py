@@ -59,7 +59,7 @@ class Parcels:
     @property
     def stream_bytes(self) -> int:
         """Of a brick: its samples, its ranges, and what fills the last pixel."""
-        return -(-(self._sample_bytes + self.range_bytes) // self._pixel_bytes) * self._pixel_bytes
+        return -(-(self.slot.sample_bytes + self.range_bytes) // self._pixel_bytes) * self._pixel_bytes
 
     @property
     def pieces(self) -> int:
@@ -90,7 +90,7 @@ class Parcels:
             samples[:, :, x:] = samples[:, :, x - 1 : x]
         parts = [stored.low, stored.high] if stored.bend is None else [stored.low, stored.high, stored.bend]
         ranges = np.concatenate([_bytes(part) for part in parts])
-        found[self._sample_bytes : self._sample_bytes + ranges.size] = ranges
+        found[self.slot.sample_bytes : self.slot.sample_bytes + ranges.size] = ranges
         return found
 
     def wrap(self, brick: Index, voxels: int, stream: Bytes, number: int, pack: Pack) -> Bytes:
@@ -120,7 +120,7 @@ class Parcels:
 
     def brick(self, stream: Bytes, voxels: int) -> Stored:
         """The brick of a whole stream, in whose memory its samples stay."""
-        ranges = stream[self._sample_bytes : self._sample_bytes + self.range_bytes]
+        ranges = stream[self.slot.sample_bytes : self.slot.sample_bytes + self.range_bytes]
         groups, shape = self.slot.groups_zyx, self._range_shape
         side = int(np.prod(shape)) * self.dtype.itemsize
         low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(shape) for begin in (0, side))
@@ -130,20 +130,14 @@ class Parcels:
     def _samples(self, stream: Bytes) -> NDArray[Any]:
         """The part of a stream that is samples, (z, y, x), or of several volumes the words of the slot."""
         if self.slot.parts:
-            return stream[: self._sample_bytes].view(np.uint32)
-        return stream[: self._sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
+            return stream[: self.slot.sample_bytes].view(np.uint32)
+        return stream[: self.slot.sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
 
     @property
     def _range_shape(self) -> tuple[int, ...]:
         """Of the lows, and of the highs."""
         volumes = (len(self.slot.parts),) if self.slot.parts else ()
         return (*volumes, *self.slot.groups_zyx)
-
-    @property
-    def _sample_bytes(self) -> int:
-        if self.slot.parts:
-            return self.slot.bytes
-        return int(np.prod(self.slot.samples_zyx)) * PIXEL[self.slot.kind].itemsize
 
     @property
     def _pixel_bytes(self) -> int:

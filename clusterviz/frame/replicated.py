@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from clusterviz.balance import expected_samples, measure, predict, rank_costs, unmeasured
 from clusterviz.data.source import Index
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.standing import Standing
 from clusterviz.partition import Owners, Piece, Replicas, build_tree, owner_pieces, replicate, responsible
 from clusterviz.partition.bsp import Costs
@@ -26,14 +27,14 @@ class Replicated:
     ----------
     ranks : how many there are
     copies : ranks that hold each brick; no more than there are
-    limit_bytes : of bricks that a rank may hold; None: any
+    holding : what a rank may hold
     """
 
-    def __init__(self, ranks: int, copies: int, limit_bytes: int | None = None) -> None:
+    def __init__(self, ranks: int, copies: int, holding: Holding) -> None:
         def dealt(cost: Costs, among: int) -> Replicas:
             return replicate(build_tree(cost, among), min(copies, among))
 
-        self._held = Standing[Replicas](ranks, limit_bytes, dealt, Replicas.sums, _bricks)
+        self._held = Standing[Replicas](ranks, holding, dealt, Replicas.sums, _bricks)
         self._replicas: Replicas | None = None
         self._measured = unmeasured((1, 1, 1))
         self._owners: Owners | None = None

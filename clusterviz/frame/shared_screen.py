@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from clusterviz.balance import expected_samples
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.tiling import TileSettings, Tiling
 from clusterviz.partition import BrickBox, BspTree, Piece, build_tree, front_to_back, owners_of
 from clusterviz.partition.bsp import Costs, trim
 from clusterviz.partition.screen import CostMap, Mosaic, RankGroups, bricks_seen
 from clusterviz.plan.plan import Plan, shows_more
-from clusterviz.render.storage import brick_bytes
 from clusterviz.report.statistics import RankFrame
 
 UNEVEN = 1.3  # a group's tree stays until its busiest rank has so many times what a new tree would give it
@@ -37,13 +37,14 @@ class SharedScreen:
     ----------
     groups : the ranks of each
     settings : how tiles are dealt
-    limit_bytes : of bricks a rank, the same on every rank
+    holding : what a rank may hold: there is a limit
     several : whether more than one frame may come, for which bricks are kept
     """
 
-    def __init__(self, groups: RankGroups, settings: TileSettings, limit_bytes: int, several: bool) -> None:
+    def __init__(self, groups: RankGroups, settings: TileSettings, holding: Holding, several: bool) -> None:
         self._groups, self._several = groups, several
-        self._brick_bytes, self._limit_bytes = 0, limit_bytes
+        assert holding.limit_bytes is not None, "more is held where tiles move"
+        self._holding, self._brick_bytes, self._limit_bytes = holding, 0, holding.limit_bytes
         self.tiling = Tiling(settings, tuple(map(len, groups)))
         self._trees: list[BspTree] = []
         self._dealt: Costs | None = None
@@ -69,7 +70,7 @@ class SharedScreen:
         InputError
             A rank cannot hold what its tiles show.
         """
-        self._shown, self._brick_bytes = plan.cost > 0, int(brick_bytes(plan).max())
+        self._shown, self._brick_bytes = plan.cost > 0, int(self._holding.brick_bytes(plan).max())
         mosaic = self._dealt_out(plan)
         # Windows that do not fit give way to those of the last frame, which may.
         if self._largest(self._seen) > self._limit_bytes and self.tiling.step_back():

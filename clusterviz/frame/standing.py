@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from clusterviz.balance import check_memory
 from clusterviz.data.source import Index
+from clusterviz.frame.holding import Holding
 from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan, shows_more
-from clusterviz.render.storage import brick_bytes
 
 Dealt = TypeVar("Dealt")
 
@@ -26,7 +26,7 @@ class Standing(Generic[Dealt]):
     Parameters
     ----------
     ranks : how many there are
-    limit_bytes : of bricks that a rank may hold; None: any
+    holding : what a rank may hold
     deal : from what bricks cost, and a number of ranks, to who holds them
     sums : each rank's sum, int64 (ranks,), of a whole number per brick that it holds
     bricks : int64 (m, 3), those of a rank by index, of a cost that is 0 for bricks which nobody needs
@@ -35,12 +35,12 @@ class Standing(Generic[Dealt]):
     def __init__(
         self,
         ranks: int,
-        limit_bytes: int | None,
+        holding: Holding,
         deal: Callable[[Costs, int], Dealt],
         sums: Callable[[Dealt, NDArray[np.int64]], NDArray[np.int64]],
         bricks: Callable[[Dealt, int, Costs], NDArray[np.int64]],
     ) -> None:
-        self._ranks, self._limit_bytes = ranks, limit_bytes
+        self._ranks, self._holding = ranks, holding
         self._deal, self._sums, self._bricks = deal, sums, bricks
         self._stands: tuple[Dealt, Costs] | None = None
 
@@ -53,8 +53,8 @@ class Standing(Generic[Dealt]):
             A share does not fit into the memory of a rank.
         """
         if self._stands is None or shows_more(plan, self._stands[1]):
-            cost, sizes = plan.cost, brick_bytes(plan)
-            check_memory(lambda n: self._sums(self._deal(cost, n), sizes), self._ranks, sizes, self._limit_bytes)
+            cost, sizes, limit = plan.cost, self._holding.brick_bytes(plan), self._holding.limit_bytes
+            check_memory(lambda n: self._sums(self._deal(cost, n), sizes), self._ranks, sizes, limit)
             self._stands = self._deal(cost, self._ranks), cost
         return self._stands[0]
 

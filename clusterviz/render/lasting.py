@@ -27,9 +27,15 @@ Index = tuple[int, int, int]
 
 
 class LastingCaster:
-    """What a rank keeps for drawing: its context, where it needs one, and a ray caster for its last plan."""
+    """What a rank keeps for drawing: its context, where it needs one, and a ray caster for its last plan.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    limit_bytes : of bricks, as `Raycaster` keeps to it
+    """
+
+    def __init__(self, limit_bytes: int | None = None) -> None:
+        self._limit_bytes = limit_bytes
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
         self._prefers_processor: bool | None = None
@@ -111,7 +117,7 @@ class LastingCaster:
             return VectorCaster(plan)
         if self._context is None:
             raise ValueError("there is no context yet")
-        return Raycaster(self._context, plan)
+        return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
 
     def _on_processor(self, plan: Plan) -> bool:
         return bool(self._prefers_processor) and can_draw(plan)

@@ -35,10 +35,11 @@ class BrickPool:
     context : a context that this thread has current
     slot : what a brick takes
     capacity : bricks that one residence may hold
+    most : bricks for which there may be room, where no more are needed; None: any
     """
 
-    def __init__(self, context: moderngl.Context, slot: Slot, capacity: int) -> None:
-        self._context, self._slot, self._capacity = context, slot, capacity
+    def __init__(self, context: moderngl.Context, slot: Slot, capacity: int, most: int | None = None) -> None:
+        self._context, self._slot, self._capacity, self._most = context, slot, capacity, most
         self._residences: list[Residence] = []
         self._waiting: dict[Index, Callable[[], Stored]] = {}
 
@@ -127,7 +128,10 @@ class BrickPool:
         """A residence with free slots: the last one, grown, or another."""
         last = self._residences[-1] if self._residences else None
         if last is not None and last.room - last.free + bricks <= self._capacity:
-            room = max(last.room - last.free + bricks, min(self._capacity, int(GROWTH * last.room)))
+            room = min(self._capacity, int(GROWTH * last.room))
+            if self._most is not None:
+                room = min(room, self._most - sum(other.room for other in self._residences[:-1]))
+            room = max(room, last.room - last.free + bricks)
             self._residences[-1] = last.grown(room)
         else:
             self._residences.append(Residence(self._context, self._slot, bricks))

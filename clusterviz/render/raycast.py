@@ -47,6 +47,7 @@ class Raycaster:
     context : a context that this thread has current
     plan : decides the variant, the slots and the encoding of bricks
     block_bytes : GPU buffers no larger than this, for tests
+    limit_bytes : of bricks, beyond which there is no room for others to come; None: any
 
     Attributes
     ----------
@@ -54,10 +55,13 @@ class Raycaster:
     pool : the bricks that are here
     """
 
-    def __init__(self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None) -> None:
+    def __init__(
+        self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None, limit_bytes: int | None = None
+    ) -> None:
         self._context = context
         self.slot = slot_of(plan)
-        self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes))
+        most = None if limit_bytes is None else limit_bytes // self.slot.bytes
+        self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._variant = self.variant_of(plan)
         self._program = compile_compute(context, self._variant.source)
 

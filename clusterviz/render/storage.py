@@ -76,9 +76,14 @@ class Slot:
     @property
     def bytes(self) -> int:
         """Bytes of GPU memory that a brick takes."""
-        if self.textured:
-            return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
-        return 4 * self.words
+        return self.sample_bytes if self.textured else 4 * self.words
+
+    @property
+    def sample_bytes(self) -> int:
+        """Bytes of a brick's samples as they travel; of several volumes those of the slot."""
+        if self.parts:
+            return self.bytes
+        return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
 
     @property
     def groups_zyx(self) -> Index:
@@ -135,11 +140,6 @@ class Slot:
         voxels = words.view(np.uint8).reshape(z, y, self.row_words, 4)
         # Of each word but the last, the fourth voxel is the next one's first.
         return np.concatenate([voxels[..., :3].reshape(z, y, -1), voxels[..., -1, 3:]], axis=2)[..., :x]
-
-
-def brick_bytes(plan: Plan) -> NDArray[np.int64]:
-    """GPU memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
-    return np.where(plan.cost > 0, slot_of(plan).bytes, 0).astype(np.int64)
 
 
 def slot_of(plan: Plan) -> Slot:

@@ -69,7 +69,8 @@ class RankFrame:
     bricks, bricks_drawn : held, and drawn
     bricks_occluded : not drawn, since all rays ended in front of them
     voxels : samples held in memory, overlap included
-    voxel_bytes : GPU memory that they take
+    voxel_bytes : memory that they take where they are drawn: OpenGL's, free room for bricks to come included, or the
+        processor's
     samples : field samples that rays took
     samples_estimate : of these, in a pre-pass that is not shown
     cpu_seconds : processor time of drawing, of all threads of the process

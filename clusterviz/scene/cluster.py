@@ -77,8 +77,9 @@ class Cluster(Section):
     )
     memory_limit: Annotated[int, Field(strict=True, ge=1), BeforeValidator(plain)] | None = Field(
         default=None,
-        description="Bytes of bricks that a rank may hold for drawing; default: any; thrice an even share where the "
-        "distribution is dynamic.",
+        description="Bytes of bricks that a rank may hold for drawing, as they lie there: packed in OpenGL's memory, 4 "
+        "bytes a voxel where the processor draws without it; default: any; thrice an even share where the distribution "
+        "is dynamic.",
     )
     migration_bytes: Annotated[int, Field(strict=True, ge=1), BeforeValidator(plain)] | None = Field(
         default=None,

@@ -112,6 +112,15 @@ def test_bricks_that_nobody_holds_cost_no_budget() -> None:
     assert sum(int(held[flight.brick]) for flight in turned.migration.flights) <= 100
 
 
+def test_what_bricks_take_on_their_way_is_not_what_they_take_where_they_lie() -> None:
+    """The budget is of messages, the limit of memory."""
+    held, wire, policy = 4 * BYTES, BYTES, Policy(1000, 4 * 10**7, unit=1)
+    start = begin(np.ones(BRICKS), 4, held, policy, wire_bytes=wire)
+    turned = steer(learn(start, np.ones(BRICKS), np.array([9.0, 1, 1, 1]), policy), np.ones(BRICKS), policy)
+    assert len(turned.migration.flights) == 10
+    assert turned.migration.pinned_bytes.sum() == held.sum() + 4000
+
+
 @pytest.mark.parametrize(
     "make",
     [

@@ -210,14 +210,16 @@ def test_frames_that_show_and_cost_nothing_are_no_obstacle(monkeypatch: pytest.M
         assert frame.image.any() == (scene is seen)
 
 
-def test_a_memory_limit_is_kept_while_bricks_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Caches give way, the oldest bricks first."""
-    scenes, limit = views(15), 500 * 30
+@pytest.mark.parametrize("device", ["", "0"], ids=["processor", "OpenGL"])
+def test_a_memory_limit_is_kept_while_bricks_move(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caches give way, the oldest bricks first; and OpenGL's buffers leave no more room than may be filled."""
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", device)
+    scenes, limit = views(15), 504 * 30
     at_random(monkeypatch)
     monkeypatch.setattr(dynamic, "rebalance", within(dynamic.rebalance))
     frames = run_loopback(3, lambda channel: draw_all(moving(scenes, memory_limit=limit), channel))[0]
     check(frames, scenes)
-    assert max(rank.bricks for frame in frames for rank in frame.statistics.per_rank) * 500 <= limit
+    assert limit / 2 < max(rank.voxel_bytes for frame in frames for rank in frame.statistics.per_rank) <= limit
 
 
 def within(moves: Callable[..., tuple[Move, ...]]) -> Callable[..., tuple[Move, ...]]:

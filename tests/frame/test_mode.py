@@ -16,6 +16,7 @@ from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.choosing import PAUSE, Choosing
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.holding import Holding
 from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.prepass import sound
@@ -97,7 +98,7 @@ def test_samples_of_ranks_are_foreseen(opaque: tuple[Plan, Sounding]) -> None:
 
 def test_what_is_opaque_asks_for_the_screen_to_be_shared(opaque: tuple[Plan, Sounding]) -> None:
     plan, sounding = opaque
-    found = [forecast(plan, NODES, groups, INSTANT, sounding) for groups in (1, 2, RANKS)]
+    found = [forecast(plan, Holding(), NODES, groups, INSTANT, sounding) for groups in (1, 2, RANKS)]
     assert found[0].samples > 1.2 * found[2].samples
     assert choose(found) == RANKS
 
@@ -105,7 +106,7 @@ def test_what_is_opaque_asks_for_the_screen_to_be_shared(opaque: tuple[Plan, Sou
 def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, Sounding]) -> None:
     """Whoever draws it, the samples are the same, and sharing the screen then gains little."""
     plan, sounding = clear
-    found = [forecast(plan, NODES, groups, INSTANT, sounding) for groups in candidates(RANKS)]
+    found = [forecast(plan, Holding(), NODES, groups, INSTANT, sounding) for groups in candidates(RANKS)]
     total = [samples_of_ranks(sounding, plan, rank_groups(RANKS, each.groups)).sum() for each in found]
     assert total == pytest.approx([total[0]] * len(total), rel=1e-3)
     few = [replace(each, seconds_compositing=0.0, seconds_drawing=each.samples) for each in found]
@@ -115,13 +116,15 @@ def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, Sounding]) ->
 
 def test_slow_links_ask_for_pixels_that_travel_once(clear: tuple[Plan, Sounding]) -> None:
     plan, sounding = clear
-    assert choose([forecast(plan, NODES, groups, SLOW, sounding) for groups in candidates(RANKS)]) == RANKS
+    assert choose([forecast(plan, Holding(), NODES, groups, SLOW, sounding) for groups in candidates(RANKS)]) == RANKS
 
 
 def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan, Sounding]) -> None:
     """The time of a sample is that of the device: where it is short, compositing decides."""
     plan, sounding = opaque
-    quick, slow = (forecast(plan, NODES, 1, SLOW, replace(sounding, seconds_per_sample=each)) for each in (1e-12, 1e-4))
+    quick, slow = (
+        forecast(plan, Holding(), NODES, 1, SLOW, replace(sounding, seconds_per_sample=each)) for each in (1e-12, 1e-4)
+    )
     assert quick.seconds_compositing == slow.seconds_compositing > quick.seconds_drawing
     assert slow.seconds_drawing > slow.seconds_compositing
     assert slow.seconds_drawing == pytest.approx(1e-4 * slow.samples)
@@ -136,7 +139,7 @@ def test_ranks_that_share_cores_wait_for_all_of_them(clear: tuple[Plan, Sounding
 
 
 def test_more_groups_hold_more(clear: tuple[Plan, Sounding]) -> None:
-    held = [held_bytes(clear[0], RANKS, groups) for groups in candidates(RANKS)]
+    held = [held_bytes(clear[0], Holding(), RANKS, groups) for groups in candidates(RANKS)]
     assert held == sorted(held)
     assert held[-1] > 2 * held[0]
 

@@ -1,0 +1,67 @@
+"""What ranks may hold, and how that is counted: as bricks lie where they are drawn.
+
+OpenGL keeps a brick as packed words or texels, the processor's ray caster one word a voxel. Who holds what is decided
+by all ranks alike, before bricks are loaded; where they draw by different means, every brick counts as it lies where it
+takes most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
+from clusterviz.frame.run import Run
+from clusterviz.plan.plan import Plan
+from clusterviz.render.choice import prefers_processor
+from clusterviz.render.storage import Slot, slot_of
+from clusterviz.report.machine import memory
+from clusterviz.scene.values import Cluster
+
+
+@dataclass(frozen=True)
+class Holding:
+    """The same on every rank.
+
+    Attributes
+    ----------
+    limit_bytes : of bricks that a rank may hold; None: any
+    on_processor : some rank draws without OpenGL what it can; not asked where nothing is limited
+    """
+
+    limit_bytes: int | None = None
+    on_processor: bool = False
+
+    def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
+        """Memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
+        from clusterviz.render.vectors.kernel import can_draw
+
+        slot = slot_of(plan)
+        size = laid_out_bytes(slot) if self.on_processor and can_draw(plan) else slot.bytes
+        return np.where(plan.cost > 0, size, 0).astype(np.int64)
+
+
+def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
+    """What a scene allows; collective.
+
+    Parameters
+    ----------
+    shares_screen : whether ranks may share the screen, for which there is always a limit: the smallest share of free
+        memory where the scene names none
+    """
+    limit = cluster.memory_limit
+    if limit is None and shares_screen:
+        mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
+        limit = -run.channel.maximum(-int(mine))
+    if limit is None:
+        return Holding()
+    return Holding(limit, bool(run.channel.maximum(prefers_processor(run.options.device))))
+
+
+def laid_out_bytes(slot: Slot) -> int:
+    """Memory that a brick takes where the processor draws it: a word a voxel, and one behind each volume's."""
+    from clusterviz.render.vectors.memory import VOXEL_BYTES
+
+    return sum(VOXEL_BYTES * (int(np.prod(part.samples_zyx)) + 1) for part in slot.parts or (slot,))
