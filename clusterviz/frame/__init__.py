@@ -165,7 +165,7 @@ class FrameLoop:
 
     def _draw(self, scene: Scene, number: int) -> DrawnFrame:
         scene, accuracy = self._settled(scene)
-        self._choosing.look(scene, self._share)
+        self._choosing.look(scene, self._share, accuracy)
         share = self._share = deal(self._run, self._opened, scene, self._choosing.distribution, self._share)
         companion, sharing = self._choosing.companion, self._choosing.sharing
         if self._opened:

@@ -7,7 +7,7 @@ pre-pass, about one sample in 64 of a small picture. All ranks count alike, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from clusterviz.composite.model.network import default_network
 from clusterviz.frame.choice import distribution_of, groups_of, sharing_of
@@ -18,9 +18,11 @@ from clusterviz.frame.holding import holding_of
 from clusterviz.frame.mode import choose, forecast, held_bytes
 from clusterviz.frame.prepass import UNKNOWN, leaf_bricks, sound
 from clusterviz.frame.run import Run
+from clusterviz.frame.settling import pixel_of
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.plan.plan import Plan
+from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.sharing import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
@@ -67,13 +69,14 @@ class Choosing:
         self.companion: Companion | None = None
         self._take(self._groups or 1, ())
 
-    def look(self, scene: Scene, last: Share | None = None) -> None:
+    def look(self, scene: Scene, last: Share | None = None, accuracy: Accuracy | None = None) -> None:
         """Before a frame: choose, or look again, where that is due; collective.
 
         Parameters
         ----------
         scene : of the frame, with all settings of its quality
         last : the share of the frame before
+        accuracy : of settings that were chosen for the frame; by it, pixels will be, too
         """
         if not self._is_open or (self._groups is not None and not self._is_due):
             return
@@ -85,7 +88,8 @@ class Choosing:
             fitting = [n for n in self._among if self._fits(held_bytes(plan, self._holding, run.channel.size, n))]
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
-            found = self._forecasts(opened, scene, plan, fitting, last)
+            pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
+            found = self._forecasts(opened, scene, plan, pixels, last)
         present, self._frames = self._groups, 0
         chosen = choose(found, present) if found else present or (fitting or self._among)[0]
         if chosen != present:
@@ -124,10 +128,14 @@ class Choosing:
         self.companion = companion_of(self._run, self._drawing, self.distribution, self._several)
         self.sharing = sharing_of(self.distribution, found)
 
+    def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:
+        ranks = self._run.channel.size
+        return scene.quality.pixel if accuracy is None else pixel_of(plan, accuracy, -(-ranks // groups), ranks).value
+
     def _forecasts(
-        self, opened: Opened, scene: Scene, plan: Plan, among: list[int], last: Share | None
+        self, opened: Opened, scene: Scene, plan: Plan, pixels: Mapping[int, str], last: Share | None
     ) -> tuple[Forecast, ...]:
-        """What numbers of groups should take, on every rank; none where the pre-pass has no memory."""
+        """What numbers of groups should take, each with its format of pixels; none where the pre-pass has no memory."""
         run, channel = self._run, self._run.channel
         with run.together("plan", "plan"):
             nodes = channel.nodes()
@@ -142,7 +150,8 @@ class Choosing:
         with run.alone("plan", "choose"):
             if sounding is not None:
                 network = default_network(len(nodes))
-                found = tuple(forecast(plan, self._holding, nodes, groups, network, sounding) for groups in among)
+                what = plan, self._holding, nodes
+                found = tuple(forecast(*what, n, network, sounding, pixel) for n, pixel in pixels.items())
                 told = found, sounding.seconds_per_sample
         with run.together("plan", "choose"):
             found, seconds = channel.broadcast(told)

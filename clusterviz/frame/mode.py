@@ -28,7 +28,6 @@ from clusterviz.report.sharing import Forecast
 
 LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
 LEAST_GAIN_AGAIN = 0.8  # of the time of what is there already, below which it is given up: bricks may have to be read
-PIXEL_BYTES = 16
 
 
 def candidates(ranks: int) -> list[int]:
@@ -42,7 +41,15 @@ def held_bytes(plan: Plan, holding: Holding, ranks: int, groups: int) -> int:
     return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(holding.brick_bytes(plan)).max())
 
 
-def forecast(plan: Plan, holding: Holding, nodes: Nodes, groups: int, network: Network, sounding: Sounding) -> Forecast:
+def forecast(
+    plan: Plan,
+    holding: Holding,
+    nodes: Nodes,
+    groups: int,
+    network: Network,
+    sounding: Sounding,
+    pixel: str = "float32",
+) -> Forecast:
     """What a number of groups should take and hold.
 
     Parameters
@@ -51,15 +58,16 @@ def forecast(plan: Plan, holding: Holding, nodes: Nodes, groups: int, network: N
     nodes : the ranks of each
     groups : 1 … ranks, whose sizes differ by one at most
     sounding : what a pre-pass found
+    pixel : format of partial images
     """
     ranks = sum(map(len, nodes))
     samples = samples_of_ranks(sounding, plan, rank_groups(ranks, groups))
     drawing = drawing_seconds(sounding, samples, nodes)
-    compositing = compositing_seconds(plan, nodes, groups, network)
+    compositing = compositing_seconds(plan, nodes, groups, network, pixel)
     return Forecast(groups, float(samples.max()), drawing, compositing, held_bytes(plan, holding, ranks, groups))
 
 
-def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network) -> float:
+def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network, pixel: str) -> float:
     """What joining the partial images of a number of groups should take; tiles are taken to be even among them."""
     ranks = sum(map(len, nodes))
     tree = build_tree(plan.cost, ranks // groups)
@@ -68,12 +76,12 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network)
     canvas = EMPTY
     for rect in rects:
         canvas = canvas.unite(rect)
-    places, pixels = place_ranks(range(ranks), nodes), max(1, canvas.pixels)
+    places, pixels, size = place_ranks(range(ranks), nodes), max(1, canvas.pixels), 4 * np.dtype(pixel).itemsize
     if groups == ranks:
-        scene = Scene(ranks, pixels, 1 / ranks, 1 / ranks, PIXEL_BYTES, True)
+        scene = Scene(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
         return predict("serial", "messages", scene, places, network)
     covers = np.array([rect.pixels for rect in rects] or [0]) / pixels / groups
-    scene = Scene(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), PIXEL_BYTES, True)
+    scene = Scene(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), size, True)
     return fastest(Wanted("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
 
 

@@ -20,6 +20,7 @@ from clusterviz.frame.share import Share
 from clusterviz.frame.small_picture import Draw
 from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
 from clusterviz.plan.leftover import Picked, pick_pixel
+from clusterviz.plan.plan import Plan
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.scene.difference import check_same_volume
 from clusterviz.scene.values import Scene
@@ -94,13 +95,17 @@ def with_pixel(share: Share, accuracy: Accuracy, ranks: int) -> tuple[Share, Acc
     assert share.plan is not None, "only what shows a volume has settings to choose"
     # Images of one window may lie behind each other; where nobody shares the screen, there is a single one.
     images = max(Counter(piece.window for piece in share.pieces).values(), default=0)
-    bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
-    left = accuracy.max_error - accuracy.error
-    picked = pick_pixel(bounds, left, ranks, share.plan.look.operator == "over")
+    picked = pixel_of(share.plan, accuracy, images, ranks)
     quality = share.scene.quality.model_copy(update={"pixel": picked.value})
     reasons = {**accuracy.reasons, "pixel": picked.reason}
     told = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
     return replace(share, scene=share.scene.model_copy(update={"quality": quality})), told
+
+
+def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
+    """The format of partial images of which so many may lie behind each other, by what is left of the bound."""
+    bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
+    return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.look.operator == "over")
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:

@@ -17,7 +17,7 @@ from clusterviz.frame.choosing import PAUSE, Choosing
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.holding import Holding
-from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
+from clusterviz.frame.mode import candidates, choose, compositing_seconds, forecast, held_bytes
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.prepass import sound
 from clusterviz.frame.shared_screen import SharedScreen
@@ -26,6 +26,7 @@ from clusterviz.image import compare
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.leftover import Picked
 from clusterviz.plan.plan import Plan
+from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.sharing import Forecast
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complete import complete_scene
@@ -117,6 +118,47 @@ def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, Sounding]) ->
 def test_slow_links_ask_for_pixels_that_travel_once(clear: tuple[Plan, Sounding]) -> None:
     plan, sounding = clear
     assert choose([forecast(plan, Holding(), NODES, groups, SLOW, sounding) for groups in candidates(RANKS)]) == RANKS
+
+
+@pytest.mark.parametrize("groups", [1, 2, RANKS])
+def test_pixels_of_fewer_bits_take_less_to_join(clear: tuple[Plan, Sounding], groups: int) -> None:
+    plan, sounding = clear
+    slow = replace(SLOW, seconds_per_byte=1e-3)
+    full, half, quarter = (
+        forecast(plan, Holding(), NODES, groups, slow, sounding, pixel).seconds_compositing
+        for pixel in ("float32", "float16", "uint8")
+    )
+    assert full == pytest.approx(2 * half, rel=1e-3)
+    assert full == pytest.approx(4 * quarter, rel=1e-3)
+
+
+ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "accuracy", "share"),
+    [({"pixel": "float16"}, None, 2), ({}, ACCURACY, 4), ({}, replace(ACCURACY, error=0.1), 1)],
+    ids=["named", "by what is left of a bound", "no bits less, where nothing is left"],
+)
+def test_the_pixels_of_the_frame_are_those_that_are_weighed(
+    settings: dict[str, Any], accuracy: Accuracy | None, share: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = replace(SLOW, seconds_per_byte=1e-3)
+    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: slow)
+
+    def told(channel: Channel) -> tuple[list[float], list[float]]:
+        run = Run(channel, CPU)
+        opened = open_volumes(run, scene_of(settings), SOURCE)
+        assert opened is not None
+        scene = complete_scene(scene_of(settings), opened.facts)
+        choosing = Choosing(run, Drawing(run), opened, scene, True)
+        choosing.look(scene, accuracy=accuracy)
+        found, plan = choosing.sharing.forecasts, opened.plan(scene)
+        floats = [compositing_seconds(plan, NODES, each.groups, slow, "float32") for each in found]
+        return floats, [each.seconds_compositing for each in found]
+
+    floats, found = run_loopback(RANKS, told, ranks_per_node=1)[0]
+    assert floats == pytest.approx([share * each for each in found], rel=1e-3)
 
 
 def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan, Sounding]) -> None:
