@@ -184,12 +184,12 @@ class Code:
         place = splat(Value(self.builder, self.builder.inttoptr(address.raw, POINTER)), index.lanes)
         return self._gathered(element, self.builder.gep(place.raw, [index.raw], source_etype=unit), index.lanes)
 
-    def prefetch(self, addresses: Value, lanes: Iterable[int]) -> None:
-        """Ask for the cache lines at the addresses of some lanes."""
+    def prefetch(self, addresses: Iterable[Value]) -> None:
+        """Ask for the cache lines at addresses."""
         kinds = [POINTER, I32, I32, I32]
         fetch = self._declared("llvm.prefetch.p0", ir.FunctionType(ir.VoidType(), kinds))
-        for lane in lanes:
-            place = self.builder.inttoptr(addresses.lane(lane).raw, POINTER)
+        for address in addresses:
+            place = self.builder.inttoptr(address.raw, POINTER)
             # For reading, into the nearest cache, of data.
             self.builder.call(fetch, [place, I32(0), I32(3), I32(1)])
 

@@ -145,6 +145,12 @@ class Value:
             write = builder.trunc
         return Value(self.builder, write(self.raw, kind))
 
+    def unsigned(self, element: Any) -> Value:
+        """Integers as wider ones, or as they are; taken as unsigned ones."""
+        if element is self.element:
+            return self
+        return Value(self.builder, self.builder.zext(self.raw, kind_of(element, self.lanes)))
+
     def bits(self, element: Any) -> Value:
         """The same bits as lanes of another type; as many bits in all."""
         lanes = self.lanes and self.lanes * BYTES[self.element] // BYTES[element]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, MutableMapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
 from typing import Any
@@ -99,7 +99,7 @@ class VectorCaster:
     def compile(self, plan: Plan) -> None:
         """Make the kernel of another plan with the same slots; the bricks stay."""
         self._kernel = self._kernel_of(plan)
-        self._cast = compiled(self._kernel)
+        compiled(self._kernel)
         if self._kernel.leaping:
             prepare_reprojection()
 
@@ -159,7 +159,7 @@ class VectorCaster:
         if len(bricks) == 0:
             return _Shown(piece, 0, b"", piece.box, {})
         box = bounding_box(bricks)
-        tables = tables_of(plan, self.pool.addresses(box, bricks), self._leaps_of(plan, box, bricks))
+        tables = tables_of(plan, self.pool.numbered(box, bricks), self._leaps_of(plan, box, bricks))
         pieces = self._pieces_of(plan)
         tables |= {} if pieces is None else {"pieces": pieces.table}
         return _Shown(piece, len(bricks), bricks.tobytes(), box, tables)
@@ -167,22 +167,22 @@ class VectorCaster:
     def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
-        job = job_of(plan, shown.box, rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
+        job = job_of(plan, (shown.box, shown.bricks), rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
         memory: dict[str, NDArray[np.float32]] = {}
         if plan.march.leaping is not None:
             memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.leaping)
-        self._run(job)
+        self._run(job, wide=shown.tables["bricks"].itemsize == 8)
         leaping = leaping_of(job, memory["starts"][: rect.height, : rect.width]) if memory else None
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
         return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leaping)
 
-    def _run(self, job: NDArray[np.void]) -> None:
+    def _run(self, job: NDArray[np.void], wide: bool) -> None:
         """Let all threads draw tiles until there are none."""
-        address = job.__array_interface__["data"][0]
-        others = [_pool(os.getpid()).submit(self._cast, address) for _ in range(self._threads - 1)]
-        self._cast(address)
+        address, cast = job.__array_interface__["data"][0], compiled(replace(self._kernel, wide=wide))
+        others = [_pool(os.getpid()).submit(cast, address) for _ in range(self._threads - 1)]
+        cast(address)
         wait(others)
 
     def _leaps_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:

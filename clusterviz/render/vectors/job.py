@@ -38,8 +38,8 @@ JOB = np.dtype(
         ("taken", "i8"),  # field samples so far
         ("pixels", "i8"),  # addresses from here on: float32 (rows, stride, 4)
         ("work", "i8"),  # uint32, samples of each square of pixels
-        ("some_brick", "i8"),  # the first voxel of one of them
-        ("bricks", "i8"),  # int64, one a brick of the box: the address of its first voxel, or 0
+        ("voxels", "i8"),  # all of them, those of some brick first
+        ("bricks", "i8"),  # of the kernel's `word`, one a brick of the box: the number of its first voxel
         ("leaps", "i8"),  # int32, one a group: see leaps.py
         ("bucket_rows", "i8"),  # float32 (BUCKETS, 4): the next start, the first one, the first segment
         ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope
@@ -72,10 +72,15 @@ class Job:
     Parameters
     ----------
     code : of the kernel, whose argument is the job's address
+    wide : voxels are so many that their numbers take 64 bits
+
+    Attributes
+    ----------
+    word : the type of voxels' numbers; unsigned
     """
 
-    def __init__(self, code: Code) -> None:
-        self._code = code
+    def __init__(self, code: Code, wide: bool) -> None:
+        self._code, self.word = code, I64 if wide else I32
 
     def __getitem__(self, name: str) -> Value:
         """A member that is one number; the first of several."""

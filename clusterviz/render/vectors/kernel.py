@@ -27,6 +27,7 @@ class Kernel:
     filter : how the field is reconstructed
     blending : what becomes of samples; sums are averages, too
     pieces : the transfer function's are many; or few, held in registers; or few, and fitted by polynomials
+    capacity : as many as registers hold then; else 0
     lanes : pixels of a packet
     preintegrated : slabs are classified between their ends
     light : what shines on the volume
@@ -37,12 +38,14 @@ class Kernel:
     split : slabs are cut where they leave a brick
     surfaces : isosurfaces are shown, alone or in the volume
     leaping : rays start where the last frame says
+    wide : the numbers of voxels take 64 bits
     """
 
     kind: VoxelKind
     filter: Filter
     blending: Blending
     pieces: Held
+    capacity: int
     lanes: int
     preintegrated: bool = False
     light: Light = ""
@@ -53,6 +56,7 @@ class Kernel:
     split: bool = False
     surfaces: bool = False
     leaping: bool = False
+    wide: bool = False
 
     @property
     def name(self) -> str:
@@ -61,7 +65,7 @@ class Kernel:
             self.kind,
             self.filter,
             self.blending,
-            self.pieces,
+            self.pieces + (str(self.capacity) if self.capacity else ""),
             str(self.lanes),
             *(["preintegrated"] if self.preintegrated else []),
             *([self.light] if self.light else []),
@@ -72,6 +76,7 @@ class Kernel:
             *(["split"] if self.split else []),
             *(["surfaces"] if self.surfaces and self.blending == "composite" else []),
             *(["leaping"] if self.leaping else []),
+            *(["wide"] if self.wide else []),
         )
         return f"cast_{'_'.join(parts)}"
 
@@ -86,8 +91,8 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     blending = plan.look.blending
     preintegrated = plan.march.preintegrated
     apart = preintegrated or plan.look.grading is not None
-    few = pieces is not None and lanes == MOST and blending == "composite" and not apart
-    held: Held = "many" if pieces is None or not few else "fitted" if pieces.fitted else "few"
+    few = pieces if lanes == MOST and blending == "composite" and not apart else None
+    held: Held = "many" if few is None else "fitted" if few.fitted else "few"
     blending = "average" if blending == "additive" else blending
     shading, smooth = plan.look.shading, plan.look.smooth
     light: Light = ("near" if shading.has_places else "far") if shading else ""
@@ -98,6 +103,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
         plan.march.filter,
         blending,
         held,
+        few.capacity if few else 0,
         lanes,
         preintegrated,
         light,

@@ -16,7 +16,7 @@ from clusterviz.render.vectors.job import JOB
 from clusterviz.render.vectors.marching.leaps import FARTHEST
 from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.tile import TILE, TURN
-from clusterviz.render.vectors.memory import VOXEL_BYTES
+from clusterviz.render.vectors.memory import Numbers
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 from clusterviz.report.leaping import VISIBLE, Leaping
 
@@ -27,11 +27,18 @@ ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
 Tables = dict[str, NDArray[Any]]
 
 
-def tables_of(plan: Plan, addresses: NDArray[np.int64], leaps: NDArray[np.int32]) -> Tables:
-    """The arrays that a kernel reads, by the names of the job's addresses; they must outlive the draw."""
+def tables_of(plan: Plan, numbered: tuple[NDArray[np.uint32], Numbers], leaps: NDArray[np.int32]) -> Tables:
+    """The arrays that a kernel reads, by the names of the job's addresses; they must outlive the draw.
+
+    Parameters
+    ----------
+    numbered : as of `Memory.numbered`
+    leaps : as of `leaps_of`
+    """
     segments = plan.segments
     tables: Tables = {
-        "bricks": addresses,
+        "voxels": numbered[0],
+        "bricks": numbered[1],
         "leaps": leaps,
         "bucket_rows": bucket_rows(segments),
         "record_rows": segments.records,
@@ -54,14 +61,15 @@ def _look_tables(plan: Plan) -> Tables:
     return tables
 
 
-def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:
+def job_of(plan: Plan, shown: tuple[BrickBox, int], rect: Rect, slot: Slot, tables: Tables) -> NDArray[np.void]:
     """The job, `JOB` (1,).
 
     Parameters
     ----------
+    shown : a box, and how many bricks of it are drawn
     tables : those of `tables_of`; `pixels`, float32 (rows, columns, 4), and `work` as in `Drawn`, which it writes
     """
-    job = np.zeros(1, JOB)
+    (box, bricks), job = shown, np.zeros(1, JOB)
     job["frame"] = frame_block(plan, box, rect, slot)
     job["whole"] = box.shape_zyx == plan.layout.counts_zyx
     _, y, x = slot.samples_zyx
@@ -71,8 +79,7 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     _count_looks(job, plan)
     job["record_floats"] = plan.segments.records.itemsize // 4
     job["window"] = _window(plan, slot)
-    memory = np.count_nonzero(tables["bricks"]) * np.prod(slot.samples_zyx) * VOXEL_BYTES
-    job["far"] = memory > CACHED and _voxels_a_slab(plan) > NEAR
+    job["far"] = bricks * tables["voxels"].nbytes > CACHED and _voxels_a_slab(plan) > NEAR
     job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
     across, down = -(-rect.width // TILE), -(-rect.height // TILE)
     job["tiles_across"], job["tiles"], job["stride"] = across, across * down, tables["pixels"].shape[1]
@@ -81,7 +88,6 @@ def job_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot, tables: Tables) ->
     job["group_sides"] = *sides, np.prod(sides)
     job["first_cell"], job["first_voxel"] = -slot.reach, -slot.margin
     job["last_cell"][0, :3] = np.array(slot.cells_zyx[::-1]) - 1 + slot.reach
-    job["some_brick"] = tables["bricks"].max()
     for name, table in tables.items():
         job[name] = table.__array_interface__["data"][0]
     return job

@@ -34,7 +34,7 @@ from clusterviz.render.vectors.transfer.ramps import Ramps
 def program_of(kernel: Kernel) -> str:
     """The code, as LLVM reads it."""
     code = Code(kernel.name, kernel.lanes)
-    job = Job(code)
+    job = Job(code, kernel.wide)
     tile = Variable(code.number(I64, 0))
     samples = Variable(code.number(I64, 0))
     nearest = kernel.filter == "nearest"
@@ -84,7 +84,8 @@ def _look(
     if cut and kernel.blending == "isosurface":
         return Surfaces(code, job, samples, _relief(kernel, code, job, field), cut)
     many = kernel.pieces == "many"
-    classifier = Classifier(code, job) if many else PieceClassifier(code, job, kernel.pieces == "fitted")
+    fitted = kernel.pieces == "fitted"
+    classifier = Classifier(code, job) if many else PieceClassifier(code, job, kernel.capacity, fitted)
     if kernel.blending == "average":
         return Sum(code, samples, classifier)
     holds_colour = kernel.graded == "colours"

@@ -14,6 +14,7 @@ from clusterviz.data.grid import Grid
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
+from clusterviz.render.vectors import memory
 from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.render.vectors.width import WIDTHS, Width
 
@@ -90,6 +91,36 @@ def test_bricks_come_and_go() -> None:
         size.append(caster.voxel_bytes)
     assert samples == draw_on_processor(prepared).samples
     assert max(size) <= 4 * len(bricks) * (8**3 + 1)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "look"),
+    [("uint8", LIT), ("uint16", {}), ("float32", {"interpolation": "cubic"})],
+    ids=["u8 lit", "u16", "f32 cubic"],
+)
+def test_numbers_of_64_bits_change_nothing(dtype: str, look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As more than 16 GiB of voxels need them."""
+    voxels = noise(dtype=dtype)
+    keys = look if "interpolation" in look else {"look": look}
+    prepared = prepare(scene_of(voxels, camera_at("outside", GRID), **keys), voxels, brick=7)
+    narrow = draw_on_processor(prepared)
+    monkeypatch.setattr(memory, "NARROW", 0)
+    wide = draw_on_processor(prepared)
+    assert np.array_equal(wide.partial.rgba, narrow.partial.rgba)
+    assert wide.samples == narrow.samples > 0
+
+
+def test_bricks_that_are_read_back_outlast_their_slots() -> None:
+    voxels = noise(dtype="uint16")
+    prepared = prepare(scene_of(voxels, camera_at("outside", GRID)), voxels, brick=7)
+    caster = VectorCaster(prepared.plan)
+    first, *others = bricks = shown(prepared)
+    caster.load(prepared.plan, {first: bricks[first]})
+    ((_, stored),) = caster.pool.stored([first])
+    before = stored.samples.copy()
+    caster.drop([first])
+    caster.load(prepared.plan, {index: bricks[index] for index in others})
+    assert np.array_equal(stored.samples, before)
 
 
 def test_windows_cut_the_picture() -> None:

@@ -40,11 +40,23 @@ def test_polynomials_are_as_good_as_chords(step: float) -> None:
     assert pieces is not None
     assert pieces.fitted
     table = pieces.table
-    s = np.linspace(-0.5, 1.5, 4001).astype(np.float32)
+    # What lies below is never looked up.
+    s = np.linspace(plan.segments.transparent_below, 1.5, 4001).astype(np.float32)
     exact = -np.expm1(plan.march.slab_units * np.log1p(-plan.transfer.opacity(s.astype(np.float64))))
     assert np.abs(opacities(table, s) - exact).max() <= 1e-6
     # Far fewer than chords, of which there are so many.
     assert step == 1.0 or len(plan.segments.records) > 5 * MOST
+
+
+@pytest.mark.parametrize(("points", "capacity"), [(2, 4), (6, 8), (11, 16)])
+def test_few_pieces_are_found_in_few_steps(points: int, capacity: int) -> None:
+    """And what lies in front of all that is visible is not among them."""
+    values = np.linspace(0.5, 1.0, points)
+    opacity = ((0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.3, 0.0), *((float(x), 0.1 * k) for k, x in enumerate(values)))
+    pieces = pieces_of(plan_of(opacity=opacity, cmap=((0.0, 1.0, 0.1, 0.0), (1.0, 0.0, 0.25, 1.0)), unit=1.0))
+    assert pieces is not None
+    assert pieces.capacity == capacity
+    assert pieces.table[START, 0] == np.float32(0.5)
 
 
 def test_many_pieces_are_not_held_in_registers() -> None:

@@ -19,6 +19,7 @@ from clusterviz.render.vectors.fields.field import Field, Spot
 from clusterviz.render.vectors.looks.samples import LARGEST
 
 TAPS = range(4)
+WAYS = [(x, y, z) for x, y, z in product((-1, 1), repeat=3)]
 Weights = tuple[Value, Value, Value, Value]
 Block = list[list[list[Value]]]
 
@@ -59,7 +60,7 @@ class CubicGradient:
 
 def apart(code: Code, field: Field, voxel: Value) -> tuple[Block, Value]:
     """The 64 voxels by [z][y][x] less the cell's first corner, as stored, and that corner."""
-    cells = {way: field.corners(field.beside(voxel, *way)) for way in product((-1, 1), repeat=3)}
+    cells = {way: field.corners(voxel, way) for way in WAYS}
     near = field.corners(voxel)
     base = near[0]
 

@@ -16,6 +16,7 @@ from clusterviz.render.vectors.job import Job
 
 PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
 """Pixels of a packet whose voxels are asked for ahead: its corners, and some between them, tell of the others."""
+HERE = (0, 0, 0)
 Corners = tuple[Value, ...]
 
 
@@ -25,7 +26,7 @@ class Spot:
 
     Attributes
     ----------
-    voxel : int64, address of the cell's first corner
+    voxel : the number of the cell's first corner among all voxels, of the job's `word`
     low, high : float32, how far the cell may move along x, y, z before it leaves the brick
     beyond : float32, from the cell's corner to the place
     cell : int32, the cell's number in the volume along x, y, z
@@ -53,7 +54,8 @@ class Field:
     def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool) -> None:
         self._code, self._kind, self._nearest = code, kind, nearest
         self._row_real, self._layer_real = (code.splat(job[name]).to(F32) for name in ("row", "layer"))
-        self._row_bytes, self._layer_bytes = ((job[name] << 2).to(I64) for name in ("row", "layer"))
+        self._word, self._voxels = job.word, job["voxels"]
+        self._row, self._layer = (job[name].to(I64) for name in ("row", "layer"))
         self._scale, self._bias = (code.splat(job.part("scalar", k)) for k in range(2))
         self._base = code.splat(job["base"])
 
@@ -69,20 +71,13 @@ class Field:
         return self.scalar(code.fma(far - near, z, near))
 
     def within(self, spot: Spot) -> tuple[list[Value], Vector, Value]:
-        """Cells that places are in, as seen from the spot's, how far these lie in them, and where the first corner is.
+        """Cells that places are in, as seen from the spot's, how far these lie in them, and first corners' numbers.
 
-        Where the nearest voxel is taken, that is its number and its address.
+        Where the nearest voxel is taken, these are its own.
         """
         cell, voxel = self._cell(spot)
         x, y, z = (at - whole for at, whole in zip(spot.beyond, cell, strict=True))
         return cell, (x, y, z), voxel
-
-    def beside(self, voxel: Value, x: int, y: int, z: int) -> Value:
-        """The address of the voxel so many further on along each axis."""
-        away = voxel + (x << 2)
-        for steps, bytes_ in ((y, self._row_bytes), (z, self._layer_bytes)):
-            away = away + bytes_ * steps if steps else away
-        return away
 
     @property
     def scale(self) -> Value:
@@ -96,10 +91,11 @@ class Field:
 
     def ask_for(self, spot: Spot) -> None:
         """Let the processor bring the voxels of a later sample nearer; some of the lanes tell of all."""
-        self._code.prefetch(self._cell(spot)[1], PREFETCHED[self._code.lanes])
+        voxel = self._cell(spot)[1]
+        self._code.prefetch(self._address(voxel, lane) for lane in PREFETCHED[self._code.lanes])
 
     def _cell(self, spot: Spot) -> tuple[list[Value], Value]:
-        """Which cell places are in, as seen from the spot's, and the address of its first corner."""
+        """Which cell places are in, as seen from the spot's, and the number of its first corner."""
         code = self._code
         rounded = tuple(at + 0.5 for at in spot.beyond) if self._nearest else spot.beyond
         cell = [
@@ -108,38 +104,46 @@ class Field:
         ]
         # Whole numbers below 2^24 (the length of a run sees to that), so that float32 is exact.
         away = code.fma(cell[2], self._layer_real, code.fma(cell[1], self._row_real, cell[0]))
-        return cell, spot.voxel + (away.to(I32) << 2).to(I64)
+        return cell, spot.voxel + away.to(I32).to(self._word)
 
     def scalar(self, stored: Value) -> Value:
         """Stored voxels, or what lies between some, in units of clim."""
         return stored if self._kind == "f32" else self._code.fma(stored, self._scale, self._bias)
 
-    def corners(self, voxel: Value) -> Corners:
-        """The corners of the cell whose first one lies at an address, as stored, float32; x fastest, then y."""
+    def corners(self, voxel: Value, beside: tuple[int, int, int] = HERE) -> Corners:
+        """The corners of a cell, as stored, float32; x fastest, then y.
+
+        Parameters
+        ----------
+        voxel : the number of a voxel
+        beside : how much further on along x, y, z the cell's first corner lies
+        """
+        x, y, z = beside
         if self._kind == "u8":
-            words = self._pairs(voxel, [None])[0]
+            words = self._pair(voxel, x, y, z)
             return tuple(
                 ((words[k & 1] >> 8 * (k >> 1)) & 255 if k < 6 else words[k & 1] >> 24).to(F32) for k in range(8)
             )
-        row, layer = self._row_bytes, self._layer_bytes
         if self._kind == "u16":
             corners: list[Value] = []
-            for words in self._pairs(voxel, [None, layer]):
+            for words in (self._pair(voxel, x, y, z + up) for up in (0, 1)):
                 corners += [(words[k & 1] & 65535 if k < 2 else words[k & 1] >> 16) - self._base for k in range(4)]
             return tuple(corner.to(F32) for corner in corners)
-        return tuple(word.bits(F32) for pair in self._pairs(voxel, [None, row, layer, layer + row]) for word in pair)
+        pairs = [self._pair(voxel, x, y + down, z + up) for up in (0, 1) for down in (0, 1)]
+        return tuple(word.bits(F32) for pair in pairs for word in pair)
 
-    def _pairs(self, voxel: Value, offsets: list[Value | None]) -> list[tuple[Value, Value]]:
-        """The 32 bits at each of some voxels and those behind them, along x; so many bytes from a voxel of each lane.
+    def _pair(self, voxel: Value, x: int, y: int, z: int) -> tuple[Value, Value]:
+        """The 32 bits of voxels and of those behind them, along x; so much further on than a voxel of each lane.
 
         Loads of single numbers: where they were measured, a gather took longer.
         """
-        code, lanes = self._code, self._code.lanes
-        places = [voxel.lane(lane) for lane in range(lanes)]
-        found = []
-        for offset in offsets:
-            spots = places if offset is None else [place + offset for place in places]
-            both = code.packed([code.load(I64, spot) for spot in spots]).bits(I32)
-            low, high = (code.shuffle(both, both, range(word, 2 * lanes, 2)) for word in (0, 1))
-            found.append((low, high))
-        return found
+        code, lanes, away = self._code, self._code.lanes, self._row * y + self._layer * z + x
+        loads = [code.load(I64, self._address(voxel, lane, away)) for lane in range(lanes)]
+        both = code.packed(loads).bits(I32)
+        low, high = (code.shuffle(both, both, range(word, 2 * lanes, 2)) for word in (0, 1))
+        return low, high
+
+    def _address(self, voxel: Value, lane: int, away: Value | int = 0) -> Value:
+        """Of a lane's voxel, or one so many voxels further on: what is the same for all lanes is added first."""
+        first = self._voxels if isinstance(away, int) else self._voxels + (away << 2)
+        return first + (voxel.lane(lane).unsigned(I64) << 2)

@@ -14,8 +14,6 @@ from clusterviz.render.vectors.fields.field import Corners, Field, Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.looks.samples import LARGEST
 
-AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
 
 class Gradient(Protocol):
     """The gradient of a kernel's field."""
@@ -74,8 +72,8 @@ class CentralGradient:
 
     def _along(self, axis: int, cell: _Cell, here: Corners) -> Value:
         """Twice the derivative along an axis: at both ends of the cell's four edges, and between them."""
-        code, bit, sides = self._code, 1 << axis, [AXES[axis], tuple(-part for part in AXES[axis])]
-        after, before = (self._field.corners(self._field.beside(cell.voxel, *side)) for side in sides)
+        code, bit = self._code, 1 << axis
+        after, before = (self._field.corners(cell.voxel, _beside(axis, way)) for way in (1, -1))
         low = [corner for corner in range(8) if not corner & bit]
         edges = [
             (here[at | bit] - before[at], after[at | bit] - here[at], 2.0 * (here[at | bit] - here[at])) for at in low
@@ -125,10 +123,16 @@ class NearestGradient:
     def _along(self, axis: int, cell: _Cell, here: Value) -> Value:
         code, none, found = self._code, [], []
         for sign, missing in ((-1, cell.begins[axis]), (1, cell.ends[axis])):
-            voxel = self._field.corners(self._field.beside(cell.voxel, *(sign * part for part in AXES[axis])))[0]
+            voxel = self._field.corners(cell.voxel, _beside(axis, sign))[0]
             if self._field.may_be_invalid:
                 missing = missing | ~(code.size(voxel) <= LARGEST)
             none.append(missing)
             found.append(code.select(missing, here, voxel))
         difference = found[1] - found[0]
         return code.select(none[0] ^ none[1], difference, 0.5 * difference)
+
+
+def _beside(axis: int, way: int) -> tuple[int, int, int]:
+    """So many voxels further on along an axis."""
+    x, y, z = (way if other == axis else 0 for other in range(3))
+    return x, y, z

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
+from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.rays import cell_of
 from clusterviz.render.vectors.marching.stretch import Stretch
 
-VOXEL_SHIFT = 2  # a voxel takes four bytes
 GROUP_SHIFT = 3  # groups of 8 cells a side, as in storage.py
 WHOLE_BRICK = -1  # a leap over what is left of the brick
 LONGEST_LEAP = 1 << 20  # slabs
@@ -28,7 +27,7 @@ class Place:
     visible : something may be visible there
     slabs : how many from here on share this answer
     brick : the number of its first cell in the volume along x, y, z, int32
-    voxels : int64, where that one's first corner is
+    voxels : the number of its first voxel, of the job's `word`
     cell : of the midpoint, in the volume, int32
     doublings : how often slabs may be doubled; None where they are never
     """
@@ -80,7 +79,7 @@ class Places:
         group = _each(lambda at, _: at >> GROUP_SHIFT, local, local)
         within = (group[2] * self._sides[1] + group[1]) * self._sides[0] + group[0]
         leap = code.gather(I32, self._job["leaps"], brick * self._sides[3] + within, 4)
-        start = code.gather(I64, self._job["bricks"], brick, 8)
+        voxels = self._voxels_of(brick)
         visible, doublings = leap.equals(0), None
         if self._stretch:
             doublings = self._stretch.allowed(leap)
@@ -88,10 +87,8 @@ class Places:
             visible, leap = visible | (doublings > 0), code.select(doublings > 0, 1, leap)
         here = _each(lambda at, by: at.to(F32) + by, local, beyond)
         slabs = self._slabs(here, group, leap, (slab, per_slab))
-        # Rays that lie nowhere read some brick, too.
-        start = code.select(start.equals(0), self._job["some_brick"], start)
         first = _each(lambda at, _: at * self._brick, number, number)
-        return Place(visible, slabs, first, start, cell, doublings)
+        return Place(visible, slabs, first, voxels, cell, doublings)
 
     def spot(self, place: Place, position: Vector) -> Spot:
         """Where a midpoint is, as seen from the first corner of its cell."""
@@ -113,7 +110,7 @@ class Places:
 
     def _seen_from(self, place: Place, position: Vector, cell: Vector) -> Spot:
         local = _each(lambda at, first: at - first, cell, place.brick)
-        voxel = place.voxels + (self._voxel(local) << VOXEL_SHIFT).to(I64)
+        voxel = place.voxels + self._voxel(local)
         low = _each(lambda at, _: (self._first - at).to(F32), local, local)
         high = _each(lambda last, at: (last - at).to(F32), self._last, local)
         beyond = _each(lambda at, whole: (at - whole.to(F64)).to(F32), position, cell)
@@ -135,9 +132,14 @@ class Places:
         return code.most((least - 1e-3).to(I32) + 1, 1)
 
     def _voxel(self, local: Vector) -> Value:
-        """The number of a cell's first corner in its brick."""
+        """The number of a cell's first corner in its brick, of the job's `word`."""
         x, y, z = (at - self._job["first_voxel"] for at in local)
-        return z * self._job["layer"] + y * self._job["row"] + x
+        return (z * self._job["layer"] + y * self._job["row"] + x).to(self._job.word)
+
+    def _voxels_of(self, brick: Value) -> Value:
+        """The number of the first voxel of a brick of the box; some other's, where it is not here."""
+        word = self._job.word
+        return self._code.gather(word, self._job["bricks"], brick, BYTES[word])
 
     def _divided(self, cell: Value) -> Value:
         """The number of the brick that holds a cell; exact, as in march.glsl."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import Protocol
 
 from clusterviz.kernels.code import Code, Variable
-from clusterviz.kernels.lanes import F32, F64, I32, I64, Value, Vector
+from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import keeps, kept_range
 from clusterviz.render.vectors.marching.faces import Faces
 from clusterviz.render.vectors.marching.march import Behind, Four, Variables
-from clusterviz.render.vectors.marching.place import GROUP_SHIFT, VOXEL_SHIFT, WHOLE_BRICK, Places
+from clusterviz.render.vectors.marching.place import GROUP_SHIFT, WHOLE_BRICK, Places
 from clusterviz.render.vectors.marching.rays import FAR, Rays, packet_rays
 from clusterviz.render.vectors.marching.state import NEVER, Layout, Packet
 
@@ -130,18 +130,16 @@ class BrickPlaces(Places):
         ----------
         reach : how far along the places are, up to where nothing is known to be visible, and where rays leave the brick
         """
-        code, job, (along, ahead, leave) = self._code, self._job, reach
+        code, (along, ahead, leave) = self._code, reach
         ats = zip(number, self._begin, self._count, strict=True)
         x, y, z = (code.within(at - begin, 0, count - 1) for at, begin, count in ats)
         brick = (z * self._count[1] + y) * self._count[0] + x
-        start = code.gather(I64, job["bricks"], brick, 8)
         first = number[0] * self._brick, number[1] * self._brick, number[2] * self._brick
         empty_until = self._empty_until(faces, rays, (brick, first), ahead, leave)
-        empty_until = code.select(start.equals(0), code.most(empty_until, leave), empty_until)
         # What rays pass beyond the brick is another one's.
         passed = code.most(ahead + JUST_BEHIND, leave)
         empty_until = code.select(ahead >= leave, passed, empty_until)
-        return self._spot(faces.position(rays, along), first, start), empty_until
+        return self._spot(faces.position(rays, along), first, self._voxels_of(brick)), empty_until
 
     def next_part(self, along: Value, ahead: Value, leave: Value) -> Value:
         """With which part of a slab to go on where nothing is visible up to a place.
@@ -151,7 +149,7 @@ class BrickPlaces(Places):
         code, whole = self._code, self._code.call("floor", ahead)
         return code.most(along, code.select(ahead < leave, whole, code.most(whole, leave)))
 
-    def _spot(self, position: Vector, first: Vector, start: Value) -> Spot:
+    def _spot(self, position: Vector, first: Vector, voxels: Value) -> Spot:
         code, cells, high = self._code, [], []
         for axis, at in enumerate(position):
             in_brick, in_volume = first[axis] + self._last[axis], self._job.part("cells", axis) - 1
@@ -162,10 +160,7 @@ class BrickPlaces(Places):
         local = [cell - begin for cell, begin in zip(cells, first, strict=True)]
         beyond = [(at - cell.to(F64)).to(F32) for at, cell in zip(position, cells, strict=True)]
         low = [(self._first - at).to(F32) for at in local]
-        # Rays that lie nowhere read some brick, too.
-        some = code.select(start.equals(0), self._job["some_brick"], start)
-        voxel = some + (self._voxel(_three(local)) << VOXEL_SHIFT).to(I64)
-        return Spot(voxel, _three(low), _three(high), _three(beyond), _three(cells))
+        return Spot(voxels + self._voxel(_three(local)), _three(low), _three(high), _three(beyond), _three(cells))
 
     def _empty_until(self, faces: Faces, rays: Rays, brick: tuple[Value, Vector], ahead: Value, leave: Value) -> Value:
         """Where rays leave the groups that a leap from a place crosses; the place itself where something is visible."""

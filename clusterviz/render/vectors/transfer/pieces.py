@@ -22,6 +22,7 @@ from clusterviz.render.vectors.transfer.opacity import slab_opacity
 from clusterviz.scene.transfer import OPAQUE
 
 MOST = 16  # floats in a register of AVX-512
+CAPACITIES = (4, 8, MOST)  # one of few pieces is found in fewer steps
 DEGREE = 5
 START, PER_LENGTH, OPACITY = 0, 1, 2
 COLOUR = OPACITY + DEGREE + 1
@@ -41,16 +42,22 @@ class Pieces:
     Attributes
     ----------
     table : float32 (ROWS, MOST)
+    capacity : columns of it that may hold pieces
     fitted : coefficients give the opacity of a slab; else the first two give that of a unit length
     """
 
     table: NDArray[np.float32]
+    capacity: int
     fitted: bool
 
 
 def pieces_of(plan: Plan) -> Pieces | None:
-    """The plan's transfer function for whole slabs; None where it has more pieces than a register holds."""
+    """The plan's transfer function for whole slabs; None where it has more pieces than a register holds.
+
+    It begins with the first piece that is visible at all: no sample below that is ever looked up.
+    """
     uncut, _ = outline(plan.transfer)
+    uncut = uncut[np.argmax((uncut["unit_opacity"] > 0) | (uncut["unit_slope"] > 0)) :]
     if len(uncut) > MOST:
         return None
     units, records = plan.march.slab_units, uncut
@@ -58,18 +65,16 @@ def pieces_of(plan: Plan) -> Pieces | None:
         lengths = _lengths(records)
         cut = _misses(records, lengths, units)
         if not cut.any():
-            return Pieces(_table(records, lengths, _COEFFICIENTS @ _slab(records, lengths, units, _NODES).T), True)
+            return _held(records, lengths, _COEFFICIENTS @ _slab(records, lengths, units, _NODES).T, True)
         records = halved(records, cut)
     lengths = _lengths(uncut)
-    linear = np.array([uncut["unit_opacity"], uncut["unit_slope"] * lengths])
-    return Pieces(_table(uncut, lengths, linear), False)
+    return _held(uncut, lengths, np.array([uncut["unit_opacity"], uncut["unit_slope"] * lengths]), False)
 
 
 def _lengths(records: NDArray[np.void]) -> Floats:
-    """Of all pieces; the outer ones are constant."""
+    """Of all pieces; the outer ones are constant, and count as points."""
     lengths = np.append(np.diff(records["start"]), 0.0)
-    lengths[0] = 0.0
-    return lengths
+    return np.where(records["start"] > -FAR, lengths, 0.0)
 
 
 def _slab(records: NDArray[np.void], lengths: Floats, units: float, share: float | Floats) -> Floats:
@@ -92,18 +97,17 @@ def _misses(records: NDArray[np.void], lengths: Floats, units: float) -> NDArray
     return np.asarray((error.max(axis=1) > allowed) & (middles.astype("f4") > records["start"].astype("f4")))
 
 
-def _table(records: NDArray[np.void], lengths: Floats, coefficients: Floats) -> NDArray[np.float32]:
+def _held(records: NDArray[np.void], lengths: Floats, coefficients: Floats, fitted: bool) -> Pieces:
     count = len(records)
     table = np.zeros((ROWS, MOST))
     table[START, count:] = FAR
-    table[START, :count] = records["start"]
+    table[START, :count] = np.where(records["start"] > -FAR, records["start"], 0.0)
     table[PER_LENGTH, :count] = np.where(lengths > 0, 1 / np.maximum(lengths, 1 / FAR), 0.0)
-    # The outer pieces are constant.
-    table[START, 0] = 0.0
     table[OPACITY : OPACITY + len(coefficients), :count] = coefficients
     table[COLOUR:CHANGE, :count] = records["colour"].T
     table[CHANGE:, :count] = (records["colour_slope"] * lengths[:, None]).T
-    return np.clip(table, -FAR, FAR).astype(np.float32)
+    capacity = next(capacity for capacity in CAPACITIES if count <= capacity)
+    return Pieces(np.clip(table, -FAR, FAR).astype(np.float32), capacity, fitted)
 
 
 class PieceClassifier(Classifier):
@@ -111,19 +115,19 @@ class PieceClassifier(Classifier):
 
     Parameters
     ----------
-    fitted : as of the draw's `Pieces`
+    capacity, fitted : as of the draw's `Pieces`
     """
 
-    def __init__(self, code: Code, job: Job, fitted: bool) -> None:
+    def __init__(self, code: Code, job: Job, capacity: int, fitted: bool) -> None:
         super().__init__(code, job)
-        self._fitted = fitted
+        self._capacity, self._fitted = capacity, fitted
         self._rows = [code.load(F32, job["pieces"] + 4 * MOST * row, MOST) for row in range(ROWS)]
 
     def of_slab(self, s: Value) -> Class:
         """Of whole slabs."""
         code = self._code
-        piece = code.same(I32, 0)
-        for stride in (8, 4, 2, 1):
+        piece, stride = code.same(I32, 0), self._capacity
+        while stride := stride >> 1:
             later = piece + stride
             piece = code.select(s >= self._row(START, later), later, piece)
         x = (s - self._row(START, piece)) * self._row(PER_LENGTH, piece)

@@ -1,0 +1,53 @@
+"""Slots for bricks: taken side by side, taken again, and given up with their array."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clusterviz.render.vectors import slots as slots_file
+from clusterviz.render.vectors.slots import Slots, Taken
+
+WORDS = slots_file.LEAST_CHUNK // 4 // 3  # so that the smallest array holds three
+
+
+def address(slot: Taken) -> int:
+    return int(slot.words.__array_interface__["data"][0])
+
+
+def test_slots_lie_side_by_side_and_do_not_overlap() -> None:
+    slots = Slots(1000)
+    slots.make_room(7)
+    taken = [slots.take() for _ in range(7)]
+    assert np.array_equal(np.diff([address(slot) for slot in taken]), [4000] * 6)
+    for number, slot in enumerate(taken):
+        slot.words[:] = number
+    assert [slot.words.sum() for slot in taken] == [1000 * number for number in range(7)]
+
+
+def test_more_are_made_when_none_is_free() -> None:
+    slots = Slots(WORDS)
+    taken = [slots.take() for _ in range(5)]
+    assert len({address(slot) for slot in taken}) == 5
+    assert slots.bytes == 5 * 4 * WORDS
+
+
+def test_what_is_given_back_is_taken_again() -> None:
+    slots = Slots(WORDS)
+    first, second = slots.take(), slots.take()
+    slots.give_back(first)
+    # It is still memory that was written to.
+    assert slots.bytes == 2 * 4 * WORDS
+    assert address(slots.take()) == address(first)
+    assert slots.bytes == 2 * 4 * WORDS
+    assert address(slots.take()) not in (address(first), address(second))
+
+
+def test_an_array_goes_with_its_last_slot() -> None:
+    slots = Slots(WORDS)
+    taken = [slots.take() for _ in range(5)]
+    for slot in taken[:3]:
+        slots.give_back(slot)
+    assert slots.bytes == 2 * 4 * WORDS
+    for slot in taken[3:]:
+        slots.give_back(slot)
+    assert slots.bytes == 0
