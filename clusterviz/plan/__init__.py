@@ -2,6 +2,7 @@
 
 - plan.py      the plan, and how it is made
 - view.py      the camera in index space; footprints
+- lattice.py   how long slabs are
 - look.py      what becomes of the samples along a ray
 - mixture.py   several volumes
 - domain.py    the box around them, and its bricks

@@ -1,7 +1,8 @@
 """How voxels are stored for drawing, and the scalar that the shader sees: 0 at the low end of clim, 1 at the high end.
 
-8- and 16-bit integers keep their size. Every other type becomes float32 in units of clim, by way of float64, so that a
-field of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function can tell apart.
+8- and 16-bit integers keep their size where clim is a range of some of their steps. All else becomes float32 in units
+of clim, by way of float64, so that a field of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function
+can tell apart.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 VoxelKind = Literal["u8", "u16", "f32"]
 FAR = 1e30  # stands for everything further from clim; its differences stay finite in float32
+FINEST, WIDEST = 2.0**-8, 2.0**64
+"""The least and the most of clim, and the most of its ends, of which small integers are made units in float32."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class Encoding:
 def make_encoding(dtype: np.dtype[Any], clim: tuple[float, float]) -> Encoding:
     """The encoding of a dtype for a range of values."""
     low, high = clim
-    if dtype.kind not in "iu" or dtype.itemsize > 2:
+    sensible = max(-low, high) <= WIDEST and high - low >= FINEST
+    if dtype.kind not in "iu" or dtype.itemsize > 2 or not sensible:
         return Encoding("f32", low, high)
     # Flipping the sign bit adds half the range to a two's complement integer.
     shift = 1 << (8 * dtype.itemsize - 1) if dtype.kind == "i" else 0

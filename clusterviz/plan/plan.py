@@ -14,8 +14,10 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
 from clusterviz.plan.clip import clip_planes, clipped_bricks
+from clusterviz.plan.domain import make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.grading import make_grading
+from clusterviz.plan.lattice import slab_length
 from clusterviz.plan.leaping import make_leaping
 from clusterviz.plan.look import (
     Look,
@@ -125,7 +127,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     Raises
     ------
     InputError
-        The layout's margin is too small: pictures would depend on the bricks.
+        The layout's margin is too small: pictures would depend on the bricks. Or a ray would have too many slabs.
     """
     volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
     if layout.margin < margin_of(volume, classification, borders):
@@ -141,7 +143,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     look = make_look(volume, transfer, shading, grading)
     planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
-    step_world = step_of(volume, scene.quality.step, classification) * min(grid.spacing)
+    step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
     preintegrated = is_preintegrated(volume, classification)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
@@ -184,11 +186,11 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
     Raises
     ------
     InputError
-        The volumes' domain would have too many bricks.
+        The volumes' domain would have too many bricks, or a ray too many slabs.
     """
     quality = scene.quality
     step = min(step_of(volume, quality.step, quality.classification) for volume in scene.volumes)
-    step_world = step * min(min(known.grid.spacing) for known in volumes)
+    step_world = slab_length(step, make_domain([known.grid for known in volumes]).grid)
     mixture, cost = make_mixture(scene, volumes, step_world)
     first, grid, layout = mixture.ingredients[0], mixture.domain.grid, mixture.ingredients[0].cut.layout
     planes = clip_planes(scene.clip, grid)

@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 from clusterviz.errors import SceneError
 from clusterviz.scene.checks import UnusableError
 from clusterviz.scene.kinds import Section
-from clusterviz.scene.values import PLANNED, Scene
+from clusterviz.scene.values import Scene
 
 Key = tuple[str | int, ...]
 SHOWN = 8
@@ -107,17 +107,18 @@ def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str]) ->
     found: str | None = None if kind == "missing" else shown(details["input"])
     cause = context.get("error")
     if isinstance(cause, UnusableError):
-        key = (*key, cause.key) if cause.key else key
+        if cause.key:  # the input is the whole section then, which says nothing of this key
+            key, found = (*key, cause.key), None
         found = shown(cause.found) if cause.found is not None else found
         return SceneError(cause.what, where=_place(key, where, options), found=found, allowed=cause.allowed)
     place = _place(key, where, options)
     if kind == "extra_forbidden":
         return unknown_key(place, key[-1], section_at(key[:-1]))
-    what, allowed = _words(kind, key, details["msg"], details["input"], context)
+    what, allowed = _words(kind, key, details["msg"], context)
     return SceneError(what, where=place, found=found, allowed=allowed)
 
 
-def _words(kind: str, key: Key, message: str, value: Any, context: Mapping[str, Any]) -> tuple[str, str | None]:
+def _words(kind: str, key: Key, message: str, context: Mapping[str, Any]) -> tuple[str, str | None]:
     """What is wrong and what is allowed, for pydantic's own kinds of error."""
     if kind in TYPES:
         return TYPES[kind]
@@ -125,9 +126,7 @@ def _words(kind: str, key: Key, message: str, value: Any, context: Mapping[str, 
         what, relation, bound = BOUNDS[kind]
         return what, f"{relation} {context[bound]:g}"
     if kind == "literal_error":
-        planned = any(type(value) is type(choice) and value == choice for choice in PLANNED.get(str(key[-1]), ()))
-        allowed = context["expected"].replace("'", "").replace(" or ", ", ").replace("False", "false")
-        return ("not supported yet" if planned else "not one of the choices"), allowed
+        return "not one of the choices", context["expected"].replace("'", "").replace(" or ", ", ")
     if kind == "too_long" and key == ("volumes",):
         return "too many volumes", f"at most {context['max_length']}"
     if kind in ("too_long", "too_short"):

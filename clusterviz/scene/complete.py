@@ -86,7 +86,11 @@ def default_clim(facts: VolumeFacts) -> tuple[float, float]:
     for low, high in ((facts.percentile_1, facts.percentile_99), (facts.minimum, facts.maximum)):
         if math.isfinite(low) and math.isfinite(high) and low < high:
             return float(low), float(high)
-    value = next((v for v in (facts.percentile_1, facts.minimum) if math.isfinite(v)), 0.0)
+    return range_around(next((v for v in (facts.percentile_1, facts.minimum) if math.isfinite(v)), 0.0))
+
+
+def range_around(value: float) -> tuple[float, float]:
+    """Half a unit on both sides of a value, or 2⁻²⁰ of it, so that it does not vanish beside a large one."""
     half = max(0.5, abs(value) * 2.0**-20)
     return max(value - half, -LARGEST), min(value + half, LARGEST)
 
@@ -107,6 +111,9 @@ def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float,
 def transfer_function(volume: Volume) -> TransferFunction:
     """The transfer function of a completed volume; of a table of two dimensions, for each scalar its most.
 
+    Where both ends of clim are one value, colours and presets of opacity have a step there, and the domain, in whose
+    units scalars are drawn, is a range around it.
+
     Raises
     ------
     SceneError
@@ -125,7 +132,8 @@ def transfer_function(volume: Volume) -> TransferFunction:
         opacity_values, opacities = opacity_points(opacity, clim)
     else:
         raise ValueError(UNCOMPLETED)
-    return TransferFunction(colour_values, colours, opacity_values, opacities, unit, clim)
+    domain = clim if clim[0] < clim[1] else range_around(clim[0])
+    return TransferFunction(colour_values, colours, opacity_values, opacities, unit, domain)
 
 
 def _completed_table(settings: Transfer2d, clim: tuple[float, float], spacing: float) -> Transfer2d:

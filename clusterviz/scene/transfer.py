@@ -26,7 +26,7 @@ class TransferFunction:
     opacity_values : float64 (m,), ascending, m at least 1
     opacities : float64 (m,), gathered over `unit_distance`, in [0, 1]
     unit_distance : world units, more than 0
-    domain : (low, high): the `clim` of the volume
+    domain : (low, high), low < high: the `clim` of the volume, or a range around it where its ends are equal
     """
 
     colour_values: Floats

@@ -2,7 +2,6 @@
 
 One model a section of the scene file, one field a key. Everything that can be wrong with a single key or with the keys
 of one section is refused here; `None` means "choose for me" and is filled by `scene.complete` once the data is known.
-What is named in `PLANNED` is part of the language of scenes but is not drawn yet.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ class ImageSettings(Section):
 class Quality(Section):
     """What accuracy costs; every setting has a measured error."""
 
-    step: Positive = Field(
+    step: Annotated[float, FINITE, Field(gt=0, le=1e9), BeforeValidator(plain)] = Field(
         default=1.0, description="Distance between samples along a ray, in the smallest voxel spacing."
     )
     classification: Literal["post", "pre-integrated"] = Field(
@@ -217,10 +216,3 @@ class Scene(Section):
         check_leaping(self.volumes, self.quality, self.cluster)
         check_pixel(self.volumes, self.quality.pixel)
         return self
-
-
-PLANNED: dict[str, tuple[object, ...]] = {
-    "classification": ("pre",),
-    "pixel": ("rgba8",),
-    "codec": ("rle", "active-pixel"),
-}

@@ -50,6 +50,13 @@ def test_brick_without_a_valid_sample_costs_nothing() -> None:
     assert not plan_of(nothing, -nothing).cost.any()
 
 
+def test_more_slabs_than_can_be_counted_are_refused() -> None:
+    zeros = np.zeros(LAYOUT.counts_zyx)
+    with pytest.raises(InputError, match=r"quality\.step: too short for this volume.*at least 2\.1e-08"):
+        plan_of(zeros, zeros, spacing=(1e-9,) * 3, step=2e-8)
+    assert plan_of(zeros, zeros, spacing=(1e-9,) * 3, step=2.2e-8).march.step_world == pytest.approx(2.2e-17)
+
+
 def test_single_sample_is_one_brick_of_one_cell() -> None:
     layout = BrickLayout((1, 1, 1), 64)
     assert brick_cost(layout, np.zeros(layout.counts_zyx, bool)).tolist() == [[[1.0]]]

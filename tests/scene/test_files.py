@@ -56,7 +56,9 @@ scenes = st.fixed_dictionaries(
                 "background": st.sampled_from(["white", "Teal", "#09f", "transparent"]) | st.tuples(unit, unit, unit),
             },
         ),
-        "quality": st.fixed_dictionaries({}, optional={"step": positive, "early_termination": st.floats(0, 0.999)}),
+        "quality": st.fixed_dictionaries(
+            {}, optional={"step": st.floats(1e-300, 1e9), "early_termination": st.floats(0, 0.999)}
+        ),
         "cluster": st.fixed_dictionaries({}, optional={"brick": st.integers(2, 1024)}),
     },
 ).map(Scene.model_validate)

@@ -171,6 +171,14 @@ def test_the_last_bits_of_float64_are_drawn_like_any_others() -> None:
     assert compare(*pictures, BOUND).count == 0
 
 
+@pytest.mark.parametrize("clim", [(100.0, 100.0), (0.0, 1e-300), (200.0, 200.0 + 2e-6), (-1e308, 1e308)], ids=str)
+@pytest.mark.parametrize("blending", ["composite", "average"])
+def test_ranges_that_small_integers_cannot_tell(record_property: Record, clim: Any, blending: str) -> None:
+    """A step, and a range of which all voxels are one place: units of clim leave float32, or have no digits there."""
+    voxels = (noise() * 255).astype(np.uint8)
+    check(record_property, voxels, clim=clim, blending=blending, opacity="linear", step=0.4)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_invalid_voxels_on_the_planes_between_ranks(record_property: Record, value: float) -> None:
     """A voxel in the overlap is held by both ranks, and hides cells of both."""
