@@ -27,6 +27,7 @@ from clusterviz.render.drawn import footprint
 from clusterviz.report.sharing import Forecast
 
 LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
+DOUBT = 0.05  # of the time of drawing: so well is known what a sample takes on an idle machine
 LEAST_GAIN_AGAIN = 0.8  # of the time of what is there already, below which it is given up: bricks may have to be read
 
 
@@ -88,6 +89,9 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
 def choose(found: Sequence[Forecast], present: int | None = None) -> int:
     """The number of groups that should take least, unless what they are measured by is nearly as good.
 
+    Of numbers that a clock does not tell apart the fewest groups are taken, which hold least: two runs of the same
+    scene shall not differ by what else the machine did.
+
     Parameters
     ----------
     present : groups that share the screen now; None before a first choice, which is measured by sort-last
@@ -95,4 +99,8 @@ def choose(found: Sequence[Forecast], present: int | None = None) -> int:
     best = min(found, key=lambda each: each.seconds)
     kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)
     now = next((each for each in found if each.groups == kept), None)
-    return kept if now and not best.seconds < gain * now.seconds else best.groups
+    enough = gain * now.seconds if now else np.inf
+    if not best.seconds < enough:
+        return kept
+    alike = best.seconds + DOUBT * best.seconds_drawing
+    return min(each.groups for each in found if each.seconds < enough and each.seconds <= alike)
