@@ -14,6 +14,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
 
 POINTS_A_SIDE = 3  # of each brick, at which the density of samples is looked up
+AT_ONCE = 1024  # bricks, whose points fill a cache
 
 
 def expected_samples(plan: Plan) -> Costs:
@@ -38,31 +39,33 @@ def expected_samples(plan: Plan) -> Costs:
     side = plan.layout.brick
     begin = bricks * side
     extent = np.minimum(side, np.array(plan.layout.cells_zyx) - begin)
-    density = np.zeros(len(bricks))
+    near = float(extent.max()) / 2
     offsets = (np.arange(POINTS_A_SIDE) + 0.5) / POINTS_A_SIDE
-    for z in offsets:
-        for y in offsets:
-            for x in offsets:
-                points = (begin + extent * np.array([z, y, x]))[:, ::-1]
-                density += _samples_per_cell(plan.view, points, float(extent.max()) / 2, plan.march.step_world)
-    cost[tuple(bricks.T)] = plan.cost[tuple(bricks.T)] * density / POINTS_A_SIDE**3
+    offset = np.stack(np.meshgrid(offsets, offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    density = np.empty(len(bricks))
+    for first in range(0, len(bricks), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        points = (begin[some] + extent[some] * offset)[..., ::-1].reshape(-1, 3)
+        each = _samples_per_cell(plan.view, points, near, plan.march.step_world)
+        density[some] = each.reshape(len(offset), -1).mean(axis=0)
+    cost[tuple(bricks.T)] = plan.cost[tuple(bricks.T)] * density
     return cost
 
 
 def _samples_per_cell(view: View, points: NDArray[np.float64], near: float, step_world: float) -> NDArray[np.float64]:
     """Samples per cell around each point (n, 3) in index space; 0 where no pixel sees it."""
     axes = np.array([view.right, view.up, view.forward]).T
-    coordinates = np.linalg.solve(axes, (points - np.array(view.eye)).T).T
-    aside, ahead = coordinates[:, :2], coordinates[:, 2]
-    half = np.array(view.size) * view.pixel / 2
+    right, up, ahead = np.linalg.solve(axes, (points - np.array(view.eye)).T)
+    width, height = (side * view.pixel / 2 for side in view.size)
     # The axes have unit length in the world: their determinant is cells per unit of volume.
     cell_world = 1 / abs(float(np.linalg.det(axes)))
     if view.parallel:
-        seen = (np.abs(aside) <= half).all(axis=1)
+        seen = (np.abs(right) <= width) & (np.abs(up) <= height)
         return np.where(seen, cell_world / (view.pixel**2 * step_world), 0.0)
     # Nearer than the point's own surroundings, density grows without end, and the samples of the brick do not.
     floor = near * cell_world ** (1 / 3) / 2
     depth = np.maximum(ahead, floor)
-    seen = (ahead > 0) & (np.abs(aside) <= half * depth[:, None]).all(axis=1)
-    distance = np.sqrt(depth**2 + (aside**2).sum(axis=1))
-    return np.where(seen, cell_world * distance / (view.pixel**2 * step_world * depth**3), 0.0)
+    seen = (ahead > 0) & (np.abs(right) <= width * depth) & (np.abs(up) <= height * depth)
+    squared = depth * depth
+    distance = np.sqrt(squared + (right * right + up * up))
+    return np.where(seen, cell_world / (view.pixel**2 * step_world) * distance / (squared * depth), 0.0)

@@ -31,12 +31,12 @@ class Frame:
 
     Attributes
     ----------
-    owner : int32 (bz, by, bx), who drew each brick; `NOBODY` where it was out of view
-    model : float64 (bz, by, bx), what it was expected to cost
+    party : int64 (bz, by, bx), who drew each brick, counted from 1; 0 where it was out of view
+    model : float64 (bz, by, bx), what it was expected to cost; 0 there
     costs : float64 (ranks,), what it cost each rank
     """
 
-    owner: NDArray[np.int32]
+    party: NDArray[np.int64]
     model: Costs
     costs: NDArray[np.float64]
 
@@ -101,7 +101,8 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
         raise InputError("not a cost a rank", where="costs", found=costs.tolist(), allowed=f"{owners.ranks} of ≥ 0")
     if not 0 <= damping < 1:
         raise InputError("impossible", where="damping", found=damping, allowed="0 or more, below 1")
-    frame = Frame(np.where(model > 0, owners.owner, NOBODY).astype(np.int32), model, costs)
+    drawn = (model > 0) & (owners.owner != NOBODY)
+    frame = Frame(np.where(drawn, owners.owner + 1, 0).astype(np.int64), np.where(drawn, model, 0.0), costs)
     ratio = _ratio(frame, past.factor)
     if ratio is None:
         return past
@@ -110,9 +111,10 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
     for _ in range(SWEEPS):
         for age, each in zip(reversed(range(len(frames))), frames, strict=True):
             ratio = _ratio(each, factor)
-            factor = factor if ratio is None else factor * ratio ** ((1 - damping) ** age)
+            if ratio is not None:
+                factor = factor * (ratio ** ((1 - damping) ** age) if damping else ratio)
     factor = past.factor**damping * factor ** (1 - damping)
-    return Measured(factor / factor[frame.owner != NOBODY].mean(), frames)
+    return Measured(factor / factor[drawn].mean(), frames)
 
 
 def predict(measured: Measured, model: Costs, shown: NDArray[np.bool_]) -> Costs:
@@ -135,16 +137,16 @@ def predict(measured: Measured, model: Costs, shown: NDArray[np.bool_]) -> Costs
 
 def _ratio(frame: Frame, factor: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Measured over expected of each brick's rank; 1 for bricks that nobody drew; None where nothing cost anything."""
-    drawn = frame.owner != NOBODY
-    expected = np.bincount(frame.owner[drawn], (frame.model * factor)[drawn], minlength=len(frame.costs))
+    # Many frames are gone through each frame, of few bricks: what counts is how many arrays are made.
+    expected = np.bincount(frame.party.ravel(), (frame.model * factor).ravel(), minlength=len(frame.costs) + 1)[1:]
     counts = expected > 0
-    total = float(frame.costs[counts].sum())
+    total = float(frame.costs @ counts)
     if total <= 0:
         return None
+    ratio = np.ones(len(expected) + 1)
     # In units of the frame's own mean, so that a slow frame does not look like dear bricks.
-    scaled = frame.costs * (float(expected.sum()) / total)
-    ratio = np.maximum(LEAST, np.divide(scaled, expected, out=np.ones(len(expected)), where=counts))
-    return np.where(drawn, ratio[np.where(drawn, frame.owner, 0)], 1.0)
+    np.divide(frame.costs * (float(expected.sum()) / total), expected, out=ratio[1:], where=counts)
+    return np.maximum(LEAST, ratio)[frame.party]
 
 
 def _smooth(field: NDArray[np.float64]) -> NDArray[np.float64]:
