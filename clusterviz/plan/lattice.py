@@ -6,6 +6,7 @@ import math
 
 from clusterviz.data.grid import Grid
 from clusterviz.errors import InputError
+from clusterviz.plan.encoding import FAR
 
 MOST_SLABS = 1 << 30
 """On the longest way through a volume; a jittered ray has one more, and windows of slabs end behind the last one."""
@@ -33,3 +34,8 @@ def slab_length(step: float, grid: Grid) -> float:
             allowed=f"at least {diagonal / MOST_SLABS / spacing:.2g}",
         )
     return step * spacing
+
+
+def slab_units(step_world: float, unit_distance: float) -> float:
+    """The length of a slab in opacity unit distances; what float32 does not hold is as opaque as `FAR`."""
+    return min(step_world / unit_distance, FAR)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.image.merge import Operator
-from clusterviz.plan.encoding import in_units_of_clim
+from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.grading import Grading
 from clusterviz.plan.shading import Shading
 from clusterviz.scene.transfer import TransferFunction
@@ -164,13 +164,18 @@ def make_look(
     volume: Volume, transfer: TransferFunction, shading: Shading | None, grading: Grading | None = None
 ) -> Look:
     """The look of a completed volume."""
-    threshold = 0.0 if volume.threshold is None else float(in_units_of_clim(volume.threshold, *transfer.domain))
+    threshold = 0.0 if volume.threshold is None else _in_float32(in_units_of_clim(volume.threshold, *transfer.domain))
     surfaces = []
     for entry in volume.isosurfaces if has_surfaces(volume) else ():
         value, opacity = entry if isinstance(entry, tuple) else (entry, float(transfer.opacity(entry)))
         red, green, blue = transfer.colour(value).tolist()
-        units = float(in_units_of_clim(value, *transfer.domain))
+        units = _in_float32(in_units_of_clim(value, *transfer.domain))
         surfaces.append(Surface(value, units, (red, green, blue), opacity))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
     smooth = volume.gradient == "smooth" and bool(shading or grading)
     return Look(volume.blending, threshold, shading, visible, grading, smooth)
+
+
+def _in_float32(units: NDArray[np.float64]) -> float:
+    """A value in units of clim that float32 holds; no voxel comes to what lies beyond `FAR`."""
+    return float(np.clip(units, -2 * FAR, 2 * FAR))

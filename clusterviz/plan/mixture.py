@@ -24,6 +24,7 @@ from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
 from clusterviz.plan.domain import Domain, domain_layout, make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.grading import make_grading
+from clusterviz.plan.lattice import slab_units
 from clusterviz.plan.look import (
     Look,
     is_graded,
@@ -149,6 +150,6 @@ def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step
         make_preintegrated(transfer) if preintegrated else make_segments(transfer, 1.0),
         volume.interpolation,
         spread_of(volume) - reach_of(volume),
-        min(step_world / transfer.unit_distance, 1e30),
+        slab_units(step_world, transfer.unit_distance),
         preintegrated,
     )

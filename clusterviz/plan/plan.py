@@ -17,7 +17,7 @@ from clusterviz.plan.clip import clip_planes, clipped_bricks
 from clusterviz.plan.domain import make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.grading import make_grading
-from clusterviz.plan.lattice import slab_length
+from clusterviz.plan.lattice import slab_length, slab_units
 from clusterviz.plan.leaping import make_leaping
 from clusterviz.plan.look import (
     Look,
@@ -144,12 +144,13 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
     step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
+    units = slab_units(step_world, transfer.unit_distance)
     preintegrated = is_preintegrated(volume, classification)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
             step_world,
-            step_world / transfer.unit_distance,
+            units,
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
             reach_of(volume, classification, borders),
@@ -164,7 +165,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         planes,
         make_encoding(dtype, transfer.domain),
         transfer,
-        make_preintegrated(transfer) if preintegrated else make_segments(transfer, step_world / transfer.unit_distance),
+        make_preintegrated(transfer) if preintegrated else make_segments(transfer, units),
         layout,
         brick_cost(layout, hidden),
     )

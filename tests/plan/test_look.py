@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clusterviz.image.merge import MERGES
+from clusterviz.plan.encoding import FAR
 from clusterviz.plan.look import OPERATORS, Look, is_preintegrated, make_look, margin_of, spread_of, step_of
 from clusterviz.scene import TransferFunction
 from clusterviz.scene.values import Volume
@@ -42,6 +43,14 @@ def test_surfaces_take_their_looks_from_the_transfer_function() -> None:
     assert [(s.value, s.units, s.opacity) for s in surfaces] == [(1.0, 0.1, 0.25), (3.0, 0.3, 1.0), (4.5, 0.45, 0.5)]
     hidden = Look("isosurface", surfaces=surfaces).hides(BAND, LOW, HIGH)
     assert hidden.tolist() == [False, False, True, False, True]
+
+
+def test_values_beyond_float32_stay_finite_and_beyond_all_voxels() -> None:
+    volume = Volume(path="a", blending="isosurface", isosurfaces=((1e300, 0.5),))
+    with np.errstate(over="raise"):
+        assert FAR < make_look(volume, BAND, None).surface_block()[0, 0] < np.inf
+        below = make_look(Volume(path="a", blending="local-maximum", threshold=-1e300), BAND, None).threshold
+    assert -np.inf < np.float32(below) < -FAR
 
 
 def test_margin_grows_with_what_a_volume_shows() -> None:
