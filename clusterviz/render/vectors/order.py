@@ -15,12 +15,12 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.vectors.job import JOB
 from clusterviz.render.vectors.marching.leaps import FARTHEST
 from clusterviz.render.vectors.marching.starts import COUNTS
-from clusterviz.render.vectors.marching.tile import TILE, TURN
+from clusterviz.render.vectors.marching.tile import TILE
 from clusterviz.render.vectors.memory import Numbers
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 from clusterviz.report.leaping import VISIBLE, Leaping
 
-LONGEST_WINDOW, WIDEST_WINDOW = TURN, 128.0  # slabs and voxels: positions in a window are float32
+LONGEST_WINDOW, WIDEST_WINDOW = 32, 128.0  # slabs and voxels: positions in a window are float32
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, from which voxels are asked for ahead
 ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose

@@ -89,7 +89,6 @@ class March:
     ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
         self._jittered, self._stretch, self._cut, self._starts = jittered, stretch, cut, starts
-        self._to_end = job["window"] - 1
 
     @property
     def keeps_more(self) -> Layout:
@@ -136,9 +135,10 @@ class March:
         mine = hit & (rays.slabs > 1) & owned(job, cell_of(code, job, rays.entered)) & keeps(code, job, rays.entered)
         with code.when(code.any(mine)):
             slab = _float(rays.slab)
-            place = self._places.of(rays.entered, slab, _inverse(code, slab))
+            window = self._places.window(rays.entered, mine)
+            place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen, kept = mine & place.visible, packet.look
-            spot = self._places.spot(place, rays.entered)
+            spot = self._places.spot(place, window)
             share = self._look.last(spot, slab, rays.first_share, seen, code.same(I32, 0) > 0)
             self._look.add(kept, share, seen & (share[3] > 0.0))
             packet.set("samples", seen.to(I32))
@@ -146,8 +146,8 @@ class March:
             packet.keep_look(kept)
 
     def go_on(self, packet: Packet, kept: Variables, last: Value) -> Value:
-        """Take a packet's rays on, up to a slab that ends a window; returns the least slab with which one goes on."""
-        code, rays = self._code, packet.rays
+        """Take a packet's rays through a window, by its last slab; returns the least slab with which one goes on."""
+        code, rays, first = self._code, packet.rays, last - (self._job["window"] - 1)
         slab = _float(rays.slab)
         per_slab = _inverse(code, slab)
         at, done, samples = (Variable(packet.get(name)) for name in ("at", "done", "samples"))
@@ -157,9 +157,14 @@ class March:
         def active() -> Value:
             return (at.now < behind) & done.now.equals(0)
 
-        with code.loop(lambda: code.any(active() & (at.now <= last))):
-            here, ends, stopped = active() & (at.now <= last), at.now | self._to_end, Variable(code.same(I32, 0))
-            place = self._places.of(midpoint(code, rays, at.now), slab, per_slab)
+        def in_window() -> Value:
+            return active() & (at.now >= first) & (at.now <= last)
+
+        window = self._places.window(midpoint(code, rays, code.splat(first)), in_window())
+        with code.loop(lambda: code.any(in_window())):
+            here, stopped = in_window(), Variable(code.same(I32, 0))
+            along = code.select(here, at.now - first, 0).to(F32)
+            place = self._places.of(window, along, slab, per_slab)
             step = code.least(place.slabs, behind - at.now)
             if ahead:
                 step = ahead.reached(at.now, step, code.fma(1.0 - kept[3].now, sums[3].now, kept[3].now))
@@ -167,9 +172,11 @@ class March:
             at.set(code.select(gap, at.now + step, at.now))
             # Rays that have found something wait for those that are still looking.
             with code.when(~code.any(gap & (at.now < behind) & (at.now <= last))):
-                slabs = code.select(here & place.visible, code.least(step, ends - at.now + 1), 0)
+                slabs = code.select(here & place.visible, code.least(step, last + 1 - at.now), 0)
                 self._tell_cut(packet, at.now)
-                taken, sampled, short = self._run(kept, sums, rays, place, (slab, slabs, at.now))
+                taken, sampled, short = self._run(
+                    kept, sums, self._places.spot(place, window, along), place, (slab, slabs, at.now)
+                )
                 on = at.now + taken
                 if ahead:
                     late = ahead.passed(at.now, slabs > 0)
@@ -178,7 +185,7 @@ class March:
                 at.set(on)
                 samples.set(samples.now + sampled)
                 stopped.set(short.to(I32))
-            left = here & ((at.now > ends) | (at.now >= behind) | (stopped.now > 0))
+            left = here & ((at.now > last) | (at.now >= behind) | (stopped.now > 0))
             self._put_behind(kept, sums, left, done)
         for name, variable in (("at", at), ("done", done), ("samples", samples)):
             packet.set(name, variable.now)
@@ -187,7 +194,7 @@ class March:
         return code.smallest(code.select(active(), at.now, NEVER))
 
     def _run(
-        self, kept: Variables, sums: Variables, rays: Rays, place: Place, slabs: tuple[Vector, Value, Value]
+        self, kept: Variables, sums: Variables, spot: Spot, place: Place, slabs: tuple[Vector, Value, Value]
     ) -> tuple[Value, Value, Value]:
         """Take runs; how many slabs were taken, how many samples, and which rays ended early.
 
@@ -195,9 +202,7 @@ class March:
         ----------
         slabs : from one midpoint to the next, how many, and the first one's number
         """
-        code, (slab, count, at) = self._code, slabs
-        begin = at & self._to_end
-        spot = self._places.window(place, midpoint(code, rays, at - begin), begin, count > 0)
+        slab, count, at = slabs
         if self._stretch is None or place.doublings is None:
             taken = self._look.run(kept, sums, spot, slab, count, at.equals(0))
             return taken, taken, taken < count
@@ -229,11 +234,12 @@ class March:
         mine = packet.get("done").equals(0) & packet.mask("ends") & owned(job, cell_of(code, job, rays.last))
         with code.when(code.any(mine)):
             slab = _float(rays.slab)
-            place = self._places.of(rays.last, slab, _inverse(code, slab))
+            window = self._places.window(rays.last, mine)
+            place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen = mine & place.visible
             self._tell_cut(packet, rays.slabs - 1)
             drawn.set(seen.to(I32))
-            spot = self._places.spot(place, rays.last)
+            spot = self._places.spot(place, window)
             share = self._look.last(spot, slab, rays.last_share, seen, rays.slabs.equals(1))
             found = seen & (share[3] > 0.0)
             self._look.add(kept, share, found)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector
@@ -19,6 +20,29 @@ FARTHEST = 1 << 30
 
 
 @dataclass(frozen=True)
+class Window:
+    """Where the windows of rays begin; what lies in them is counted from there in float32.
+
+    Attributes
+    ----------
+    position : float64
+    cell : that holds it, in the volume, int32
+    beyond : float32, from that cell's corner to the position
+    brick : the number of the cell's brick along x, y, z, int32
+    local : of the cell in that brick; whole numbers as float32, as all that follow
+    least, most : the first and last cell of the box of bricks, as seen from the cell
+    """
+
+    position: Vector
+    cell: Vector
+    beyond: Vector
+    brick: Vector
+    local: Vector
+    least: Vector
+    most: Vector
+
+
+@dataclass(frozen=True)
 class Place:
     """Where slabs are.
 
@@ -26,17 +50,15 @@ class Place:
     ----------
     visible : something may be visible there
     slabs : how many from here on share this answer
-    brick : the number of its first cell in the volume along x, y, z, int32
-    voxels : the number of its first voxel, of the job's `word`
-    cell : of the midpoint, in the volume, int32
+    voxels : the number of its brick's first voxel, of the job's `word`
+    begin : the cell with which the window begins, as seen from the brick's first one; whole numbers as float32
     doublings : how often slabs may be doubled; None where they are never
     """
 
     visible: Value
     slabs: Value
-    brick: Vector
     voxels: Value
-    cell: Vector
+    begin: Vector
     doublings: Value | None = None
 
 
@@ -55,66 +77,78 @@ class Places:
         self._sides = [job.part("group_sides", k) for k in range(4)]
         self._first = job["first_cell"]
         self._last = [job.part("last_cell", axis) + int(nearest) for axis in range(3)]
+        self._side, self._per_brick = code.splat(self._brick.to(F32)), code.splat(job["per_brick"].to(F32))
         # Where groups are of one size, leaps go on into other bricks.
         self._farthest = code.select((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0), FARTHEST, self._brick)
         self._slack = code.splat(job["slack"])
 
-    def of(self, position: Vector, slab: Vector, per_slab: Vector) -> Place:
+    def window(self, position: Vector, here: Value) -> Window:
+        """Of a midpoint; somewhere in the box for rays that are not here, so that what they read is near."""
+        code, job = self._code, self._job
+        ends = [
+            (begin * self._brick, code.least((begin + count) * self._brick, job.part("cells", axis)) - 1)
+            for axis, (begin, count) in enumerate(zip(self._begin, self._count, strict=True))
+        ]
+        cell = _each(lambda at, end: code.select(here, at, code.splat(end[0])), cell_of(code, job, position), ends)
+        beyond = _each(lambda at, whole: code.select(here, (at - whole.to(F64)).to(F32), 0.0), position, cell)
+        # Integer division is slow where there is no hardware for it; this is exact, as in march.glsl.
+        brick = _each(lambda at, _: ((at.to(F64) + 0.5) * job["per_brick"]).to(I32), cell, cell)
+        local = _each(lambda at, number: (at - number * self._brick).to(F32), cell, brick)
+        least = _each(lambda end, at: (end[0] - at).to(F32), ends, cell)
+        most = _each(lambda end, at: (end[1] - at).to(F32), ends, cell)
+        return Window(position, cell, beyond, brick, local, least, most)
+
+    def of(self, window: Window, along: Value, slab: Vector, per_slab: Vector) -> Place:
         """The place of a midpoint that the box owns.
+
+        It is found as samples find their cells, in float32: what is sampled is what was looked up, to the last bit.
 
         Parameters
         ----------
+        along : how many slabs behind the window's begin, float32
         slab : float32, from one midpoint to the next
         per_slab : float32, one over its size
         """
         code = self._code
-        cell = cell_of(code, self._job, position)
-        beyond = _each(lambda at, whole: (at - whole.to(F64)).to(F32), position, cell)
-        number = [self._divided(at) for at in cell]
-        local = _each(lambda at, whole: at - whole * self._brick, cell, number)
-        # Rays that have left the box, or never meet it, are told of some brick of it.
-        inside = zip(number, self._begin, self._count, strict=True)
-        x, y, z = (code.within(at - begin, 0, count - 1) for at, begin, count in inside)
+        position = _each(lambda at, by: code.fma(along, by, at), window.beyond, slab)
+        whole = _each(lambda at, _: code.call("floor", at), position, position)
+        # Rays that have left the box are told of some cell of it.
+        ends = zip(whole, window.least, window.most, strict=True)
+        cell = _three([code.within(at, low, high) for at, low, high in ends])
+        beyond = _each(lambda at, by: at - by, position, cell)
+        from_brick = _each(lambda at, by: at + by, window.local, cell)
+        number = _each(lambda at, _: code.call("floor", (at + 0.5) * self._per_brick), from_brick, cell)
+        local = _each(lambda at, by: at - by * self._side, from_brick, number)
+        x, y, z = (
+            at.to(I32) + brick - begin for at, brick, begin in zip(number, window.brick, self._begin, strict=True)
+        )
         brick = (z * self._count[1] + y) * self._count[0] + x
-        group = _each(lambda at, _: at >> GROUP_SHIFT, local, local)
+        group = _each(lambda at, _: at.to(I32) >> GROUP_SHIFT, local, local)
         within = (group[2] * self._sides[1] + group[1]) * self._sides[0] + group[0]
         leap = code.gather(I32, self._job["leaps"], brick * self._sides[3] + within, 4)
-        voxels = self._voxels_of(brick)
         visible, doublings = leap.equals(0), None
         if self._stretch:
             doublings = self._stretch.allowed(leap)
             # Longer slabs end with their group.
             visible, leap = visible | (doublings > 0), code.select(doublings > 0, 1, leap)
-        here = _each(lambda at, by: at.to(F32) + by, local, beyond)
+        here = _each(lambda at, by: at + by, local, beyond)
         slabs = self._slabs(here, group, leap, (slab, per_slab))
-        first = _each(lambda at, _: at * self._brick, number, number)
-        return Place(visible, slabs, first, voxels, cell, doublings)
+        begin = _each(lambda at, by: at - by * self._side, window.local, number)
+        return Place(visible, slabs, self._voxels_of(brick), begin, doublings)
 
-    def spot(self, place: Place, position: Vector) -> Spot:
-        """Where a midpoint is, as seen from the first corner of its cell."""
-        return self._seen_from(place, position, place.cell)
-
-    def window(self, place: Place, position: Vector, begin: Value, here: Value) -> Spot:
-        """Where runs are, as seen from the midpoint with which their window begins; anywhere for those not here.
+    def spot(self, place: Place, window: Window, along: Value | None = None) -> Spot:
+        """Where slabs are in their brick, as seen from the cell with which their window begins.
 
         So what a slab's place is in float32 depends on the ray alone, not on where its run begins.
 
         Parameters
         ----------
-        position : of that midpoint; it may lie in another brick
-        begin : how many slabs behind it the runs begin, int32
+        along : how many slabs behind the window's begin, float32; None: there
         """
-        code = self._code
-        cell = _each(lambda at, near: code.select(here, code.call("floor", at).to(I32), near), position, place.cell)
-        return replace(self._seen_from(place, position, cell), begin=begin.to(F32))
-
-    def _seen_from(self, place: Place, position: Vector, cell: Vector) -> Spot:
-        local = _each(lambda at, first: at - first, cell, place.brick)
-        voxel = place.voxels + self._voxel(local)
-        low = _each(lambda at, _: (self._first - at).to(F32), local, local)
-        high = _each(lambda last, at: (last - at).to(F32), self._last, local)
-        beyond = _each(lambda at, whole: (at - whole.to(F64)).to(F32), position, cell)
-        return Spot(voxel, low, high, beyond, cell)
+        low = _each(lambda at, _: self._first.to(F32) - at, place.begin, place.begin)
+        high = _each(lambda last, at: last.to(F32) - at, self._last, place.begin)
+        voxel = place.voxels + self._voxel(_each(lambda at, _: at.to(I32), place.begin, place.begin))
+        return Spot(voxel, low, high, window.beyond, window.cell, along)
 
     def _slabs(self, at: Vector, group: Vector, leap: Value, slab: tuple[Vector, Vector]) -> Value:
         """How many midpoints from here on lie in the box that shares the answer, for certain: at least one.
@@ -141,16 +175,16 @@ class Places:
         word = self._job.word
         return self._code.gather(word, self._job["bricks"], brick, BYTES[word])
 
-    def _divided(self, cell: Value) -> Value:
-        """The number of the brick that holds a cell; exact, as in march.glsl."""
-        return ((cell.to(F64) + 0.5) * self._job["per_brick"]).to(I32)
-
     def _group_end(self, group: Value) -> Value:
         """Where a group ends; the last one of a brick may be cut."""
         return self._code.least(group << GROUP_SHIFT, self._farthest)
 
 
-def _each(function: Callable[[Value, Value], Value], a: Sequence[Value], b: Sequence[Value]) -> Vector:
-    """A function of two vectors' components, one by one."""
-    x, y, z = (function(first, second) for first, second in zip(a, b, strict=True))
+def _three(parts: Sequence[Value]) -> Vector:
+    x, y, z = parts
     return x, y, z
+
+
+def _each(function: Callable[[Any, Any], Value], a: Sequence[Any], b: Sequence[Any]) -> Vector:
+    """A function of two vectors' components, one by one."""
+    return _three([function(first, second) for first, second in zip(a, b, strict=True)])

@@ -154,7 +154,8 @@ class BrickPlaces(Places):
         for axis, at in enumerate(position):
             in_brick, in_volume = first[axis] + self._last[axis], self._job.part("cells", axis) - 1
             last = code.least(first[axis] + self._brick - 1, in_volume)
-            cells.append(code.least(code.most(code.call("floor", at), first[axis].to(F64)).to(I32), last))
+            # Rays that lie nowhere read some cell of the brick, too.
+            cells.append(code.within(code.call("floor", at), first[axis].to(F64), last.to(F64)).to(I32))
             # Rays begin and end on the volume's faces, which belong to the cells before them.
             high.append((code.least(in_brick, in_volume) - cells[axis]).to(F32))
         local = [cell - begin for cell, begin in zip(cells, first, strict=True)]

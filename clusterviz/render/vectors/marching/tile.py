@@ -1,4 +1,4 @@
-"""A tile of the picture: its packets of pixels, drawn a few slabs at a time, all in turn."""
+"""A tile of the picture: its packets of pixels, drawn a window of slabs at a time, all in turn."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.marching.state import BLOCKS, LOOK_VECTORS, NEVER, State
 
 TILE = 32
-TURN = 32  # slabs that packets go on in turn; a multiple of a window's
 
 
 class Tile:
@@ -38,7 +37,7 @@ class Tile:
             self._begin(number, *self._pixels(number, *corner))
         least = Variable(code.number(I32, 0))
         with code.loop(lambda: least.now < NEVER):
-            last = least.now | (TURN - 1)
+            last = least.now | (self._job["window"] - 1)
             least.set(code.number(I32, NEVER))
             with _counted(code, self._packets) as number:
                 with code.when(code.load(I32, self._spot(number)) <= last):
