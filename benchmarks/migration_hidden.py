@@ -100,6 +100,7 @@ def summary(drawn: list[dict[str, Any]], options: argparse.Namespace) -> dict[st
         "share median": median(on, "share"),
         "share 90 %": float(np.quantile([each["share"] for each in on], 0.9)),
         "share mean": float(sum(each["seconds"] for each in on) / sum(each["wall"] for each in on)),
+        "planning mean": float(sum(each["planning_seconds"] for each in on) / sum(each["wall"] for each in on)),
         "bricks a frame": sum(each["bricks"] for each in on) / len(on),
         "MB a frame": sent / len(on) / 1e6,
         "raw / sent": raw / sent if sent else 1.0,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,7 @@ class Dynamic:
     share : the same
     beginnings : how often bricks were dealt anew
     planned_imbalance : busiest over mean of the last deal, as expected
+    planning_seconds : processor time of planning for the last deal where fronts should be, and what moves
     """
 
     def __init__(self, ranks: int, holding: Holding, budget_bytes: int | None = None, share: float = WHOLE) -> None:
@@ -74,6 +76,7 @@ class Dynamic:
         self.share = share
         self.beginnings = 0
         self.planned_imbalance = 1.0
+        self.planning_seconds = 0.0
 
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
         """A piece for each group of bricks that one rank draws whole; what shall fly during the frame is planned.
@@ -83,11 +86,13 @@ class Dynamic:
         InputError
             A share does not fit into the memory of a rank; the budget cannot carry a brick.
         """
-        model = self._expected(plan)
+        model, self.planning_seconds = self._expected(plan), 0.0
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
             balance = self._begin(plan, model)
-        elif model.any() and not self._planned:
+        elif model.any() and not self._planned and self._pace.may_plan:
+            began = thread_time()
             balance = steer(self._balance, model, self._hurried(model), _eye(plan))
+            self.planning_seconds = thread_time() - began
         else:
             balance = rest(self._balance)
         self._balance = balance
@@ -113,10 +118,15 @@ class Dynamic:
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """What bricks cost, from what they cost together; and how fast they move."""
         told = [rank.balance for rank in costs]
-        work = [(float(each.get("seconds", 0)), sum(map(each.get, HANDLED, (0, 0)))) for each in told]
+        planning = [float(each.get("planning_seconds", 0)) for each in told]
+        work = [
+            (float(each.get("seconds", 0)) - took, sum(map(each.get, HANDLED, (0, 0))))
+            for each, took in zip(told, planning, strict=True)
+        ]
         # Before a frame has ended, the time of drawing tells most of it.
         frame = max(float(rank.balance.get("frame_seconds") or rank.seconds.get("render", 0)) for rank in costs)
-        self._pace = self._pace.after(frame, work)
+        # All ranks plan the same: more than the least time is what others took of their cores.
+        self._pace = self._pace.after(frame, work, min(planning))
         if self._balance is not None:
             self._balance = learn(self._balance, self._expected(plan), rank_costs(costs), self._policy)
 

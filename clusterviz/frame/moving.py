@@ -91,9 +91,11 @@ class Moving:
             self._flying.clear()
             if self._courier is not None:
                 self._courier.void()
+        self._slice.spend(distribution.planning_seconds)
         flights = distribution.depart()
         self._counts = {
             "planned_imbalance": distribution.planned_imbalance,
+            "planning_seconds": distribution.planning_seconds,
             "images": len(list(share.pieces_of(rank))),
             "flights": len(flights),
             "planned": zlib.crc32(repr(flights).encode()),

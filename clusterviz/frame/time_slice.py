@@ -1,9 +1,9 @@
 """What bricks on their way may take of this rank's time: a share of each frame, kept by working in small steps.
 
 A step (a brick read back, a piece of one packed or opened, a brick stored) is made only where it should fit into what
-is left of the frame's slice, by what steps of its kind took before. A step that took longer than expected is a debt of
-the next frames. What a frame leaves unused is lost, but for as much as the next step needs: steps that no slice can
-hold are made once in some frames.
+is left of the frame's slice, once the frame is planned, by what steps of its kind took before. A step that took longer
+than expected is a debt of the next frames. What a frame leaves unused is lost, but for as much as the next step needs:
+steps that no slice can hold are made once in some frames.
 """
 
 from __future__ import annotations
@@ -78,6 +78,11 @@ class TimeSlice:
         if kind in self._rates and self._left >= 0:
             self._refused[kind] = max(expected, self._refused.get(kind, 0.0))
         return False
+
+    def spend(self, seconds: float) -> None:
+        """Count what was done for migration before the slice could be asked."""
+        self._left -= seconds
+        self.seconds += seconds
 
     @contextmanager
     def step(self, kind: str = "", size: int = 0) -> Iterator[None]:

@@ -144,8 +144,9 @@ class FrameStatistics:
     def migration(self) -> dict[str, float] | None:
         """What bricks on their way took; None where none move.
 
-        Seconds of the rank that worked most on them, and their share of that rank's frame; bytes that were sent, and
-        what they would have been unpacked; bricks that arrived, all ranks together.
+        Seconds of the rank that worked most on them, planning included, and their share of that rank's frame; what
+        planning took the slowest rank; bytes that were sent, and what they would have been unpacked; bricks that
+        arrived, all ranks together.
         """
         told = [(rank.balance, rank.seconds.get("total", 0.0)) for rank in self.per_rank if "seconds" in rank.balance]
         if not told:
@@ -153,6 +154,7 @@ class FrameStatistics:
         return {
             "seconds": max(each["seconds"] for each, _ in told),
             "share": max(each["seconds"] / total if total else 0.0 for each, total in told),
+            "planning_seconds": max(each.get("planning_seconds", 0.0) for each, _ in told),
             "bytes_sent": sum(each["bytes_sent"] for each, _ in told),
             "bytes_raw": sum(each.get("bytes_raw", 0) for each, _ in told),
             "bricks": sum(each.get("bricks_stored", 0) for each, _ in told),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from clusterviz.balance.pace import FRAMES_AHEAD, Pace
@@ -48,3 +50,39 @@ def test_the_last_frames_count_most() -> None:
     for _ in range(20):
         pace = pace.after(0.2, [(0.01, 10**6)] * 2 + [(0.0, 0)] * 2)
     assert pace.affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * 1e6 * 2, rel=0.05)
+
+
+def planned(planning: float, frames: int = 200, frame: float = 0.1, share: float = 0.05) -> list[bool]:
+    """Whether something is planned for each frame, if planning takes so long."""
+    pace, found = Pace(share), []
+    for _ in range(frames):
+        found.append(pace.may_plan)
+        pace = pace.after(frame, [], planning if found[-1] else 0.0)
+    return found
+
+
+@pytest.mark.parametrize(("planning", "every"), [(1e-5, 1), (1e-3, 1), (2.4e-3, 1), (4e-3, 2), (0.029, 12)])
+def test_planning_takes_half_of_the_share_at_most(planning: float, every: int) -> None:
+    """2.5 ms of frames of 100."""
+    assert planned(planning) == [number % every == 0 for number in range(200)]
+
+
+def test_where_nothing_is_bounded_every_frame_is_planned() -> None:
+    assert all(planned(1e3, share=1.0))
+
+
+def test_a_plan_that_others_held_up_does_not_end_planning() -> None:
+    pace = Pace(0.05)
+    for _ in range(10):
+        pace = pace.after(0.1, [], 1e-3)
+    pace = pace.after(0.1, [], 1e3)
+    waited = 0
+    while not pace.may_plan:
+        pace, waited = pace.after(0.1, [], 0.0), waited + 1
+    assert waited <= 1
+
+
+def test_what_planning_takes_is_not_there_for_bricks() -> None:
+    for planning, left in ((1e-3, 4e-3), (2.5e-3, 2.5e-3), (1.0, 2.5e-3)):
+        pace = replace(settled(), planning=planning)
+        assert pace.affordable_bytes(4, 0, BRICK) == pytest.approx(FRAMES_AHEAD * left * 1e9 * 2, rel=0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -220,6 +221,19 @@ def test_a_memory_limit_is_kept_while_bricks_move(device: str, monkeypatch: pyte
     frames = run_loopback(3, lambda channel: draw_all(moving(scenes, memory_limit=limit), channel))[0]
     check(frames, scenes)
     assert limit / 2 < max(rank.voxel_bytes for frame in frames for rank in frame.statistics.per_rank) <= limit
+
+
+def test_planning_that_takes_longer_than_frames_is_rare(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And whatever it takes each rank, all plan for the same frames."""
+    hours = count(0.0, 3600.0)
+    monkeypatch.setattr("clusterviz.frame.dynamic.thread_time", lambda: next(hours))
+    scenes = views(12)
+    keys = {"distribution": "dynamic", "migration_share": 0.05}
+    frames = run_loopback(3, lambda channel: draw_all([with_settings(each, keys) for each in scenes], channel))[0]
+    check(frames, scenes)
+    planned = [[rank.balance["planning_seconds"] > 0 for rank in frame.statistics.per_rank] for frame in frames]
+    assert [any(ranks) for ranks in planned] == [all(ranks) for ranks in planned]
+    assert sum(map(any, planned)) == 1
 
 
 def within(moves: Callable[..., tuple[Move, ...]]) -> Callable[..., tuple[Move, ...]]:

@@ -84,3 +84,17 @@ def test_the_whole_share_limits_nothing() -> None:
     work = Work(1.0)
     work.slice.begin()
     assert all(work.step(1.0) for _ in range(5))
+
+
+def test_what_was_done_elsewhere_leaves_less() -> None:
+    work = Work(0.05)
+    work.frames(10, 0.1, 0.001)
+    for planning, steps in ((0.0021, 2), (0.0045, 0), (0.0075, 0), (0.0, 2)):
+        work.slice.begin()
+        work.slice.spend(planning)
+        made = 0
+        while work.step(0.001):
+            made += 1
+        assert made == steps
+        assert work.slice.seconds == pytest.approx(planning + steps * 0.001)
+        work.slice.end(0.1)
