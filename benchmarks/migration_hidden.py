@@ -47,10 +47,11 @@ class Forced:
             return ()
         self._frames += 1
         found: list[Move] = []
+        size = int(wish.wire_bytes.max())
         for rank in range(present.ranks):
             own = np.argwhere((present.owner == rank) & ~busy & (wish.held_bytes > 0))
             for z, y, x in np.roll(own, -self._frames * self._bricks, axis=0)[: self._bricks].tolist():
-                budget -= int(wish.held_bytes[z, y, x])
+                budget -= size
                 if budget >= 0:
                     found.append(Move((z, y, x), rank, (rank + 1) % present.ranks, 1))
         return tuple(found)

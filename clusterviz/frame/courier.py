@@ -133,7 +133,7 @@ class Courier:
         """
         numbers = range(self._numbers, self._numbers + len(flights))
         self._numbers = numbers.stop
-        with self._slice.step():
+        with self._slice.step("post" if flights else ""):
             for number, flight in zip(numbers, flights, strict=True):
                 way = flight.source, flight.target
                 tags = range(self._messages[way], self._messages[way] + parcels.pieces)

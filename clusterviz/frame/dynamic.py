@@ -141,6 +141,11 @@ class Dynamic:
         return int(self._balance.recalled[rank]) if self._balance else 0
 
     @property
+    def planning_expected(self) -> float:
+        """Seconds that planning for the next deal should take; 0 where there is no time for any."""
+        return self._pace.planning if self._pace.may_plan else 0.0
+
+    @property
     def _planned(self) -> tuple[Flight, ...]:
         flights = self._balance.migration.flights if self._balance else ()
         return tuple(flight for flight in flights if flight.stage == "planned")

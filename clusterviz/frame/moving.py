@@ -75,7 +75,7 @@ class Moving:
         drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
         self._slice.end(perf_counter() - self._began if self._frames else drawing)
         self._frames += 1
-        self._slice.begin()
+        self._slice.begin(self._distribution.planning_expected)
         self._land()
 
     def close(self) -> None:

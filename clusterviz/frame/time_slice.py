@@ -16,7 +16,7 @@ from time import perf_counter
 from clusterviz.balance import WHOLE
 
 FRAMES = 4  # whose shortest is believed to be the next one's length
-DOUBT = 0.8  # of the time that a refused step is expected to take: from frame to frame, so that it is tried again
+DOUBT = 0.8  # of the time that a step above every slice is expected to take: from frame to frame, so that it is tried
 MOST_DEBT = 1.0  # in frames: one step that another process held up shall not end migration
 
 
@@ -39,7 +39,8 @@ class TimeSlice:
         self._rates: dict[str, float] = {}
         self._left = self._slice = 0.0
         self._has_stepped = False
-        self._refused: dict[str, float] = {}
+        self._doubted: set[str] = set()
+        self._saving = self._reserved = 0.0
         self.seconds = 0.0
 
     @property
@@ -52,15 +53,16 @@ class TimeSlice:
         """Seconds; below 0 where frames before have taken too many."""
         return self._left
 
-    def begin(self) -> None:
-        """A frame begins."""
+    def begin(self, planning: float = 0.0) -> None:
+        """A frame begins, for which planning should take so long, and posting what is planned as long as it took."""
         frame = self.frame_seconds
         self._slice = self._share * frame
-        most = max(self._slice, *self._refused.values(), 0.0)
-        self._left = max(-MOST_DEBT * frame, min(self._left + self._slice, most))
-        for kind in self._refused:
+        self._left = max(-MOST_DEBT * frame, min(self._left + self._slice, max(self._slice, self._saving)))
+        for kind in self._doubted:
             self._rates[kind] *= DOUBT
-        self._refused, self._has_stepped, self.seconds = {}, False, 0.0
+        self._doubted, self._saving = set(), 0.0
+        self._has_stepped, self.seconds = False, 0.0
+        self._reserved = planning + self._rates.get("post", 0.0) if planning else 0.0
 
     def end(self, frame_seconds: float) -> None:
         """A frame has taken so long, migration included."""
@@ -73,20 +75,20 @@ class TimeSlice:
         expected = self._rates.get(kind, 0.0) * size
         # What frames before have saved is for one step, not for many.
         room = min(self._left, self._slice - self.seconds) if self._has_stepped else self._left
-        if room >= expected:
+        if room >= expected + self._reserved:
             return True
-        if kind in self._rates and self._left >= 0:
-            self._refused[kind] = max(expected, self._refused.get(kind, 0.0))
+        self._refuse(kind, expected)
         return False
 
     def spend(self, seconds: float) -> None:
-        """Count what was done for migration before the slice could be asked."""
+        """Count what planning took, for which nothing is reserved any more."""
         self._left -= seconds
         self.seconds += seconds
+        self._reserved = 0.0
 
     @contextmanager
     def step(self, kind: str = "", size: int = 0) -> Iterator[None]:
-        """Measure the body: a step with so many bytes, or what goes with any, which has no size."""
+        """Measure the body: a step with so many bytes, or what is made without asking, which has no size."""
         began = self._clock()
         try:
             yield
@@ -96,6 +98,15 @@ class TimeSlice:
             self.seconds += took
             if size:
                 self._has_stepped = True
+            if kind:
                 # Others on the same cores only make times longer.
-                rate, known = took / size, self._rates.get(kind)
+                rate, known = took / max(size, 1), self._rates.get(kind)
                 self._rates[kind] = rate if known is None else min(rate, (rate + known) / 2, 2 * known)
+
+    def _refuse(self, kind: str, expected: float) -> None:
+        """Save for a step that no slice can hold, or none of a frame that is planned; and doubt how long it takes."""
+        needed = expected + self._reserved
+        if kind in self._rates and self._left >= 0 and needed > self._slice:
+            self._saving = max(self._saving, needed)
+            if expected > self._slice:
+                self._doubted.add(kind)

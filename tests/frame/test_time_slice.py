@@ -98,3 +98,39 @@ def test_what_was_done_elsewhere_leaves_less() -> None:
         assert made == steps
         assert work.slice.seconds == pytest.approx(planning + steps * 0.001)
         work.slice.end(0.1)
+
+
+def test_what_planning_will_take_is_left_for_it() -> None:
+    """Steps before it leave room for it, and for posting what is planned; steps behind it have the rest."""
+    work = Work(0.05)
+    work.frames(10, 0.1, 0.001)
+    with work.slice.step("post"):
+        work.now += 0.0005
+    for _ in range(5):
+        work.slice.begin(0.002)
+        before = sum(work.step(0.001) for _ in range(9))
+        work.slice.spend(0.0011)
+        behind = sum(work.step(0.001) for _ in range(9))
+        assert (before, behind) == (2, 1)
+        work.slice.end(0.1)
+
+
+def test_the_last_step_that_did_not_fit_is_not_doubted() -> None:
+    """What it takes is known: tried too early, it would go beyond every slice."""
+    spent = Work(0.05).frames(40, 0.1, 0.0027)
+    assert spent[2:] == pytest.approx([0.0027] * 38)
+
+
+@pytest.mark.parametrize("step", [0.003, 0.004, 0.012])
+def test_planning_in_every_frame_starves_no_step(step: float) -> None:
+    """Of what planning leaves, at least half is used, though no frame has room for a step."""
+    work, made = Work(0.05), 0
+    work.frames(3, 0.1, step)
+    for _ in range(60):
+        work.slice.begin(0.0025)
+        while work.step(step):
+            made += 1
+        work.slice.spend(0.0025)
+        work.slice.end(0.1)
+    assert made >= 60 * 0.0025 / step / 2
+    assert made * step + 60 * 0.0025 <= 61 * 0.005
