@@ -18,12 +18,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.field import marschner_lobb
 from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import render_frame
+from clusterviz.frame.run import Options
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import Rays, camera_rays, inside
 from clusterviz.scene.complete import VolumeFacts, complete_scene
@@ -45,11 +47,23 @@ def by_renderer(scene: Scene, source: ArraySource) -> Picture:
     return image.astype(np.float64)
 
 
+def by_opengl(scene: Scene, source: ArraySource) -> Picture:
+    """float64 (h, w, 4): OpenGL on one rank, also where the processor's vectors are what one gets."""
+    image = render_frame(scene, LoopbackChannel(), source, options=Options(device=0)).image
+    assert image is not None
+    return image.astype(np.float64)
+
+
 def by_reference(scene: Scene, source: ArraySource) -> Picture:
     """float64 (h, w, 4): the float64 reference."""
     grid = source.grid
     facts = VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0)
     return render_reference(complete_scene(scene, facts), grid, source.read((0, 0, 0), grid.shape_zyx))
+
+
+WAYS = [pytest.param(by_reference, id="reference"), pytest.param(by_renderer, id="renderer", marks=pytest.mark.gl)]
+EACH_WAY = pytest.mark.parametrize("way", WAYS)
+OPENGL_TOO = pytest.mark.parametrize("way", [*WAYS, pytest.param(by_opengl, id="OpenGL", marks=pytest.mark.gl)])
 
 
 def box_of(

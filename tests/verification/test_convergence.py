@@ -11,11 +11,11 @@ import math
 import numpy as np
 import pytest
 from verification.analytic import (
+    EACH_WAY,
+    OPENGL_TOO,
     Record,
     Way,
     box_of,
-    by_reference,
-    by_renderer,
     gaussian_transmittance,
     lengths,
     marschner_lobb_opacity,
@@ -27,8 +27,6 @@ from verification.analytic import (
 
 from clusterviz.data.field import marschner_lobb
 
-WAYS = [pytest.param(by_reference, id="reference"), pytest.param(by_renderer, id="renderer", marks=pytest.mark.gl)]
-EACH_WAY = pytest.mark.parametrize("way", WAYS)
 SECOND = 2.0, 0.12
 """Order and the band round it: midpoint rule, and trilinear interpolation."""
 ALONG_X = (1.0, 0.0, 0.0)
@@ -73,7 +71,7 @@ def test_a_ramp_of_colours_against_the_step(way: Way, record_property: Record) -
     check(record_property, [abs(way(scene, source)[0, 0, 2] - truth) for scene in scenes], *SECOND)
 
 
-@EACH_WAY
+@OPENGL_TOO
 def test_a_gaussian_against_the_step(way: Way, record_property: Record) -> None:
     """From the middle to 1.5 σ: between two zeros the midpoint rule converges faster than by any power.
 
@@ -103,7 +101,7 @@ def test_a_gaussian_against_the_voxel(way: Way, record_property: Record) -> None
     check(record_property, errors, *SECOND)
 
 
-@EACH_WAY
+@OPENGL_TOO
 def test_marschner_lobb_against_the_voxel(way: Way, record_property: Record) -> None:
     """A picture of 8 × 8 rays aslant through a part of the field with two waves; rms over its pixels."""
     begin, end, direction = (0.35,) * 3, (0.6,) * 3, (0.64, 0.48, 0.6)

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from verification.analytic import (
+    EACH_WAY,
+    OPENGL_TOO,
     Picture,
     Record,
     Way,
     box_of,
     by_reference,
-    by_renderer,
     gaussian_transmittance,
     orders,
     scene_along,
@@ -26,8 +27,6 @@ from clusterviz.reference.rays import camera_rays
 from clusterviz.scene.settings import with_settings
 from clusterviz.scene.values import Clip, Scene
 
-WAYS = [pytest.param(by_reference, id="reference"), pytest.param(by_renderer, id="renderer", marks=pytest.mark.gl)]
-EACH_WAY = pytest.mark.parametrize("way", WAYS)
 EACH_FIELD = pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 ALONG_X = (1.0, 0.0, 0.0)
 ASLANT = (0.64, 0.48, 0.6)
@@ -56,7 +55,7 @@ def coefficients(samples: Picture) -> Picture:
     return np.linalg.solve(system, samples.reshape(-1, count).T).T.reshape(samples.shape)
 
 
-@EACH_WAY
+@OPENGL_TOO
 @pytest.mark.parametrize(("prefiltered", "order", "band"), [(False, 2.0, 0.12), (True, 4.0, 0.35)])
 def test_cubic_splines_against_the_voxel(
     way: Way, prefiltered: bool, order: float, band: float, record_property: Record

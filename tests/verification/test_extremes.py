@@ -1,7 +1,8 @@
 """Extremes that only the whole renderer meets: data, defaults, several ranks and compositing together.
 
-Every picture is drawn on one rank and on several, and each is held to the float64 reference at 1e-5 of its own largest
-value, so that faint pictures are judged as strictly as opaque ones. docs/extremes.md lists what was seen.
+Every picture is drawn by the processor's vectors on one rank and by OpenGL on several, and each is held to the float64
+reference at 1e-5 of its own largest value, so that faint pictures are judged as strictly as opaque ones.
+docs/extremes.md lists what was seen.
 """
 
 from __future__ import annotations
@@ -16,15 +17,18 @@ from clusterviz.comm import run_loopback
 from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import render_frame
+from clusterviz.frame.run import Options
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
+from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.settings import with_settings
 
 pytestmark = pytest.mark.gl
 
 BOUND = 1e-5
-RANKS = (1, 3)
+JOBS: tuple[tuple[int, Device], ...] = ((1, "cpu"), (3, 0))
+"""Ranks, and on what they draw."""
 SHAPE = (9, 10, 11)
 
 
@@ -33,19 +37,22 @@ def noise(shape: tuple[int, int, int] = SHAPE) -> np.ndarray[Any, Any]:
     return np.random.default_rng(7).random(shape)
 
 
-def draw(voxels: Any, grid: Grid | None, ranks: int, settings: dict[str, Any]) -> tuple[Any, Scene]:
+def draw(
+    voxels: Any, grid: Grid | None, ranks: int, settings: dict[str, Any], device: Device = None
+) -> tuple[Any, Scene]:
     """The picture, float64, and the completed scene."""
     source = ArraySource(np.asarray(voxels), grid)
     scene = with_settings(Scene(volumes=(Volume(path="array"),)), {"size": (20, 16), "brick": 4} | settings)
-    rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, source))[0]
+    options = Options(device=device)
+    rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, source, options=options))[0]
     assert rendered.image is not None
     return rendered.image.astype(np.float64), rendered.scene
 
 
 def check(record: Record, voxels: Any, grid: Grid | None = None, **settings: Any) -> np.ndarray[Any, Any]:
-    """The reference's picture, which those on all rank counts are close to and which is not empty."""
+    """The reference's picture, which those of all jobs are close to and which is not empty."""
     voxels = np.asarray(voxels)
-    pictures = [draw(voxels, grid, ranks, settings) for ranks in RANKS]
+    pictures = [draw(voxels, grid, ranks, settings, device) for ranks, device in JOBS]
     expected = render_reference(pictures[0][1], grid or Grid(voxels.shape), voxels)
     largest = float(expected.max())
     assert largest > 0
@@ -211,7 +218,7 @@ def test_pictures_with_fewer_pixels_than_ranks(record_property: Record, size: tu
     voxels, settings = noise(), {"size": size, "opacity": 0.5}
     expected = check(record_property, voxels, **settings)
     for ranks in (5, 8):
-        picture, _ = draw(voxels, None, ranks, settings)
+        picture, _ = draw(voxels, None, ranks, settings, 0)
         assert compare(picture, expected, BOUND).count == 0
 
 
