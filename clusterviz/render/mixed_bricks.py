@@ -7,6 +7,9 @@ by the extremes of each volume over the groups of voxels that its image meets; s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -28,21 +31,57 @@ def store_portions(portions: Portions, mixture: Mixture, slot: Slot) -> Stored:
     return Stored(pack_portions(portions, mixture, slot), low, high, portions.size)
 
 
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one volume has in a brick.
+
+    Attributes
+    ----------
+    samples : (z, y, x), as `Encoding.encode` made them, no more than its slot has
+    first_xyz : the volume's cell whose corner is the first of them behind the slot's margin
+    """
+
+    samples: NDArray[Any]
+    first_xyz: tuple[int, ...]
+
+
 def pack_portions(portions: Portions, mixture: Mixture, slot: Slot) -> Words:
     """The words of a brick's slot, uint32 (slot.words,)."""
+    parts = [
+        None if samples is None else Part(of.encoding.encode(samples), of.cut.cell_box(portions.index_zyx)[0][::-1])
+        for samples, of in zip(portions.samples, mixture.ingredients, strict=True)
+    ]
+    return pack_parts(parts, slot)
+
+
+def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
+    """The same of what each volume has; None: nothing."""
     words = np.zeros(slot.words, np.uint32)
-    header = words[: HEADER_WORDS * len(slot.parts)].view(np.int32).reshape(-1, HEADER_WORDS)
-    begin = header.size
-    for row, samples, part, ingredient in zip(header, portions.samples, slot.parts, mixture.ingredients, strict=True):
+    header = _header(words, slot)
+    for row, begin, part, room in zip(header, _begins(slot), parts, slot.parts, strict=True):
         row[0] = -1
-        if samples is not None:
-            row[0] = begin
-            row[1:] = ingredient.cut.cell_box(portions.index_zyx)[0][::-1]
-            words[begin : begin + part.words] = (
-                part.pack(ingredient.encoding.encode(samples)).reshape(-1).view(np.uint32)
-            )
-        begin += part.words
+        if part is not None:
+            row[0], row[1:] = begin, part.first_xyz
+            words[begin : begin + room.words] = room.pack(part.samples).reshape(-1).view(np.uint32)
     return words
+
+
+def parts_of(words: Words, slot: Slot) -> list[Part | None]:
+    """What each volume has in a brick, from its words; as many samples as its slot has."""
+    return [
+        None if row[0] < 0 else Part(room.unpack(words[begin : begin + room.words]), tuple(row[1:].tolist()))
+        for row, begin, room in zip(_header(words, slot), _begins(slot), slot.parts, strict=True)
+    ]
+
+
+def _header(words: Words, slot: Slot) -> NDArray[np.int32]:
+    return words[: HEADER_WORDS * len(slot.parts)].view(np.int32).reshape(-1, HEADER_WORDS)
+
+
+def _begins(slot: Slot) -> list[int]:
+    """Where the parts of a slot begin."""
+    ends = accumulate((room.words for room in slot.parts), initial=HEADER_WORDS * len(slot.parts))
+    return list(ends)[:-1]
 
 
 def portion_ranges(portions: Portions, mixture: Mixture, slot: Slot) -> Ranges:

@@ -7,6 +7,8 @@
 - order.py         a draw as a job
 - job.py           the job's record
 - memory.py        bricks in memory, laid out for few fetches
+- mixed_memory.py  the same of several volumes
+- mixed_order.py   several volumes as jobs
 - kernel.py        what a kernel is made for
 - program.py       its code, put together from the rooms below
 - machine_code.py  the same, compiled

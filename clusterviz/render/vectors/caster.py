@@ -29,33 +29,48 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import group_doublings
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
 from clusterviz.render.emptiness import visible_groups
-from clusterviz.render.storage import make_slot
+from clusterviz.render.mixed_bricks import store_portions
+from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import store
 from clusterviz.render.vectors.coherence.last_frame import LastFrame, depth_of
 from clusterviz.render.vectors.coherence.reprojection import prepare_reprojection
-from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of
+from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
 from clusterviz.render.vectors.marching.stretch import with_doublings
 from clusterviz.render.vectors.memory import Memory
-from clusterviz.render.vectors.order import hand_over, job_of, leaping_of, tables_of
+from clusterviz.render.vectors.mixed_memory import MixedMemory
+from clusterviz.render.vectors.mixed_order import VolumeJobs, volume_jobs
+from clusterviz.render.vectors.order import domain_tables, hand_over, job_of, leaping_of, tables_of
 from clusterviz.render.vectors.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
+from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 BLOCK = 4  # the output's sides are multiples of it, so that every packet's pixels have a place
 MOST_LEAPS = 64  # tables that are kept
+Transfers = list[tuple[TransferFunction, float]]
+"""Of each volume, and the length of what its pieces give the opacity of, in opacity unit distances."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """The bricks that a piece shows in any window: how many, which, in which box, and the tables of both."""
+    """The bricks that a piece shows in any window: how many, which, in which box, and the tables of both.
+
+    Of several volumes, what is said of each, too.
+    """
 
     piece: Piece
     bricks: int
     members: bytes
     box: BrickBox
     tables: dict[str, Any]
+    volumes: VolumeJobs | None = None
+
+    @property
+    def wide(self) -> bool:
+        """Whether the numbers of voxels take 64 bits."""
+        return self.volumes.wide if self.volumes else self.tables["bricks"].itemsize == 8
 
 
 class VectorCaster:
@@ -74,10 +89,10 @@ class VectorCaster:
 
     def __init__(self, plan: Plan, width: Width | None = None) -> None:
         self._width, self._threads = width or host_width(), kernel_threads()
-        self.slot = make_slot(plan.layout, plan.encoding, plan.march)
-        self.pool = Memory(self.slot)
+        self.slot = slot_of(plan)
+        self.pool = self._empty_pool()
         self._leaps: dict[Any, NDArray[np.int32]] = {}
-        self._pieces: tuple[Any, float, Pieces | None] | None = None
+        self._pieces: tuple[Transfers, tuple[Pieces | None, ...]] = [], ()
         self._shown: tuple[Any, ...] | None = None
         self._last_frame = LastFrame()
         self.compile(plan)
@@ -103,12 +118,21 @@ class VectorCaster:
         if self._kernel.leaping:
             prepare_reprojection()
 
-    def load(self, plan: Plan, bricks: MutableMapping[Index, NDArray[Any]]) -> None:
-        """Keep bricks beside those that are there: samples (z, y, x) by index, taken out as they are laid out."""
+    def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
+        """Keep bricks beside those that are there, taken out as they are laid out.
+
+        Parameters
+        ----------
+        bricks : samples (z, y, x), or the `Portions` of several volumes, by index
+        """
         self._leaps = {}
         if bricks:
             self._last_frame.forget()
-        self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+        mixture = plan.mixture
+        if mixture is None:
+            self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+        else:
+            self.pool.put(bricks, lambda portions: store_portions(portions, mixture, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
@@ -141,17 +165,22 @@ class VectorCaster:
 
     def release(self) -> None:
         """Forget the bricks."""
-        self._leaps, self.pool = {}, Memory(self.slot)
+        self._leaps, self.pool = {}, self._empty_pool()
+
+    def _empty_pool(self) -> Memory | MixedMemory:
+        return MixedMemory(self.slot) if self.slot.parts else Memory(self.slot)
 
     def _kernel_of(self, plan: Plan) -> Kernel:
-        return kernel_of(plan, self._width.lanes, self._pieces_of(plan))
+        lanes, pieces = self._width.lanes, self._pieces_of(plan)
+        return mixed_kernel_of(plan, lanes, pieces) if plan.mixture else kernel_of(plan, lanes, pieces[0])
 
-    def _pieces_of(self, plan: Plan) -> Pieces | None:
-        """The transfer function's pieces, where they are few: kept until it changes."""
-        known = plan.transfer, plan.march.slab_units
-        if self._pieces is None or self._pieces[0] is not known[0] or self._pieces[1] != known[1]:
-            self._pieces = (*known, pieces_of(plan))
-        return self._pieces[2]
+    def _pieces_of(self, plan: Plan) -> tuple[Pieces | None, ...]:
+        """Of each volume the transfer function's pieces, where they are few: kept until one changes."""
+        each, known = transfers_of(plan), self._pieces[0]
+        kept = len(each) == len(known) and all(a is b and u == v for (a, u), (b, v) in zip(each, known, strict=True))
+        if not kept:
+            self._pieces = each, tuple(pieces_of(*one) for one in each)
+        return self._pieces[1]
 
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
         """The bricks of a piece, as its windows are drawn of them."""
@@ -159,10 +188,13 @@ class VectorCaster:
         if len(bricks) == 0:
             return _Shown(piece, 0, b"", piece.box, {})
         box = bounding_box(bricks)
-        tables = tables_of(plan, self.pool.numbered(box, bricks), self._leaps_of(plan, box, bricks))
-        pieces = self._pieces_of(plan)
-        tables |= {} if pieces is None else {"pieces": pieces.table}
-        return _Shown(piece, len(bricks), bricks.tobytes(), box, tables)
+        pieces, leaps, volumes = self._pieces_of(plan), self._leaps_of(plan, box, bricks), None
+        if isinstance(self.pool, MixedMemory):
+            volumes = volume_jobs(plan, self.slot, self.pool.numbered(box, bricks), pieces)
+            tables = domain_tables(plan, leaps) | {"volumes": volumes.records}
+        else:
+            tables = tables_of(plan, self.pool.numbered(box, bricks), leaps, pieces[0])
+        return _Shown(piece, len(bricks), bricks.tobytes(), box, tables, volumes)
 
     def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
@@ -172,7 +204,7 @@ class VectorCaster:
         if plan.march.leaping is not None:
             memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.leaping)
-        self._run(job, wide=shown.tables["bricks"].itemsize == 8)
+        self._run(job, wide=shown.wide)
         leaping = leaping_of(job, memory["starts"][: rect.height, : rect.width]) if memory else None
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
@@ -187,7 +219,8 @@ class VectorCaster:
 
     def _leaps_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
         """They last until the transfer function changes."""
-        shown = (plan.look, plan.transfer, plan.march.stretching)
+        parts = plan.mixture.ingredients if plan.mixture else ()
+        shown = (plan.look, plan.march.stretching, plan.transfer, *(one for p in parts for one in (p.look, p.transfer)))
         if self._shown is None or any(a is not b for a, b in zip(self._shown, shown, strict=True)):
             self._leaps, self._shown = {}, shown
         if (found := self._leaps.get((box, bricks.tobytes()))) is not None:
@@ -197,10 +230,17 @@ class VectorCaster:
         ranges, places = self.pool.ranges(bricks), bricks - box.begin_zyx
         visible = visible_groups(ranges, plan)
         found = leaps_of(visible, places, box.shape_zyx, plan.layout.brick)
-        if plan.march.stretching is not None:
+        if plan.march.stretching is not None and isinstance(self.pool, Memory):
             found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
         self._leaps[box, bricks.tobytes()] = found
         return found
+
+
+def transfers_of(plan: Plan) -> Transfers:
+    """Those of a plan: of several volumes extinctions are added, so that the opacity of unit lengths is needed."""
+    if plan.mixture is None:
+        return [(plan.transfer, plan.march.slab_units)]
+    return [(part.transfer, 1.0) for part in plan.mixture.ingredients]
 
 
 @cache

@@ -1,4 +1,8 @@
-"""What a kernel shall draw, as one record: the constants of a draw, sizes, and where its tables lie."""
+"""What a kernel shall draw, as one record: the constants of a draw, sizes, and where its tables lie.
+
+Each of several volumes has a record of its own beside that of the draw: what samples, classifies and lights a volume
+reads the same members of it, and knows of no other volume.
+"""
 
 from __future__ import annotations
 
@@ -60,6 +64,10 @@ JOB = np.dtype(
         ("left_out", "i8"),  # those that it told to meet nothing
         ("late", "i8"),  # those that it told to start too late, and that began again
         ("checked", "i8"),  # those that start anew, and find what they would have missed
+        ("volumes", "i8"),  # JOB, one a volume of a mixture: see mixed_order.py
+        ("index_from_domain", "f8", 12),  # of one of these: rows of the matrix of plan/cut.py
+        ("firsts", "i8"),  # int32 (bricks of the box, 4): its cell that is a brick's first; 1: the brick has any
+        ("farthest", "i4"),  # voxels of a window, at most
     ],
     align=True,
 )
@@ -71,16 +79,21 @@ class Job:
 
     Parameters
     ----------
-    code : of the kernel, whose argument is the job's address
+    code : of the kernel
     wide : voxels are so many that their numbers take 64 bits
+    at : the job's address; by default the kernel's argument
 
     Attributes
     ----------
     word : the type of voxels' numbers; unsigned
     """
 
-    def __init__(self, code: Code, wide: bool) -> None:
-        self._code, self.word = code, I64 if wide else I32
+    def __init__(self, code: Code, wide: bool, at: Value | None = None) -> None:
+        self._code, self.word, self._at = code, I64 if wide else I32, code.argument if at is None else at
+
+    def volume(self, number: int) -> Job:
+        """The record of one of several volumes."""
+        return Job(self._code, self.word is I64, self["volumes"] + JOB.itemsize * number)
 
     def __getitem__(self, name: str) -> Value:
         """A member that is one number; the first of several."""
@@ -88,13 +101,13 @@ class Job:
 
     def address(self, name: str) -> Value:
         """Where a member lies, for all threads."""
-        return self._code.argument + self._field(name)[1]
+        return self._at + self._field(name)[1]
 
     def part(self, name: str, number: int) -> Value:
         """One of a member's numbers."""
         kind, offset = self._field(name)
         element = _ELEMENTS[kind.base.str[1:]]
-        return self._code.load(element, self._code.argument + (offset + number * kind.base.itemsize))
+        return self._code.load(element, self._at + (offset + number * kind.base.itemsize))
 
     @staticmethod
     def _field(name: str) -> tuple[np.dtype[np.generic], int]:

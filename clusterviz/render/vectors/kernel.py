@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.grading import Table as TableHolds
-from clusterviz.plan.look import Blending
+from clusterviz.plan.look import Blending, Look
+from clusterviz.plan.mixture import Ingredient
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.render.vectors.looks.light import Light
 from clusterviz.render.vectors.transfer.pieces import MOST, Pieces
@@ -39,6 +42,7 @@ class Kernel:
     surfaces : isosurfaces are shown, alone or in the volume
     leaping : rays start where the last frame says
     wide : the numbers of voxels take 64 bits
+    volumes : of several volumes what each needs; what the kernel says of one volume is then of no account
     """
 
     kind: VoxelKind
@@ -57,10 +61,16 @@ class Kernel:
     surfaces: bool = False
     leaping: bool = False
     wide: bool = False
+    volumes: tuple[Kernel, ...] = ()
 
     @property
     def name(self) -> str:
         """Of the function."""
+        if self.volumes:
+            # Names of several would make too long a one for a file.
+            each = hashlib.sha256(" ".join(volume.name for volume in self.volumes).encode()).hexdigest()[:16]
+            ways = "_jittered" * self.jittered + "_wide" * self.wide
+            return f"cast_{len(self.volumes)}_volumes_{each}_{self.lanes}{ways}"
         parts = (
             self.kind,
             self.filter,
@@ -94,9 +104,8 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     few = pieces if lanes == MOST and blending == "composite" and not apart else None
     held: Held = "many" if few is None else "fitted" if few.fitted else "few"
     blending = "average" if blending == "additive" else blending
-    shading, smooth = plan.look.shading, plan.look.smooth
-    light: Light = ("near" if shading.has_places else "far") if shading else ""
-    kind, graded, jittered = plan.encoding.kind, graded_of(plan), plan.march.jittered
+    light, smooth = _light_of(plan.look), plan.look.smooth
+    kind, graded, jittered = plan.encoding.kind, _graded_of(plan.look), plan.march.jittered
     surfaces = bool(plan.look.surfaces) or blending == "isosurface"
     return Kernel(
         kind,
@@ -117,9 +126,39 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
     )
 
 
-def graded_of(plan: Plan) -> Graded:
-    """What the gradient's magnitude does to the opacity of a plan's volume."""
-    grading = plan.look.grading
+def mixed_kernel_of(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> Kernel:
+    """The kernel that a plan of several volumes needs.
+
+    Parameters
+    ----------
+    pieces : of the transfer function of each, where they are few
+    """
+    assert plan.mixture is not None, "the plan is one of several volumes"
+    each = zip(plan.mixture.ingredients, pieces, strict=True)
+    volumes = tuple(_volume_kernel(part, lanes, own) for part, own in each)
+    return Kernel("u8", "linear", "composite", "many", 0, lanes, jittered=plan.march.jittered, volumes=volumes)
+
+
+def _volume_kernel(part: Ingredient, lanes: int, pieces: Pieces | None) -> Kernel:
+    """What one of several volumes needs."""
+    look = part.look
+    few = (
+        pieces is not None and pieces.fitted and lanes == MOST and (look.grading is None or look.grading.table is None)
+    )
+    held: Held = "fitted" if few else "many"
+    light, graded = _light_of(look), _graded_of(look)
+    kind, capacity = part.encoding.kind, pieces.capacity if few and pieces else 0
+    return Kernel(kind, part.interpolation, "composite", held, capacity, lanes, False, light, graded, look.smooth)
+
+
+def _light_of(look: Look) -> Light:
+    """What shines on a volume."""
+    return ("near" if look.shading.has_places else "far") if look.shading else ""
+
+
+def _graded_of(look: Look) -> Graded:
+    """What the gradient's magnitude does to a volume's opacity."""
+    grading = look.grading
     if grading is None:
         return ""
     holds: dict[TableHolds, Graded] = {"": "faded", "opacity": "opacities", "colour and opacity": "colours"}
@@ -130,4 +169,8 @@ def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     march = plan.march
     leaps_in_parts = march.split and march.leaping is not None
-    return not (plan.mixture or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")
+    # Slabs of a mixture have no ends.
+    has_ends = plan.mixture is not None and any(
+        part.preintegrated or part.look.surfaces for part in plan.mixture.ingredients
+    )
+    return not (has_ends or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")

@@ -71,9 +71,13 @@ class Memory:
         """Samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
+    def make_room(self, bricks: int) -> None:
+        """Let so many further bricks lie side by side, if they come."""
+        self._slots.make_room(bricks)
+
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
         """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
-        self._slots.make_room(len(bricks))
+        self.make_room(len(bricks))
         for index in list(bricks):
             brick = stored(bricks.pop(index))
             slot = self._slots.take()

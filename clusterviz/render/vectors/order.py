@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
+from clusterviz.plan.cut import Cut
+from clusterviz.plan.look import Look
 from clusterviz.plan.plan import Plan
+from clusterviz.plan.segments import Segments
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.vectors.job import JOB
@@ -18,6 +21,7 @@ from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.tile import TILE
 from clusterviz.render.vectors.memory import Numbers
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
+from clusterviz.render.vectors.transfer.pieces import Pieces
 from clusterviz.report.leaping import VISIBLE, Leaping
 
 LONGEST_WINDOW, WIDEST_WINDOW = 32, 128.0  # slabs and voxels: positions in a window are float32
@@ -27,33 +31,39 @@ ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
 Tables = dict[str, NDArray[Any]]
 
 
-def tables_of(plan: Plan, numbered: tuple[NDArray[np.uint32], Numbers], leaps: NDArray[np.int32]) -> Tables:
+def tables_of(
+    plan: Plan, numbered: tuple[NDArray[np.uint32], Numbers], leaps: NDArray[np.int32], pieces: Pieces | None
+) -> Tables:
     """The arrays that a kernel reads, by the names of the job's addresses; they must outlive the draw.
 
     Parameters
     ----------
     numbered : as of `Memory.numbered`
     leaps : as of `leaps_of`
+    pieces : of the transfer function, where they are few
     """
-    segments = plan.segments
-    tables: Tables = {
-        "voxels": numbered[0],
-        "bricks": numbered[1],
-        "leaps": leaps,
-        "bucket_rows": bucket_rows(segments),
-        "record_rows": segments.records,
-        "clip": np.ascontiguousarray(plan.clip),
-    }
+    voxels = {"voxels": numbered[0], "bricks": numbered[1]}
+    return domain_tables(plan, leaps) | voxels | segment_tables(plan.segments, pieces) | look_tables(plan.look)
+
+
+def domain_tables(plan: Plan, leaps: NDArray[np.int32]) -> Tables:
+    """Those that do not belong to one of several volumes."""
+    return {"leaps": leaps, "clip": np.ascontiguousarray(plan.clip)}
+
+
+def segment_tables(segments: Segments, pieces: Pieces | None) -> Tables:
+    """Those of a transfer function."""
+    tables: Tables = {"bucket_rows": bucket_rows(segments), "record_rows": segments.records}
     classes = {"colour_rows": colour_rows(segments)} if segments.sums is None else {"sums": segments.sums}
-    return tables | classes | _look_tables(plan)
+    return tables | classes | ({} if pieces is None else {"pieces": pieces.table})
 
 
-def _look_tables(plan: Plan) -> Tables:
+def look_tables(look: Look) -> Tables:
     """Those that only some looks have."""
-    shading, grading = plan.look.shading, plan.look.grading
+    shading, grading = look.shading, look.grading
     tables: Tables = {"lighting": shading.block()} if shading else {}
-    if plan.look.surfaces:
-        tables["surface"] = plan.look.surface_block()
+    if look.surfaces:
+        tables["surface"] = look.surface_block()
     if grading:
         tables["grading"] = grading.block()
         if grading.table is not None:
@@ -72,31 +82,54 @@ def job_of(plan: Plan, shown: tuple[BrickBox, int], rect: Rect, slot: Slot, tabl
     (box, bricks), job = shown, np.zeros(1, JOB)
     job["frame"] = frame_block(plan, box, rect, slot)
     job["whole"] = box.shape_zyx == plan.layout.counts_zyx
-    _, y, x = slot.samples_zyx
-    job["row"], job["layer"] = x, x * y
     job["brick"], job["per_brick"] = plan.layout.brick, 1 / plan.layout.brick
-    job["further_starts"], job["planes"] = plan.segments.further_starts, len(plan.clip)
-    _count_looks(job, plan)
-    job["record_floats"] = plan.segments.records.itemsize // 4
-    job["window"] = _window(plan, slot)
-    job["far"] = bricks * tables["voxels"].nbytes > CACHED and _voxels_a_slab(plan) > NEAR
+    job["planes"], job["window"] = len(plan.clip), _window(plan, slot)
+    tell_volume(job, slot, plan.segments, plan.look, slot.reach)
+    job["far"] = "voxels" in tables and is_far(bricks * tables["voxels"].nbytes, voxels_a_slab(plan))
     job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
     across, down = -(-rect.width // TILE), -(-rect.height // TILE)
     job["tiles_across"], job["tiles"], job["stride"] = across, across * down, tables["pixels"].shape[1]
     job["squares_across"] = tables["work"].shape[1]
     sides = slot.groups_zyx[::-1]
     job["group_sides"] = *sides, np.prod(sides)
-    job["first_cell"], job["first_voxel"] = -slot.reach, -slot.margin
-    job["last_cell"][0, :3] = np.array(slot.cells_zyx[::-1]) - 1 + slot.reach
+    tell_tables(job, tables)
+    return job
+
+
+def tell_volume(job: NDArray[np.void], slot: Slot, segments: Segments, look: Look, reach: int) -> None:
+    """Tell a job (1,) how the voxels of a slot lie, and what is made of them.
+
+    Parameters
+    ----------
+    reach : cells beyond the slot's own that may be sampled
+    """
+    _, y, x = slot.samples_zyx
+    job["row"], job["layer"] = x, x * y
+    job["first_cell"], job["first_voxel"] = -reach, -slot.margin
+    job["last_cell"][0, :3] = np.array(slot.cells_zyx[::-1]) - 1 + reach
+    job["further_starts"], job["record_floats"] = segments.further_starts, segments.records.itemsize // 4
+    shading, grading = look.shading, look.grading
+    job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(look.surfaces)
+    if grading:
+        job["fading"] = grading.fading
+        if grading.table is not None:
+            job["table_sides"] = grading.table.shape[1::-1]
+
+
+def is_far(memory: int, voxels: float) -> bool:
+    """Whether samples are so many voxels apart, and bricks so many bytes, that caches hold few of them."""
+    return memory > CACHED and voxels > NEAR
+
+
+def tell_tables(job: NDArray[np.void], tables: Tables) -> None:
+    """Tell a job where its tables are."""
     for name, table in tables.items():
         job[name] = table.__array_interface__["data"][0]
-    return job
 
 
 def hand_over(job: NDArray[np.void], memory: Tables, depth: NDArray[np.float64], offset: int) -> None:
     """Tell a job where its rays start and where to write what they hit: `LastFrame.arrays`, `depth_of`."""
-    for name, table in memory.items():
-        job[name] = table.__array_interface__["data"][0]
+    tell_tables(job, memory)
     job["plane"], job["depth"], job["offset"] = memory["starts"].nbytes, depth, offset
 
 
@@ -111,25 +144,24 @@ def leaping_of(job: NDArray[np.void], missed: NDArray[np.float32]) -> Leaping:
     return Leaping(estimated, left_out, late, checked, int(np.count_nonzero(missed > VISIBLE)), float(missed.max()))
 
 
-def _count_looks(job: NDArray[np.void], plan: Plan) -> None:
-    """Tell the sizes of `_look_tables`."""
-    shading, grading = plan.look.shading, plan.look.grading
-    job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(plan.look.surfaces)
-    if grading:
-        job["fading"] = grading.fading
-        if grading.table is not None:
-            job["table_sides"] = grading.table.shape[1::-1]
-
-
 def _window(plan: Plan, slot: Slot) -> int:
     """Slabs of a window, a power of two: their cells can be told from the first one's by a whole number in float32."""
-    _, y, x = slot.samples_zyx
-    farthest = min(EXACT / (x * y + x + 1) - 2, WIDEST_WINDOW)
-    slabs = np.clip(farthest / _voxels_a_slab(plan), 1, LONGEST_WINDOW)
+    voxels = [(slot, voxels_a_slab(plan))]
+    if plan.mixture is not None:
+        parts = zip(slot.parts, plan.mixture.ingredients, strict=True)
+        voxels = [(room, voxels_a_slab(plan, part.cut)) for room, part in parts]
+    slabs = np.clip(min(farthest(room) / a_slab for room, a_slab in voxels), 1, LONGEST_WINDOW)
     return 1 << int(np.log2(slabs))
 
 
-def _voxels_a_slab(plan: Plan) -> float:
-    """Not less than the voxels of a slab in any direction."""
+def farthest(slot: Slot) -> float:
+    """Voxels of a window, at most."""
+    _, y, x = slot.samples_zyx
+    return float(min(EXACT / (x * y + x + 1) - 2, WIDEST_WINDOW))
+
+
+def voxels_a_slab(plan: Plan, cut: Cut | None = None) -> float:
+    """Not less than the voxels of a slab in any direction; with a cut, those of its volume."""
     axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
-    return plan.march.step_world * float(np.sqrt((axes**2).sum()))
+    voxels = plan.march.step_world * float(np.sqrt((axes**2).sum()))
+    return voxels if cut is None else voxels * float(np.linalg.norm(cut.index_from_domain[:, :3]))

@@ -12,12 +12,14 @@ from clusterviz.render.vectors.kernel import Kernel
 from clusterviz.render.vectors.looks.composite import Composite
 from clusterviz.render.vectors.looks.light import Lights
 from clusterviz.render.vectors.looks.local_maximum import LocalMaximum
+from clusterviz.render.vectors.looks.mixture import Ingredient, Mixture
 from clusterviz.render.vectors.looks.optics import Optics
 from clusterviz.render.vectors.looks.preintegrated import Preintegrated
 from clusterviz.render.vectors.looks.projections import Extreme, Sum
 from clusterviz.render.vectors.looks.relief import Relief
 from clusterviz.render.vectors.looks.samples import Samples
 from clusterviz.render.vectors.looks.surfaces import Surfaces
+from clusterviz.render.vectors.marching.bodies import Bodies, Body, MixedPlaces
 from clusterviz.render.vectors.marching.clip import Cut
 from clusterviz.render.vectors.marching.march import Look, March
 from clusterviz.render.vectors.marching.place import Places
@@ -37,10 +39,10 @@ def program_of(kernel: Kernel) -> str:
     job = Job(code, kernel.wide)
     tile = Variable(code.number(I64, 0))
     samples = Variable(code.number(I64, 0))
-    nearest = kernel.filter == "nearest"
-    field = (CubicField if kernel.filter == "cubic" else Field)(code, job, kernel.kind, nearest)
+    field = None if kernel.volumes else _field(kernel, code, job)
     starts = Starts(code, job) if kernel.leaping else None
-    tiles = Tile(code, job, _march(kernel, code, job, field, starts), starts)
+    march = _march(kernel, code, job, field, starts) if field else _mixed_march(kernel, code, job)
+    tiles = Tile(code, job, march, starts)
 
     def next_tile() -> Value:
         tile.set(code.add_atomically(job.address("counter"), code.number(I64, 1)))
@@ -53,6 +55,24 @@ def program_of(kernel: Kernel) -> str:
         for name, rays in starts.counts.items():
             code.add_atomically(job.address(name), rays.now)
     return code.text()
+
+
+def _field(kernel: Kernel, code: Code, job: Job) -> Field:
+    kind = CubicField if kernel.filter == "cubic" else Field
+    return kind(code, job, kernel.kind, kernel.filter == "nearest")
+
+
+def _mixed_march(kernel: Kernel, code: Code, job: Job) -> March:
+    """Of several volumes, each with code of its own."""
+    ingredients, bodies = [], []
+    for number, volume in enumerate(kernel.volumes):
+        own = job.volume(number)
+        field, body = _field(volume, code, own), Body(code, own, number, volume.filter == "nearest")
+        samples, optics = Samples(code, own, field), _optics(volume, code, own, field)
+        ingredients.append(Ingredient(code, own, body, samples, optics))
+        bodies.append(body)
+    look, places = Mixture(code, job, ingredients), MixedPlaces(code, job, bodies)
+    return March(code, job, places, look, kernel.jittered, bodies=Bodies(bodies))
 
 
 def _march(kernel: Kernel, code: Code, job: Job, field: Field, starts: Starts | None) -> March | SplitMarch:
@@ -83,18 +103,24 @@ def _look(
         return Extreme(code, samples, kernel.blending == "maximum")
     if cut and kernel.blending == "isosurface":
         return Surfaces(code, job, samples, _relief(kernel, code, job, field), cut)
-    many = kernel.pieces == "many"
-    fitted = kernel.pieces == "fitted"
-    classifier = Classifier(code, job) if many else PieceClassifier(code, job, kernel.capacity, fitted)
     if kernel.blending == "average":
-        return Sum(code, samples, classifier)
-    holds_colour = kernel.graded == "colours"
-    table = Table(code, job, classifier, holds_colour) if kernel.graded in ("opacities", "colours") else None
-    relief = _relief(kernel, code, job, field)
-    optics = Optics(code, classifier, relief, table)
+        return Sum(code, samples, _classifier(kernel, code, job))
+    optics = _optics(kernel, code, job, field)
     if cut:
-        return Surfaces(code, job, samples, relief, cut, optics)
+        return Surfaces(code, job, samples, optics.relief, cut, optics)
     return Composite(code, job, samples, optics, stretch)
+
+
+def _classifier(kernel: Kernel, code: Code, job: Job) -> Classifier:
+    if kernel.pieces == "many":
+        return Classifier(code, job)
+    return PieceClassifier(code, job, kernel.capacity, kernel.pieces == "fitted")
+
+
+def _optics(kernel: Kernel, code: Code, job: Job, field: Field) -> Optics:
+    classifier, holds_colour = _classifier(kernel, code, job), kernel.graded == "colours"
+    table = Table(code, job, classifier, holds_colour) if kernel.graded in ("opacities", "colours") else None
+    return Optics(code, classifier, _relief(kernel, code, job, field), table)
 
 
 def _relief(kernel: Kernel, code: Code, job: Job, field: Field) -> Relief:

@@ -36,7 +36,7 @@ def opacities(table: np.ndarray, s: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("step", [0.1, 0.5, 1.0, 3.0])
 def test_polynomials_are_as_good_as_chords(step: float) -> None:
     plan = plan_of(opacity=RAMP, unit=1.0, step=step)
-    pieces = pieces_of(plan)
+    pieces = pieces_of(plan.transfer, plan.march.slab_units)
     assert pieces is not None
     assert pieces.fitted
     table = pieces.table
@@ -53,7 +53,8 @@ def test_few_pieces_are_found_in_few_steps(points: int, capacity: int) -> None:
     """And what lies in front of all that is visible is not among them."""
     values = np.linspace(0.5, 1.0, points)
     opacity = ((0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.3, 0.0), *((float(x), 0.1 * k) for k, x in enumerate(values)))
-    pieces = pieces_of(plan_of(opacity=opacity, cmap=((0.0, 1.0, 0.1, 0.0), (1.0, 0.0, 0.25, 1.0)), unit=1.0))
+    plan = plan_of(opacity=opacity, cmap=((0.0, 1.0, 0.1, 0.0), (1.0, 0.0, 0.25, 1.0)), unit=1.0)
+    pieces = pieces_of(plan.transfer, plan.march.slab_units)
     assert pieces is not None
     assert pieces.capacity == capacity
     assert pieces.table[START, 0] == np.float32(0.5)
@@ -61,7 +62,7 @@ def test_few_pieces_are_found_in_few_steps(points: int, capacity: int) -> None:
 
 def test_many_pieces_are_not_held_in_registers() -> None:
     points = tuple((float(x), 0.3) for x in np.linspace(0, 1, MOST + 4))
-    assert pieces_of(plan_of(opacity=points)) is None
+    assert pieces_of(plan_of(opacity=points).transfer, 1.0) is None
     assert DEGREE > 1
 
 
@@ -85,7 +86,7 @@ def test_few_and_many_pieces_give_the_same_picture(opacity: Any, unit: float) ->
     for cmap in (colours, mixed):
         scene = scene_of(VOXELS, camera, clim=(0.0, 1.0), opacity=opacity, cmap=cmap, unit=unit, step=0.6)
         prepared = prepare(scene, VOXELS, grid)
-        pieces = pieces_of(prepared.plan)
+        pieces = pieces_of(prepared.plan.transfer, prepared.plan.march.slab_units)
         assert (pieces is None) == (cmap is mixed)
         assert pieces is None or pieces.fitted == (unit < 20.0)
         found = whole(draw_on_processor(prepared).partial, scene.image.size)

@@ -3,7 +3,8 @@
 - samples.py          the samples of runs
 - composite.py        emission and absorption
 - preintegrated.py    the same for slabs that are classified between their ends
-- over.py             how runs of either are put behind others
+- mixture.py          several volumes, mixed slab by slab
+- over.py             how runs of all these are put behind others
 - projections.py      maximum, minimum, average and sum
 - local_maximum.py    the first stretch above a threshold
 - surfaces.py         isosurfaces, alone or in a volume

@@ -12,4 +12,5 @@
 - march.py    from run to run
 - split.py    the same where slabs are cut as they leave a brick
 - faces.py    where rays meet the faces of bricks
+- bodies.py   where rays and runs are in each of several volumes
 """

@@ -15,7 +15,7 @@ def kept_range(code: Code, job: Job, rays: Rays) -> tuple[Value, Value]:
     begin, end = Variable(code.same(I32, 0)), Variable(rays.slabs)
     number = Variable(code.number(I64, 0))
     with code.loop(lambda: number.now < job["planes"].to(I64)):
-        first, past = _kept_by(code, rays, *_plane(code, job, number.now))
+        first, past = kept_by(code, rays, *_plane(code, job, number.now))
         begin.set(code.most(begin.now, first))
         end.set(code.least(end.now, past))
         number.set(number.now + 1)
@@ -27,7 +27,7 @@ def keeps(code: Code, job: Job, place: Vector) -> Value:
     kept, number = Variable(code.same(I32, 1)), Variable(code.number(I64, 0))
     with code.loop(lambda: number.now < job["planes"].to(I64)):
         normal, offset = _plane(code, job, number.now)
-        kept.set(code.select(_side(normal, place) + offset >= 0.0, kept.now, 0))
+        kept.set(code.select(side_of(normal, place) + offset >= 0.0, kept.now, 0))
         number.set(number.now + 1)
     return kept.now > 0
 
@@ -58,15 +58,16 @@ def _plane(code: Code, job: Job, number: Value) -> tuple[Vector, Value]:
     return (x, y, z), w
 
 
-def _side(normal: Vector, place: Vector) -> Value:
+def side_of(normal: Vector, place: Vector) -> Value:
+    """The inner product of a plane's normal and places: with the offset, on which side they lie."""
     x, y, z = (by * at for by, at in zip(normal, place, strict=True))
     return x + y + z
 
 
-def _kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Value, Value]:
+def kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Value, Value]:
     """The same for one plane. The estimates are within one of the truth; the test is exact."""
     whole = code.most(rays.slabs - 1, 0)
-    at, by = _side(normal, rays.first) + offset, _side(normal, rays.slab)
+    at, by = side_of(normal, rays.first) + offset, side_of(normal, rays.slab)
     rises, falls = by > 0.0, by < 0.0
     ratio = (0.0 - at) / code.select(rises | falls, by, 1.0)
     first = code.within(code.call("ceil", ratio), 0.0, whole.to(F64)).to(I32)
@@ -74,7 +75,7 @@ def _kept_by(code: Code, rays: Rays, normal: Vector, offset: Value) -> tuple[Val
     never = ~rises & ~falls & (at < 0.0)
     kept_to = code.select(falls, _past_kept(code, at, by, past, whole), code.select(never, 0, whole))
     # The last slab's midpoint is not on the lattice.
-    kept_to = code.select(kept_to.equals(whole) & (_side(normal, rays.last) + offset >= 0.0), rays.slabs, kept_to)
+    kept_to = code.select(kept_to.equals(whole) & (side_of(normal, rays.last) + offset >= 0.0), rays.slabs, kept_to)
     return code.select(rises, _first_kept(code, at, by, first, whole), 0), kept_to
 
 

@@ -16,6 +16,7 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.marching.bodies import Bodies
 from clusterviz.render.vectors.marching.clip import Cut, keeps, kept_range
 from clusterviz.render.vectors.marching.place import Place, Places
 from clusterviz.render.vectors.marching.rays import Rays, cell_of, midpoint, owned, owned_range, packet_rays
@@ -74,6 +75,7 @@ class March:
     stretch : where slabs may be longer; None: nowhere
     cut : what clipping planes keep of slabs; None: they are kept as wholes
     starts : where rays start; None: at their first slab
+    bodies : several volumes; None: there is one
     """
 
     def __init__(
@@ -86,14 +88,16 @@ class March:
         stretch: Stretch | None = None,
         cut: Cut | None = None,
         starts: Starts | None = None,
+        bodies: Bodies | None = None,
     ) -> None:
         self._code, self._job, self._places, self._look = code, job, places, look
-        self._jittered, self._stretch, self._cut, self._starts = jittered, stretch, cut, starts
+        self._jittered, self._stretch, self._cut, self._starts, self._bodies = jittered, stretch, cut, starts, bodies
 
     @property
     def keeps_more(self) -> Layout:
         """What is kept of a packet beside what is of every one."""
-        return (KEPT if self._cut else ()) + (STARTED if self._starts else ())
+        of_volumes = self._bodies.layout if self._bodies else ()
+        return (KEPT if self._cut else ()) + (STARTED if self._starts else ()) + of_volumes
 
     def rays_through(self, x: Value, y: Value) -> Rays:
         """The rays through the pixels (x, y) of the picture."""
@@ -122,6 +126,8 @@ class March:
         packet.set("behind", code.select(hit, behind.now, 0))
         packet.set("done", (~hit).to(I32))
         packet.set("samples", code.same(I32, 0))
+        if self._bodies:
+            self._bodies.begin(packet, rays)
         if self._jittered:
             self._enter(packet, rays, hit)
         return code.any(hit)
@@ -139,6 +145,8 @@ class March:
             place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen, kept = mine & place.visible, packet.look
             spot = self._places.spot(place, window)
+            if self._bodies:
+                self._bodies.enter(packet, rays.entered)
             share = self._look.last(spot, slab, rays.first_share, seen, code.same(I32, 0) > 0)
             self._look.add(kept, share, seen & (share[3] > 0.0))
             packet.set("samples", seen.to(I32))
@@ -173,7 +181,7 @@ class March:
             # Rays that have found something wait for those that are still looking.
             with code.when(~code.any(gap & (at.now < behind) & (at.now <= last))):
                 slabs = code.select(here & place.visible, code.least(step, last + 1 - at.now), 0)
-                self._tell_cut(packet, at.now)
+                self._tell(packet, at.now)
                 taken, sampled, short = self._run(
                     kept, sums, self._places.spot(place, window, along), place, (slab, slabs, at.now)
                 )
@@ -221,10 +229,12 @@ class March:
             _clear(code, sums, some)
             done.set(code.select(self._look.is_done(kept), 1, done.now))
 
-    def _tell_cut(self, packet: Packet, at: Value) -> None:
-        """Tell what planes keep of the slabs from some numbers on."""
+    def _tell(self, packet: Packet, at: Value) -> None:
+        """Tell what planes keep, and volumes hold, of the slabs from some numbers on."""
         if self._cut:
             self._cut.take(packet.get("kept_from") - at, packet.get("kept_to") - at)
+        if self._bodies:
+            self._bodies.take(packet, at)
 
     def finish(self, packet: Packet, kept: Variables) -> Value:
         """Draw the last slabs, where the box owns them and something may be visible; samples taken in all, int32."""
@@ -237,7 +247,7 @@ class March:
             window = self._places.window(rays.last, mine)
             place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen = mine & place.visible
-            self._tell_cut(packet, rays.slabs - 1)
+            self._tell(packet, rays.slabs - 1)
             drawn.set(seen.to(I32))
             spot = self._places.spot(place, window)
             share = self._look.last(spot, slab, rays.last_share, seen, rays.slabs.equals(1))

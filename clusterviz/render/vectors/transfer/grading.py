@@ -59,9 +59,21 @@ class Table:
 
     def of_share(self, s: Value, share: Value, gradient: Vector) -> Class:
         """Of shares of slabs."""
-        r, g, b, a = self._entry(s, self._magnitudes.of(gradient))
-        opacity = slab_opacity(self._code, self._code.within(a, 0.0, BELOW_ONE), share * self._units)
-        return Class(opacity, (r, g, b) if self._has_colour else self._classifier.of_slab(s).colour)
+        entry = self._entry(s, self._magnitudes.of(gradient))
+        opacity = slab_opacity(self._code, self._unit_opacity(entry), share * self._units)
+        return Class(opacity, self._colour(s, entry))
+
+    def of_unit(self, s: Value, gradient: Vector) -> Class:
+        """Of unit lengths."""
+        entry = self._entry(s, self._magnitudes.of(gradient))
+        return Class(self._unit_opacity(entry), self._colour(s, entry))
+
+    def _unit_opacity(self, entry: list[Value]) -> Value:
+        return self._code.within(entry[3], 0.0, BELOW_ONE)
+
+    def _colour(self, s: Value, entry: list[Value]) -> Vector:
+        r, g, b = entry[:3]
+        return (r, g, b) if self._has_colour else self._classifier.of_slab(s).colour
 
     def _entry(self, s: Value, magnitude: Value) -> list[Value]:
         """Between four entries of the table."""

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, I32, Value
-from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.transfer.classify import BELOW_ONE, Class, Classifier
 from clusterviz.render.vectors.transfer.opacity import slab_opacity
-from clusterviz.scene.transfer import OPAQUE
+from clusterviz.scene.transfer import OPAQUE, TransferFunction
 
 MOST = 16  # floats in a register of AVX-512
 CAPACITIES = (4, 8, MOST)  # one of few pieces is found in fewer steps
@@ -51,16 +50,20 @@ class Pieces:
     fitted: bool
 
 
-def pieces_of(plan: Plan) -> Pieces | None:
-    """The plan's transfer function for whole slabs; None where it has more pieces than a register holds.
+def pieces_of(transfer: TransferFunction, units: float) -> Pieces | None:
+    """A transfer function for slabs of a length; None where it has more pieces than a register holds.
 
     It begins with the first piece that is visible at all: no sample below that is ever looked up.
+
+    Parameters
+    ----------
+    units : of slabs, in opacity unit distances
     """
-    uncut, _ = outline(plan.transfer)
+    uncut, _ = outline(transfer)
     uncut = uncut[np.argmax((uncut["unit_opacity"] > 0) | (uncut["unit_slope"] > 0)) :]
     if len(uncut) > MOST:
         return None
-    units, records = plan.march.slab_units, uncut
+    records = uncut
     while len(records) <= MOST:
         lengths = _lengths(records)
         cut = _misses(records, lengths, units)

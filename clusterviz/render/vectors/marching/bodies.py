@@ -1,0 +1,244 @@
+"""Where rays and runs are in each volume of a mixture: the twin of see, face_all and begin_all in ingredient.glsl.
+
+Rays, slabs, bricks and groups of cells are those of the domain. Which slabs have their midpoint in a volume is decided
+in double precision for the whole ray, so every box finds the same ones; where a run is in a volume's own voxels is
+found from where its window begins, so it does not depend on where the run does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import BYTES, F32, I32, Value, Vector
+from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.job import Job
+from clusterviz.render.vectors.marching.clip import kept_by, side_of
+from clusterviz.render.vectors.marching.place import Place, Places, Window
+from clusterviz.render.vectors.marching.rays import Rays
+from clusterviz.render.vectors.marching.state import Layout, Packet
+from clusterviz.render.vectors.transfer.tables import rows
+
+SLACK = 1e-9
+"""Of its length, by which a volume's box is widened: a ray along a face sees it from everywhere."""
+REACH = 2.0**30  # voxels
+
+
+@dataclass(frozen=True)
+class Share:
+    """Places of a packet in one volume.
+
+    Attributes
+    ----------
+    spot : in its voxels
+    there : whether the places' bricks hold any of them
+    """
+
+    spot: Spot
+    there: Value
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Where the windows of rays begin in one volume.
+
+    Attributes
+    ----------
+    cell : that holds it, int32
+    beyond : float32, from that cell's corner
+    """
+
+    cell: Vector
+    beyond: Vector
+
+
+@dataclass(frozen=True)
+class MixedWindow(Window):
+    """Where the windows of rays begin in the domain, and in each of the volumes."""
+
+    begins: tuple[Begin, ...] = ()
+
+
+@dataclass(frozen=True)
+class Spots(Spot):
+    """Places of a packet in the domain, whose voxels are none, and in each of the volumes."""
+
+    shares: tuple[Share, ...] = ()
+
+
+class Body:
+    """One volume, where rays are concerned.
+
+    Parameters
+    ----------
+    job : the volume's own
+    number : of the volume
+    nearest : voxels are looked up, not cells
+
+    Attributes
+    ----------
+    stride : of the rays that are taken now, from one midpoint to the next, in its voxels, float32
+    """
+
+    def __init__(self, code: Code, job: Job, number: int, nearest: bool) -> None:
+        self._code, self._job, self._number = code, job, number
+        self._rows = [[job.part("index_from_domain", 4 * row + k) for k in range(4)] for row in range(3)]
+        self._last = [job.part("last_cell", axis) + int(nearest) for axis in range(3)]
+        self._from, self._to = (Variable(code.same(I32, 0)) for _ in range(2))
+        self._stride = [Variable(code.same(F32, 0.0)) for _ in range(3)]
+
+    @property
+    def layout(self) -> Layout:
+        """What is kept of a packet: the slabs whose midpoints lie in the volume, and the stride."""
+        return (self._name("from"), I32, 1), (self._name("to"), I32, 1), (self._name("stride"), F32, 3)
+
+    @property
+    def stride(self) -> Vector:
+        """See above."""
+        x, y, z = (part.now for part in self._stride)
+        return x, y, z
+
+    def begin(self, packet: Packet, rays: Rays) -> None:
+        """Write a packet's first state."""
+        code, begin, end = self._code, self._code.same(I32, 0), rays.slabs
+        for normal, offset in self._planes():
+            first, past = kept_by(code, rays, normal, offset)
+            begin, end = code.most(begin, first), code.least(end, past)
+        packet.set(self._name("from"), begin)
+        packet.set(self._name("to"), end)
+        for axis, row in enumerate(self._rows):
+            packet.set(self._name("stride"), side_of(self._normal(row), rays.slab).to(F32), axis)
+
+    def take(self, packet: Packet, at: Value) -> None:
+        """Rays are taken on from some slabs on, which are counted from there."""
+        self._from.set(packet.get(self._name("from")) - at)
+        self._to.set(packet.get(self._name("to")) - at)
+        self._face(packet)
+
+    def enter(self, packet: Packet, position: Vector) -> None:
+        """The same of one slab each, whose midpoint is not on the lattice."""
+        inside = None
+        for normal, offset in self._planes():
+            here = side_of(normal, position) + offset >= 0.0
+            inside = here if inside is None else inside & here
+        assert inside is not None
+        self._from.set(self._code.same(I32, 0))
+        self._to.set(inside.to(I32))
+        self._face(packet)
+
+    def holds(self, number: Value) -> Value:
+        """Whether slabs have their midpoint in the volume, by their numbers from those on that are taken now."""
+        return (number >= self._from.now) & (number < self._to.now)
+
+    def window(self, position: Vector, here: Value) -> Begin:
+        """Where the windows of rays begin; anywhere for those that are not here."""
+        code, whole, beyond = self._code, [], []
+        for row in self._rows:
+            at = side_of(self._normal(row), position) + row[3]
+            floor = code.within(code.call("floor", at), -REACH, REACH)
+            whole.append(code.select(here, floor, 0.0).to(I32))
+            beyond.append(code.select(here, (at - floor).to(F32), 0.0))
+        return Begin(_three(whole), _three(beyond))
+
+    def share(self, brick: Value, begin: Begin, along: Value | None) -> Share:
+        """Where slabs are in their bricks, as seen from the cell with which their window begins.
+
+        Parameters
+        ----------
+        brick : the number of the brick in its box
+        along : as `Spot.begin`
+        """
+        code, job = self._code, self._job
+        *firsts, any_ = (part.bits(I32) for part in rows(code, job["firsts"], brick.to(I32), 4))
+        local = [cell - first for cell, first in zip(begin.cell, firsts, strict=True)]
+        # Rays that are farther away than a window is long are not there; where they read has to be somewhere.
+        there, farthest = any_ > 0, job["farthest"]
+        for part, last in zip(local, self._last, strict=True):
+            there = there & (part >= -farthest) & (part <= last + farthest)
+        local = [code.select(there, part, 0) for part in local]
+        beyond = [code.select(there, part, 0.0) for part in begin.beyond]
+        low = [(0 - part).to(F32) for part in local]
+        high = [(last - part).to(F32) for part, last in zip(local, self._last, strict=True)]
+        voxel = code.gather(job.word, job["bricks"], brick.to(I32), BYTES[job.word]) + self._voxel(local)
+        return Share(Spot(voxel, _three(low), _three(high), _three(beyond), begin.cell, along), there)
+
+    def _voxel(self, local: Sequence[Value]) -> Value:
+        """The number of a cell's first corner in its brick, of the job's `word`."""
+        x, y, z = (at - self._job["first_voxel"] for at in local)
+        return (z * self._job["layer"] + y * self._job["row"] + x).to(self._job.word)
+
+    def _face(self, packet: Packet) -> None:
+        for axis, part in enumerate(self._stride):
+            part.set(packet.get(self._name("stride"), axis))
+
+    def _name(self, what: str) -> str:
+        return f"{what}_{self._number}"
+
+    def _normal(self, row: Sequence[Value]) -> Vector:
+        return _three([self._code.splat(part) for part in row[:3]])
+
+    def _planes(self) -> list[tuple[Vector, Value]]:
+        """The volume's faces, a little wider, as planes that keep what lies between them."""
+        planes: list[tuple[Vector, Value]] = []
+        for axis, row in enumerate(self._rows):
+            extent, (x, y, z) = self._job.part("extent", axis), self._normal(row)
+            slack = SLACK * extent
+            planes.append(((x, y, z), self._code.splat(row[3] + slack)))
+            planes.append(((-x, -y, -z), self._code.splat(extent + slack - row[3])))
+        return planes
+
+
+class Bodies:
+    """The volumes of a mixture, where rays are concerned."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self._bodies = bodies
+
+    @property
+    def layout(self) -> Layout:
+        """What is kept of a packet."""
+        return tuple(part for body in self._bodies for part in body.layout)
+
+    def begin(self, packet: Packet, rays: Rays) -> None:
+        """Write a packet's first state."""
+        for body in self._bodies:
+            body.begin(packet, rays)
+
+    def take(self, packet: Packet, at: Value) -> None:
+        """Rays are taken on from some slabs on."""
+        for body in self._bodies:
+            body.take(packet, at)
+
+    def enter(self, packet: Packet, position: Vector) -> None:
+        """First slabs are taken that the entry cuts."""
+        for body in self._bodies:
+            body.enter(packet, position)
+
+
+class MixedPlaces(Places):
+    """The bricks of a domain and their groups of cells; in place of voxels they tell bricks' numbers in the box."""
+
+    def __init__(self, code: Code, job: Job, bodies: Sequence[Body]) -> None:
+        super().__init__(code, job, nearest=False)
+        self._bodies = bodies
+
+    def _voxels_of(self, brick: Value) -> Value:
+        return brick.to(self._job.word)
+
+    def window(self, position: Vector, here: Value) -> MixedWindow:
+        """Of a midpoint, in the domain and in all volumes."""
+        begins = tuple(body.window(position, here) for body in self._bodies)
+        return MixedWindow(**vars(super().window(position, here)), begins=begins)
+
+    def spot(self, place: Place, window: Window, along: Value | None = None) -> Spots:
+        """Where slabs are in all volumes."""
+        assert isinstance(window, MixedWindow), "windows of a mixture begin in all volumes"
+        each = zip(self._bodies, window.begins, strict=True)
+        shares = tuple(body.share(place.voxels, begin, along) for body, begin in each)
+        return Spots(**vars(super().spot(place, window, along)), shares=shares)
+
+
+def _three(parts: Sequence[Value]) -> Vector:
+    x, y, z = parts
+    return x, y, z
