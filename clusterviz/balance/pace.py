@@ -29,7 +29,7 @@ class Pace:
     seconds, bytes : what bricks took, and what of them was packed and opened, summed over ranks and frames, older ones
         less
     planning : seconds that planning where bricks go takes once; 0 where that is not known
-    saved : seconds for planning that frames since the last plan have left
+    saved : seconds for planning that frames have left
     """
 
     share: float
@@ -90,4 +90,6 @@ class Pace:
         if took:
             # Others on the same cores only make times longer.
             once = min(took, (took + once) / 2, 2 * once) if once else took
-        return replace(self, planning=once, saved=min(once, (0.0 if took else self.saved) + left))
+        saved = max(0.0, self.saved - once) if took else self.saved
+        # What is left over counts, so that two plans may come in three frames.
+        return replace(self, planning=once, saved=min(2 * once, saved + left))

@@ -61,10 +61,11 @@ def planned(planning: float, frames: int = 200, frame: float = 0.1, share: float
     return found
 
 
-@pytest.mark.parametrize(("planning", "every"), [(1e-5, 1), (1e-3, 1), (2.4e-3, 1), (4e-3, 2), (0.029, 12)])
-def test_planning_takes_half_of_the_share_at_most(planning: float, every: int) -> None:
-    """2.5 ms of frames of 100."""
-    assert planned(planning) == [number % every == 0 for number in range(200)]
+@pytest.mark.parametrize("planning", [1e-5, 1e-3, 2.4e-3, 3e-3, 4e-3, 0.029])
+def test_planning_takes_half_of_the_share_and_no_more(planning: float) -> None:
+    """2.5 ms of frames of 100, and not in one frame of two what would do for two of three."""
+    found = planned(planning)
+    assert sum(found) == pytest.approx(len(found) * min(1.0, 2.5e-3 / planning), abs=2)
 
 
 def test_where_nothing_is_bounded_every_frame_is_planned() -> None:
