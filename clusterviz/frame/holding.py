@@ -23,24 +23,27 @@ from clusterviz.scene.values import Cluster
 
 @dataclass(frozen=True)
 class Holding:
-    """The same on every rank.
+    """The same on every rank; what draws is not asked where nothing is limited.
 
     Attributes
     ----------
     limit_bytes : of bricks that a rank may hold; None: any
-    on_processor : some rank draws without OpenGL what it can; not asked where nothing is limited
+    on_processor : some rank draws without OpenGL what it can
+    by_opengl : some rank draws all by OpenGL
     """
 
     limit_bytes: int | None = None
     on_processor: bool = False
+    by_opengl: bool = True
 
     def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
         """Memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
         from clusterviz.render.vectors.kernel import can_draw
 
-        slot = slot_of(plan)
-        size = laid_out_bytes(slot) if self.on_processor and can_draw(plan) else slot.bytes
-        return np.where(plan.cost > 0, size, 0).astype(np.int64)
+        laid_out = self.on_processor and can_draw(plan)
+        packed = slot_of(plan).bytes if self.by_opengl or not laid_out else 0
+        found = np.maximum(laid_out_bytes(plan), packed) if laid_out else packed
+        return np.where(plan.cost > 0, found, 0).astype(np.int64)
 
 
 def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
@@ -57,11 +60,23 @@ def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
         limit = -run.channel.maximum(-int(mine))
     if limit is None:
         return Holding()
-    return Holding(limit, bool(run.channel.maximum(prefers_processor(run.options.device))))
+    without = prefers_processor(run.options.device)
+    return Holding(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)))
 
 
-def laid_out_bytes(slot: Slot) -> int:
-    """Memory that a brick takes where the processor draws it: a word a voxel, and one behind each volume's."""
+def laid_out_bytes(plan: Plan) -> NDArray[np.int64]:
+    """Memory that bricks take where the processor draws, int64 (bz, by, bx): a word a voxel, and one behind them."""
+    slot = slot_of(plan)
+    if plan.mixture is None:
+        return np.full(plan.cost.shape, _laid_out(slot))
+    found = np.zeros(plan.cost.shape, np.int64)
+    for part, room in zip(plan.mixture.ingredients, slot.parts, strict=True):
+        # Of a volume that a brick does not meet it holds nothing.
+        found += np.where(part.cut.bricks_met(), _laid_out(room), 0)
+    return found
+
+
+def _laid_out(slot: Slot) -> int:
     from clusterviz.render.vectors.memory import VOXEL_BYTES
 
-    return sum(VOXEL_BYTES * (int(np.prod(part.samples_zyx)) + 1) for part in slot.parts or (slot,))
+    return VOXEL_BYTES * (int(np.prod(slot.samples_zyx)) + 1)

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Options, Run
+from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.frame.holding import Holding, holding_of
+from clusterviz.render.mixed_bricks import store_portions
+from clusterviz.render.storage import slot_of
+from clusterviz.render.vectors.mixed_memory import MixedMemory
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.settings import with_settings
 
@@ -85,6 +89,26 @@ def test_texels_count_where_the_processor_cannot_draw() -> None:
     found = max(held("uint8", scene, devices))
     assert found == BRICKS // RANKS * SIDE**3
     assert max(held("uint8", with_settings(scene, {"memory_limit": found}), devices)) == found
+
+
+def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> None:
+    """And OpenGL the room for them."""
+    away = Grid((9, 9, 9), origin=(20.0, 3.0, 2.0))
+    sources = [volume("uint8"), ArraySource(np.full((9, 9, 9), 9.0, np.float32), away)]
+    scene = scene_of().model_copy(update={"volumes": scene_of().volumes * 2})
+    share, bricks = prepare(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
+    plan = share.plan
+    assert plan is not None
+    assert plan.mixture is not None
+    mixture, slot = plan.mixture, slot_of(plan)
+    memory, count = MixedMemory(slot), len(bricks)
+    memory.put(bricks, lambda portions: store_portions(portions, mixture, slot))
+    counted = Holding(1, on_processor=True, by_opengl=False).brick_bytes(plan)
+    assert counted.sum() == memory.bytes
+    assert len(np.unique(counted[counted > 0])) > 1
+    assert Holding(1).brick_bytes(plan).sum() == count * slot.bytes
+    both = Holding(1, on_processor=True).brick_bytes(plan)
+    assert (both == np.maximum(counted, Holding(1).brick_bytes(plan))).all()
 
 
 def test_nobody_asks_what_draws_where_nothing_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
