@@ -12,17 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from verification.analytic import Record
-from verification.test_extremes import BOUND, SHAPE, draw, noise
+from verification.test_extremes import BOUND, SHAPE, Jobs, noise
+from verification.test_extremes import check as held_to_reference
 
 from clusterviz.data.grid import Grid
-from clusterviz.image import compare
-from clusterviz.reference import render_reference
-from clusterviz.render.choice import Device
 
 pytestmark = pytest.mark.gl
 
-JOBS: tuple[tuple[int, Device], ...] = ((1, "cpu"), (2, 0))
-"""Ranks, and on what they draw."""
+JOBS: Jobs = ((1, "cpu"), (2, 0))
 LIT: dict[str, Any] = {"shade": True, "specular": 0.4}
 LOOKS: dict[str, dict[str, Any]] = {
     "pre-integrated": {"classification": "pre-integrated"},
@@ -63,15 +60,9 @@ def surfaces(*values: float) -> dict[str, Any]:
 
 
 def check(record: Record, voxels: Any, grid: Grid | None = None, bound: float = BOUND, **settings: Any) -> None:
-    """Both pictures are that of the reference, which is not empty."""
+    """Pictures of two ranks at most, small ones, since looks cost more."""
     settings = {"size": (16, 12), "step": 0.4} | settings
-    pictures = [draw(voxels, grid, ranks, settings, device) for ranks, device in JOBS]
-    expected = render_reference(pictures[0][1], grid or Grid(voxels.shape), voxels)
-    largest = float(expected.max())
-    assert largest > 0
-    error = max(compare(picture, expected).max / largest for picture, _ in pictures)
-    record("error", error)
-    assert error <= bound
+    held_to_reference(record, voxels, grid, jobs=JOBS, bound=bound, **settings)
 
 
 @EACH_LOOK

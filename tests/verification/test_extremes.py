@@ -27,8 +27,9 @@ from clusterviz.scene.settings import with_settings
 pytestmark = pytest.mark.gl
 
 BOUND = 1e-5
-JOBS: tuple[tuple[int, Device], ...] = ((1, "cpu"), (3, 0))
+Jobs = tuple[tuple[int, Device], ...]
 """Ranks, and on what they draw."""
+JOBS: Jobs = ((1, "cpu"), (3, 0))
 SHAPE = (9, 10, 11)
 
 
@@ -49,16 +50,18 @@ def draw(
     return rendered.image.astype(np.float64), rendered.scene
 
 
-def check(record: Record, voxels: Any, grid: Grid | None = None, **settings: Any) -> np.ndarray[Any, Any]:
+def check(
+    record: Record, voxels: Any, grid: Grid | None = None, *, jobs: Jobs = JOBS, bound: float = BOUND, **settings: Any
+) -> np.ndarray[Any, Any]:
     """The reference's picture, which those of all jobs are close to and which is not empty."""
     voxels = np.asarray(voxels)
-    pictures = [draw(voxels, grid, ranks, settings, device) for ranks, device in JOBS]
+    pictures = [draw(voxels, grid, ranks, settings, device) for ranks, device in jobs]
     expected = render_reference(pictures[0][1], grid or Grid(voxels.shape), voxels)
     largest = float(expected.max())
     assert largest > 0
     error = max(compare(picture, expected).max / largest for picture, _ in pictures)
     record("error", error)
-    assert error <= BOUND
+    assert error <= bound
     return expected
 
 

@@ -3,4 +3,5 @@
 - scale/      how a scene scales over ranks, and what to expect beyond the machine
 - tradeoff/   what each quality setting costs and buys, for one scene
 - folder.py   an output folder that appears whole or not at all
+- svg.py      charts as elements of a page
 """

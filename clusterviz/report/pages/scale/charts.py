@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ from clusterviz.report.pages.scale.balance import Balance
 from clusterviz.report.pages.scale.forecast import Expected
 from clusterviz.report.pages.scale.points import Point
 from clusterviz.report.pages.scale.survey import Found
+from clusterviz.report.pages.svg import make_figure, svg_of
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
 STRONG_COLOUR, WEAK_COLOUR, IDEAL = "#0072B2", "#D55E00", "#999999"
@@ -27,7 +27,7 @@ STAGE_COLOURS = {
 
 def frame_chart(found: Found) -> str:
     """Seconds of a frame and efficiency against ranks; SVG text."""
-    figure = _figure(9.5, 3.6)
+    figure = make_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2)
     for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
         if points:
@@ -47,13 +47,13 @@ def frame_chart(found: Found) -> str:
     handles, labels = left.get_legend_handles_labels()
     known = dict(zip(labels, handles, strict=True))
     figure.legend(known.values(), known.keys(), loc="outside upper center", ncols=3, frameon=False)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def stage_chart(found: Found) -> str:
     """What a frame is made of, a bar a point; SVG text."""
     groups = [(name, points) for name, points in (("strong", found.strong), ("weak", found.weak)) if points]
-    figure = _figure(9.5, 0.9 + 0.34 * max(len(points) for _, points in groups))
+    figure = make_figure(9.5, 0.9 + 0.34 * max(len(points) for _, points in groups))
     row = figure.subplots(1, len(groups), squeeze=False)[0]
     for axes, (name, points) in zip(row, groups, strict=True):
         starts = [0.0] * len(points)
@@ -69,12 +69,12 @@ def stage_chart(found: Found) -> str:
         axes.grid(False, axis="y")
     handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def balance_chart(found: Found) -> str:
     """Imbalance and memory against ranks; SVG text."""
-    figure = _figure(9.5, 3.3)
+    figure = make_figure(9.5, 3.3)
     left, right = figure.subplots(1, 2)
     for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
         if not points:
@@ -92,12 +92,12 @@ def balance_chart(found: Found) -> str:
         _count_ticks(axes, counts)
         _plain(axes)
         axes.legend(frameon=False)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def orbit_chart(balance: Sequence[Balance]) -> str:
     """Imbalance over the frames of an orbit, a colour a distribution; SVG text."""
-    figure = _figure(9.5, 3.3)
+    figure = make_figure(9.5, 3.3)
     axes = figure.subplots()
     for one, colour in zip(balance, (STRONG_COLOUR, WEAK_COLOUR), strict=False):
         frames = range(len(one.imbalance_samples))
@@ -107,7 +107,7 @@ def orbit_chart(balance: Sequence[Balance]) -> str:
     axes.set(xlabel="frame", ylabel="largest over mean")
     _plain(axes)
     axes.legend(frameon=False, ncols=2)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def forecast_chart(
@@ -119,7 +119,7 @@ def forecast_chart(
     ----------
     others : compositing on other networks, by their names
     """
-    figure = _figure(9.5, 4.6)
+    figure = make_figure(9.5, 4.6)
     row = figure.subplots(1, 2 if weak else 1, squeeze=False, sharey=True)[0]
     kinds = (("strong", strong, found.strong, STRONG_COLOUR), ("weak", weak, found.weak, WEAK_COLOUR))
     for axes, (name, expected, points, colour) in zip(row, kinds, strict=False):
@@ -146,7 +146,7 @@ def forecast_chart(
         _plain_values(axes)
     handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def _stage(point: Point, stage: str) -> float:
@@ -204,20 +204,3 @@ def _plain(axes: Any) -> None:
     axes.grid(True, color="#e6e6e6", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _figure(width: float, height: float) -> Any:
-    """A figure of so many inches that belongs to no window."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _svg(figure: Any) -> str:
-    """The figure as an element for HTML: text stays text, in the page's own font."""
-    import matplotlib as mpl
-
-    text = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.family": "sans-serif"}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg") :]

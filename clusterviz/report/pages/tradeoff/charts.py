@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from clusterviz.report.pages.svg import make_figure, svg_of
 from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, by_rms, error_of, pareto_front
 from clusterviz.report.pages.tradeoff.truth import Truth
 
@@ -42,7 +42,7 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
 
     The points of the front have the numbers that their rows in the table have.
     """
-    figure = _figure(9.5, 5.4)
+    figure = make_figure(9.5, 5.4)
     axes = figure.subplots()
     judged = by_rms(truth)
     _draw(axes, rated, TOTAL, RMS if judged else MAX, truth.rms if judged else truth.max)
@@ -57,7 +57,7 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
     _number_front(axes, rated, truth)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
@@ -68,13 +68,13 @@ def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
     if not pairs:
         return ""
     rows = -(-len(pairs) // 2)
-    figure = _figure(9.5, 3.3 * rows)
+    figure = make_figure(9.5, 3.3 * rows)
     all_axes = figure.subplots(rows, 2, squeeze=False).flatten()
     for axes, (cost, error) in zip(all_axes, pairs, strict=False):
         _draw(axes, rated, cost, error, floors.get(error.label, 0.0))
     for axes in all_axes[len(pairs) :]:
         axes.remove()
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def _draw(axes: Any, rated: Sequence[Rated], cost: Axis, error: Axis, floor: float) -> None:
@@ -135,20 +135,3 @@ def _plain_ticks(axes: Any) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     else:
         axes.xaxis.set_major_locator(MaxNLocator(5))
-
-
-def _figure(width: float, height: float) -> Any:
-    """A figure of so many inches that belongs to no window."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _svg(figure: Any) -> str:
-    """The figure as an element for HTML: text stays text, in the page's own font."""
-    import matplotlib as mpl
-
-    text = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.family": "sans-serif"}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg") :]
