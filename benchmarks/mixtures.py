@@ -28,16 +28,18 @@ from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.vectors.caster import VectorCaster
-from clusterviz.scene.values import ImageSettings, Scene, Volume
+from clusterviz.scene.values import ImageSettings, Quality, Scene, Volume
 
 WAVES = {"path": "waves", "cmap": "viridis", "clim": (20, 230), "opacity": ((20, 0.0), (120, 0.0), (230, 0.2))}
-SCENES: dict[str, tuple[int, dict[str, Any]]] = {
-    "one": (1, {}),
-    "two": (2, {}),
-    "two, lit": (2, {"shade": True}),
-    "three": (3, {}),
+INTEGRATED = {"classification": "pre-integrated"}
+SCENES: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
+    "one": (1, {}, {}),
+    "two": (2, {}, {}),
+    "two, lit": (2, {"shade": True}, {}),
+    "two, pre-integrated": (2, {}, INTEGRATED),
+    "three": (3, {}, {}),
 }
-"""How many volumes, and what is said of each beside its colours."""
+"""How many volumes, what is said of each beside its colours, and of quality."""
 
 
 def sources(path: str) -> list[Source]:
@@ -57,10 +59,12 @@ def sources(path: str) -> list[Source]:
     return [data, *(ArraySource(waves, grid) for grid in grids)]
 
 
-def prepared(path: str, each: Sequence[Source], size: int, keys: dict[str, Any]) -> tuple[Plan, dict[Any, Any]]:
+def prepared(path: str, every: Sequence[Source], size: int, name: str) -> tuple[Plan, dict[Any, Any]]:
     """The plan of a scene, and its bricks."""
-    volumes = [Volume.model_validate(keys | told) for told in ({"path": path}, WAVES, WAVES)[: len(each)]]
-    scene = Scene(volumes=tuple(volumes), image=ImageSettings(size=(size, size)))
+    count, keys, quality = SCENES[name]
+    each = every[:count]
+    volumes = [Volume.model_validate(keys | told) for told in ({"path": path}, WAVES, WAVES)[:count]]
+    scene = Scene(volumes=tuple(volumes), image=ImageSettings(size=(size, size)), quality=Quality(**quality))
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, each)
     assert share.plan is not None, "there is something to show"
     return share.plan, bricks
@@ -70,9 +74,9 @@ def measure(path: str, size: int, frames: int) -> list[dict[str, Any]]:
     """Time all scenes on both casters, in turn."""
     context, every = open_context(), sources(path)
     casters: dict[tuple[str, str], tuple[Raycaster | VectorCaster, Plan]] = {}
-    for name, (count, keys) in SCENES.items():
+    for name in SCENES:
         for kind in ("processor", "OpenGL"):
-            plan, bricks = prepared(path, every[:count], size, keys)
+            plan, bricks = prepared(path, every, size, name)
             caster = VectorCaster(plan) if kind == "processor" else Raycaster(context, plan)
             caster.load(plan, bricks)
             casters[name, kind] = caster, plan
@@ -104,7 +108,7 @@ def main() -> None:
     for here, there in zip(rows[::2], rows[1::2], strict=True):
         own, other = here["least_s"], there["least_s"]
         print(
-            f"{here['volumes']:12} {1e3 * own:6.0f} ms {here['samples']:12,} samples, "
+            f"{here['volumes']:20} {1e3 * own:6.0f} ms {here['samples']:12,} samples, "
             f"{own / rows[0]['least_s']:5.2f} times one; OpenGL {1e3 * other:6.0f} ms {there['samples']:12,}: "
             f"{other / own:5.2f} times as long"
         )

@@ -142,13 +142,13 @@ def mixed_kernel_of(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> 
 def _volume_kernel(part: Ingredient, lanes: int, pieces: Pieces | None) -> Kernel:
     """What one of several volumes needs."""
     look = part.look
-    few = (
-        pieces is not None and pieces.fitted and lanes == MOST and (look.grading is None or look.grading.table is None)
-    )
+    apart = part.preintegrated or (look.grading is not None and look.grading.table is not None)
+    few = pieces is not None and pieces.fitted and lanes == MOST and not apart
     held: Held = "fitted" if few else "many"
     light, graded = _light_of(look), _graded_of(look)
     kind, capacity = part.encoding.kind, pieces.capacity if few and pieces else 0
-    return Kernel(kind, part.interpolation, "composite", held, capacity, lanes, False, light, graded, look.smooth)
+    ramped = part.preintegrated
+    return Kernel(kind, part.interpolation, "composite", held, capacity, lanes, ramped, light, graded, look.smooth)
 
 
 def _light_of(look: Look) -> Light:
@@ -169,8 +169,7 @@ def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     march = plan.march
     leaps_in_parts = march.split and march.leaping is not None
-    # Slabs of a mixture have no ends.
-    has_ends = plan.mixture is not None and any(
-        part.preintegrated or part.look.surfaces for part in plan.mixture.ingredients
-    )
-    return not (has_ends or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")
+    parts = plan.mixture.ingredients if plan.mixture else ()
+    # Of several volumes none may have surfaces, or nothing but surfaces.
+    has_surfaces = any(part.look.surfaces or part.look.blending != "composite" for part in parts)
+    return not (has_surfaces or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")

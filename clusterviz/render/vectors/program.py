@@ -12,10 +12,11 @@ from clusterviz.render.vectors.kernel import Kernel
 from clusterviz.render.vectors.looks.composite import Composite
 from clusterviz.render.vectors.looks.light import Lights
 from clusterviz.render.vectors.looks.local_maximum import LocalMaximum
-from clusterviz.render.vectors.looks.mixture import Ingredient, Mixture
+from clusterviz.render.vectors.looks.mixture import Ingredient, Mixture, Sampled
 from clusterviz.render.vectors.looks.optics import Optics
 from clusterviz.render.vectors.looks.preintegrated import Preintegrated
 from clusterviz.render.vectors.looks.projections import Extreme, Sum
+from clusterviz.render.vectors.looks.ramped import Ramped, SummedRamps
 from clusterviz.render.vectors.looks.relief import Relief
 from clusterviz.render.vectors.looks.samples import Samples
 from clusterviz.render.vectors.looks.surfaces import Surfaces
@@ -64,12 +65,19 @@ def _field(kernel: Kernel, code: Code, job: Job) -> Field:
 
 def _mixed_march(kernel: Kernel, code: Code, job: Job) -> March:
     """Of several volumes, each with code of its own."""
-    ingredients, bodies = [], []
+    ingredients: list[Ingredient] = []
+    bodies = []
     for number, volume in enumerate(kernel.volumes):
         own = job.volume(number)
-        field, body = _field(volume, code, own), Body(code, own, number, volume.filter == "nearest")
-        samples, optics = Samples(code, own, field), _optics(volume, code, own, field)
-        ingredients.append(Ingredient(code, own, body, samples, optics))
+        field, ramped = _field(volume, code, own), volume.preintegrated
+        body, samples = Body(code, own, number, volume.filter == "nearest", ramped), Samples(code, own, field)
+        if ramped:
+            ramps = Preintegrated(
+                code, own, samples, SummedRamps(code, own), _relief(volume, code, own, field), volume.kind == "f32"
+            )
+            ingredients.append(Ramped(code, own, body, samples, ramps))
+        else:
+            ingredients.append(Sampled(code, own, body, samples, _optics(volume, code, own, field)))
         bodies.append(body)
     look, places = Mixture(code, job, ingredients), MixedPlaces(code, job, bodies)
     return March(code, job, places, look, kernel.jittered, bodies=Bodies(bodies))

@@ -29,7 +29,7 @@ from render.test_mixture import (
     scene_of,
     volume,
 )
-from render.test_mixture_looks import SHELLS
+from render.test_mixture_looks import CORES, SHELLS
 from render.vectors.test_kernel import WrittenError
 
 from clusterviz.data.grid import Grid
@@ -47,6 +47,7 @@ from clusterviz.scene.values import Clip, Light, Scene, Volume
 BOUND = 1e-6
 NARROWEST = WIDTHS[-1]
 PAIR = BYTES, FLOATS
+INTEGRATED = {"quality": {"classification": "pre-integrated"}}
 CUT = {"clip": Clip(planes=(((9, 9, 9), (0.2, 1, 1)),))}
 FLAT = (volume(0, 1), np.ones((1, 9, 9), np.float32), Grid((1, 9, 9), origin=(3, 3, 3)))
 
@@ -62,11 +63,19 @@ def drawn(scene: Scene, parts: tuple[Part, ...], leaves: int = 1, width: Width |
     return over([whole(one.partial, scene.image.size) for one in each]), sum(one.samples for one in each)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+WITH_LIGHT = {"lights": LIGHTS, "quality": {"jitter": True}} | CUT
+WITH_ENDS = {"quality": {"classification": "pre-integrated", "jitter": True}} | CUT
+
+
 @pytest.mark.parametrize(
-    ("parts", "sections"),
-    [(PAIR, {}), ((WORDS, FLOATS), {"lights": LIGHTS, "quality": {"jitter": True}} | CUT)],
-    ids=["bytes beside floats", "nearest, lit, clipped, jittered"],
+    ("parts", "sections", "camera"),
+    [
+        *((PAIR, {}, camera) for camera in CAMERAS),
+        ((WORDS, FLOATS), WITH_LIGHT, "outside"),
+        ((WORDS, FLOATS), WITH_ENDS, "outside"),
+        ((WORDS, FLOATS), WITH_ENDS, "inside"),
+    ],
+    ids=[*CAMERAS, "nearest, lit, clipped, jittered", "integrated beside nearest", "integrated, from inside"],
 )
 def test_pictures_are_the_witness_s(parts: tuple[Part, ...], sections: dict[str, Any], camera: str) -> None:
     scene = scene_of(parts, camera, **dict(sections))
@@ -126,13 +135,18 @@ def test_opengl_draws_the_same(context: moderngl.Context) -> None:
         assert abs(samples - others) <= 0.01 * others
 
 
-@pytest.mark.parametrize("camera", ["inside", "parallel"])
-def test_neither_parts_nor_bricks_change_the_picture(camera: str) -> None:
-    first, _ = drawn(scene_of(PAIR, camera, 64), PAIR)
-    for brick, leaves in ((9, 5), (13, 3), (8, 1)):
-        found, samples = drawn(scene_of(PAIR, camera, brick), PAIR, leaves)
+@pytest.mark.parametrize(
+    ("camera", "sections"), [("parallel", {}), ("inside", INTEGRATED)], ids=["sampled", "integrated"]
+)
+def test_neither_parts_nor_bricks_change_the_picture(camera: str, sections: dict[str, Any]) -> None:
+    """Integrated slabs of two voxels reach a voxel beyond their bricks."""
+    keys = {"step": 2.0} | sections
+    first, _ = drawn(scene_of(PAIR, camera, 64, **dict(keys)), PAIR)
+    for brick, leaves in ((9, 5), (13, 3)):
+        scene = scene_of(PAIR, camera, brick, **dict(keys))
+        found, samples = drawn(scene, PAIR, leaves)
         assert np.abs(found - first).max() <= BOUND, brick
-        assert samples == drawn(scene_of(PAIR, camera, brick), PAIR)[1], brick
+        assert samples == drawn(scene, PAIR)[1], brick
 
 
 def blobs() -> tuple[Part, Part]:
@@ -147,11 +161,16 @@ def blobs() -> tuple[Part, Part]:
 
 
 @pytest.mark.parametrize(
-    "sections",
-    [{}, {"step": 2.9}, {"quality": {"early_termination": 0.3}}, {"quality": {"jitter": True}}, CUT],
-    ids=["plain", "long steps", "ends early", "jittered", "clipped"],
+    ("brick", "sections"),
+    [
+        (19, {"step": 2.9}),
+        (64, {"quality": {"early_termination": 0.3}}),
+        (64, {"quality": {"jitter": True}}),
+        (64, CUT),
+        (19, INTEGRATED),
+    ],
+    ids=["long steps", "ends early", "jittered", "clipped", "integrated"],
 )
-@pytest.mark.parametrize("brick", [19, 64])
 def test_leaping_over_what_is_empty_changes_no_bit(
     brick: int, sections: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,17 +210,19 @@ def test_numbers_of_64_bits_change_nothing(monkeypatch: pytest.MonkeyPatch) -> N
     assert wide[1] == narrow[1] > 0
 
 
-def test_slabs_with_ends_are_left_to_opengl() -> None:
-    for parts, sections in ((PAIR, {"quality": {"classification": "pre-integrated"}}), ((BYTES, SHELLS), {})):
-        assert not can_draw(prepared(scene_of(parts, **sections), parts)[0])
-    assert can_draw(prepared(scene_of(PAIR), PAIR)[0])
+def test_surfaces_are_left_to_opengl() -> None:
+    hidden = (SHELLS[0].model_copy(update={"isosurfaces": ((100.0, 0.0),)}), *SHELLS[1:])
+    for other in (SHELLS, CORES, hidden):
+        parts = BYTES, other
+        assert not can_draw(prepared(scene_of(parts), parts)[0])
+    assert can_draw(prepared(scene_of(PAIR, **INTEGRATED), PAIR)[0])
 
 
 def test_one_volume_has_nothing_of_several_in_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     def write(*_: Any) -> None:
         raise WrittenError
 
-    for part in ("Body", "Bodies", "MixedPlaces", "Mixture", "Ingredient"):
+    for part in ("Body", "Bodies", "MixedPlaces", "Mixture", "Sampled", "Ramped"):
         monkeypatch.setattr(program, part, write)
     assert program_of(kernel_of(prepared(scene_of((BYTES,)), (BYTES,))[0], 4, None))
     with pytest.raises(WrittenError):

@@ -4,6 +4,7 @@
 - composite.py        emission and absorption
 - preintegrated.py    the same for slabs that are classified between their ends
 - mixture.py          several volumes, mixed slab by slab
+- ramped.py           one of them whose slabs are classified between their ends
 - over.py             how runs of all these are put behind others
 - projections.py      maximum, minimum, average and sum
 - local_maximum.py    the first stretch above a threshold

@@ -11,8 +11,10 @@ N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, sectio
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import reduce
 from operator import or_
+from typing import Protocol
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
@@ -29,8 +31,40 @@ THINNEST = 1e-37
 """Less absorbs nothing: a colour cannot be told from it."""
 
 
-class Ingredient:
-    """What one volume adds to slabs.
+@dataclass(frozen=True)
+class Slabs:
+    """Some slabs of each ray.
+
+    Attributes
+    ----------
+    numbers : int32, from those on that are taken now
+    wanted : where they matter
+    length : of each, in that of a whole one
+    """
+
+    numbers: Sequence[Value]
+    wanted: Sequence[Value]
+    length: Value
+
+
+class Ingredient(Protocol):
+    """What one volume adds to slabs."""
+
+    def begin(self) -> None:
+        """A run begins."""
+
+    def add(self, mixed: Sequence[Variables], share: Share, slabs: Slabs) -> None:
+        """Add to the depths of slabs, and to their colours times that.
+
+        Parameters
+        ----------
+        mixed : of each slab, colours and depth
+        share : where they are in the volume
+        """
+
+
+class Sampled:
+    """A volume that is sampled at the midpoints of slabs; an `Ingredient`.
 
     Parameters
     ----------
@@ -42,15 +76,12 @@ class Ingredient:
         self._code, self._body, self._samples, self._optics = code, body, samples, optics
         self._units = code.splat(job["optics"])
 
-    def add(self, mixed: Sequence[Variables], share: Share, numbers: Sequence[Value], wanted: Sequence[Value]) -> None:
-        """Add to the depths of slabs, and to their colours times that.
+    def begin(self) -> None:
+        """A run begins; nothing has to be known of it."""
 
-        Parameters
-        ----------
-        mixed : of each slab, colours and depth
-        numbers : of the slabs
-        wanted : where they matter
-        """
+    def add(self, mixed: Sequence[Variables], share: Share, slabs: Slabs) -> None:
+        """What their midpoints come to, where these lie in the volume."""
+        numbers, wanted = slabs.numbers, slabs.wanted
         code, body = self._code, self._body
         inside = [here & share.there & body.holds(number) for number, here in zip(numbers, wanted, strict=True)]
         with code.when(code.any(reduce(or_, inside))):
@@ -62,7 +93,7 @@ class Ingredient:
             with code.when(code.any(reduce(or_, seen))):
                 for sums, s, spot, here in zip(mixed, scalars, spots, seen, strict=True):
                     unit, colour = self._optics.of_unit(s, spot, body.stride)
-                    depth = code.select(here, unit * self._units, 0.0)
+                    depth = code.select(here, unit * self._units * slabs.length, 0.0)
                     for part, channel in zip(sums, colour, strict=False):
                         part.set(code.select(here, code.fma(depth, channel, part.now), part.now))
                     sums[3].set(sums[3].now + depth)
@@ -80,13 +111,14 @@ class Mixture:
         """The sum of the run's slabs."""
         code, end, rest = self._code, Variable(slabs), 1.0 - kept[3].now
         most, number = Variable(code.largest(slabs)), Variable(code.number(I32, 0))
+        self._begin()
         with code.loop(lambda: number.now < most.now):
             numbers = [code.splat(number.now + later) for later in range(ABREAST)]
-            mixed = self._mixed(spot, numbers, [one < end.now for one in numbers])
+            mixed = self._mixed(spot, Slabs(numbers, [one < end.now for one in numbers], code.same(F32, 1.0)))
             for one, found in zip(numbers, mixed, strict=True):
                 seen = (found[3].now > THINNEST) & (one < end.now)
                 with code.when(code.any(seen)):
-                    self._take(sums, found, seen, None)
+                    self._take(sums, found, seen)
                     with code.when(self._stops):
                         # A ray ends with the slab that leaves too little light, not with its run.
                         ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)
@@ -98,8 +130,10 @@ class Mixture:
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
         """A share of a slab, sampled at its midpoint."""
-        (found,), sums = self._mixed(spot, [self._code.same(I32, 0)], [drawn]), zeros(self._code)
-        self._take(sums, found, drawn & (found[3].now > THINNEST), share)
+        slabs, sums = Slabs([self._code.same(I32, 0)], [drawn], share), zeros(self._code)
+        self._begin()
+        (found,) = self._mixed(spot, slabs)
+        self._take(sums, found, drawn & (found[3].now > THINNEST))
         return four(sums)
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
@@ -110,17 +144,21 @@ class Mixture:
         """Where so little light is left that the scene allows to stop."""
         return too_little_left(kept, self._residual)
 
-    def _mixed(self, spot: Spot, numbers: Sequence[Value], wanted: Sequence[Value]) -> list[Variables]:
+    def _begin(self) -> None:
+        for ingredient in self._ingredients:
+            ingredient.begin()
+
+    def _mixed(self, spot: Spot, slabs: Slabs) -> list[Variables]:
         """What all volumes come to in slabs: colours times depths, and depths."""
         assert isinstance(spot, Spots), "places of a mixture are in all volumes"
-        mixed = [zeros(self._code) for _ in numbers]
+        mixed = [zeros(self._code) for _ in slabs.numbers]
         for ingredient, share in zip(self._ingredients, spot.shares, strict=True):
-            ingredient.add(mixed, share, numbers, wanted)
+            ingredient.add(mixed, share, slabs)
         return mixed
 
-    def _take(self, sums: Variables, mixed: Variables, seen: Value, share: Value | None) -> None:
-        """Put slabs, or shares of them, behind those of their run."""
+    def _take(self, sums: Variables, mixed: Variables, seen: Value) -> None:
+        """Put slabs behind those of their run."""
         code, depth = self._code, mixed[3].now
         per_depth = 1.0 / code.select(seen, depth, 1.0)
         r, g, b = (part.now * per_depth for part in mixed[:3])
-        take_sample(code, sums, seen, absorbed(code, depth if share is None else depth * share), (r, g, b))
+        take_sample(code, sums, seen, absorbed(code, depth), (r, g, b))

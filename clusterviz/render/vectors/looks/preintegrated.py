@@ -124,6 +124,22 @@ class Preintegrated:
         front.known.set(known.now)
         return seen
 
+    def add_ramp(
+        self, sums: Variables, ends: tuple[Value, Value], units: Value, drawn: Value, middle: tuple[Spot, Vector]
+    ) -> None:
+        """Add what slabs come to between two scalars to sums, as if nothing were in front of them."""
+        code = self._code
+        begin, end = (Variable(s) for s in ends)
+        some, replaced = Variable(drawn.to(I32)), Variable(code.number(I32, 0))
+        if self._may_be_invalid:
+            self._without_invalid(begin, end, some, replaced, middle[0])
+        seen = (some.now > 0) & (code.most(begin.now, end.now) >= self._ramps.visible_from)
+        with code.when(code.any(seen)):
+            front, back = (self._ramps.end_at(s.now) for s in (begin, end))
+            slab = self._integrated(front, back, units, seen, *middle)
+            for place, part in zip(sums, slab, strict=True):
+                place.set(code.select(seen, place.now + part, place.now))
+
     def _integrated(self, front: End, back: End, units: Value, seen: Value, middle: Spot, slab: Vector) -> Four:
         """Slabs between their ends, faded and lit by the gradient at their midpoint."""
         code, gradient = self._code, self._relief.gradient_if_valid(middle)

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code, Variable
-from clusterviz.kernels.lanes import BYTES, F32, I32, Value, Vector
+from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import kept_by, side_of
 from clusterviz.render.vectors.marching.place import Place, Places, Window
-from clusterviz.render.vectors.marching.rays import Rays
+from clusterviz.render.vectors.marching.rays import FAR, Rays, between
 from clusterviz.render.vectors.marching.state import Layout, Packet
 from clusterviz.render.vectors.transfer.tables import rows
 
@@ -75,23 +75,26 @@ class Body:
     job : the volume's own
     number : of the volume
     nearest : voxels are looked up, not cells
+    ramped : slabs are classified between their ends: what of them lies in the volume has to be known
 
     Attributes
     ----------
     stride : of the rays that are taken now, from one midpoint to the next, in its voxels, float32
     """
 
-    def __init__(self, code: Code, job: Job, number: int, nearest: bool) -> None:
+    def __init__(self, code: Code, job: Job, number: int, nearest: bool, ramped: bool = False) -> None:
         self._code, self._job, self._number = code, job, number
         self._rows = [[job.part("index_from_domain", 4 * row + k) for k in range(4)] for row in range(3)]
         self._last = [job.part("last_cell", axis) + int(nearest) for axis in range(3)]
         self._from, self._to = (Variable(code.same(I32, 0)) for _ in range(2))
         self._stride = [Variable(code.same(F32, 0.0)) for _ in range(3)]
+        self._parts = [Variable(code.same(F64, 0.0)) for _ in range(3)] if ramped else []
 
     @property
     def layout(self) -> Layout:
-        """What is kept of a packet: the slabs whose midpoints lie in the volume, and the stride."""
-        return (self._name("from"), I32, 1), (self._name("to"), I32, 1), (self._name("stride"), F32, 3)
+        """What is kept of a packet: the slabs whose midpoints lie in the volume, the stride, and what of rays does."""
+        within: Layout = ((self._name("within"), F64, 2),) if self._parts else ()
+        return (self._name("from"), I32, 1), (self._name("to"), I32, 1), (self._name("stride"), F32, 3), *within
 
     @property
     def stride(self) -> Vector:
@@ -107,6 +110,8 @@ class Body:
             begin, end = code.most(begin, first), code.least(end, past)
         packet.set(self._name("from"), begin)
         packet.set(self._name("to"), end)
+        for side, at in enumerate(self._within(rays)):
+            packet.set(self._name("within"), at, side)
         for axis, row in enumerate(self._rows):
             packet.set(self._name("stride"), side_of(self._normal(row), rays.slab).to(F32), axis)
 
@@ -114,18 +119,41 @@ class Body:
         """Rays are taken on from some slabs on, which are counted from there."""
         self._from.set(packet.get(self._name("from")) - at)
         self._to.set(packet.get(self._name("to")) - at)
-        self._face(packet)
+        self._face(packet, at.to(F64))
 
-    def enter(self, packet: Packet, position: Vector) -> None:
-        """The same of one slab each, whose midpoint is not on the lattice."""
+    def enter(self, packet: Packet, rays: Rays) -> None:
+        """The same of first slabs that the entry cuts: their midpoints are not on the lattice."""
+        assert rays.entered is not None, "the lattice begins with the volume"
+        assert rays.first_share is not None, "the lattice begins with the volume"
         inside = None
         for normal, offset in self._planes():
-            here = side_of(normal, position) + offset >= 0.0
+            here = side_of(normal, rays.entered) + offset >= 0.0
             inside = here if inside is None else inside & here
         assert inside is not None
         self._from.set(self._code.same(I32, 0))
         self._to.set(inside.to(I32))
-        self._face(packet)
+        self._face(packet, 0.5 - 0.5 * rays.first_share.to(F64))
+
+    def end(self, rays: Rays) -> None:
+        """What are taken now are last slabs, which the exit may have cut."""
+        if not self._parts:
+            return
+        # It lies so many slabs behind the first one, whose midpoint is on the lattice.
+        way = [last - first for last, first in zip(rays.last, rays.first, strict=True)]
+        square = side_of(rays.slab, rays.slab)
+        self._parts[0].set(side_of(_three(way), rays.slab) / self._code.select(square > 0.0, square, 1.0))
+
+    def part(self, number: Value, half: Value) -> tuple[Value, Value]:
+        """What of slabs lies in the volume, float32, in slabs from their midpoints; where it ends first, nothing.
+
+        Parameters
+        ----------
+        number : of the slabs, from those on that are taken now
+        half : of their lengths, float32
+        """
+        middle, enter, leave = (part.now for part in self._parts)
+        middle = middle + number.to(F64)
+        return self._code.most((enter - middle).to(F32), -half), self._code.least((leave - middle).to(F32), half)
 
     def holds(self, number: Value) -> Value:
         """Whether slabs have their midpoint in the volume, by their numbers from those on that are taken now."""
@@ -168,9 +196,26 @@ class Body:
         x, y, z = (at - self._job["first_voxel"] for at in local)
         return (z * self._job["layer"] + y * self._job["row"] + x).to(self._job.word)
 
-    def _face(self, packet: Packet) -> None:
+    def _face(self, packet: Packet, middle: Value) -> None:
         for axis, part in enumerate(self._stride):
             part.set(packet.get(self._name("stride"), axis))
+        if self._parts:
+            for part, value in zip(
+                self._parts, (middle, *(packet.get(self._name("within"), k) for k in (0, 1))), strict=True
+            ):
+                part.set(value)
+
+    def _within(self, rays: Rays) -> tuple[Value, ...]:
+        """From where to where rays lie in the volume, in slabs, whose midpoints lie at whole numbers."""
+        if not self._parts:
+            return ()
+        code, enter, leave = self._code, self._code.same(F64, -FAR), self._code.same(F64, FAR)
+        for axis, row in enumerate(self._rows):
+            extent, normal = self._job.part("extent", axis), self._normal(row)
+            slack, at = SLACK * extent, side_of(normal, rays.first) + row[3]
+            begin, end = between(code, at + slack, side_of(normal, rays.slab), code.splat(extent + 2.0 * slack))
+            enter, leave = code.most(enter, begin), code.least(leave, end)
+        return enter, leave
 
     def _name(self, what: str) -> str:
         return f"{what}_{self._number}"
@@ -210,10 +255,15 @@ class Bodies:
         for body in self._bodies:
             body.take(packet, at)
 
-    def enter(self, packet: Packet, position: Vector) -> None:
+    def enter(self, packet: Packet, rays: Rays) -> None:
         """First slabs are taken that the entry cuts."""
         for body in self._bodies:
-            body.enter(packet, position)
+            body.enter(packet, rays)
+
+    def end(self, rays: Rays) -> None:
+        """What are taken now are last slabs."""
+        for body in self._bodies:
+            body.end(rays)
 
 
 class MixedPlaces(Places):

@@ -146,7 +146,7 @@ class March:
             seen, kept = mine & place.visible, packet.look
             spot = self._places.spot(place, window)
             if self._bodies:
-                self._bodies.enter(packet, rays.entered)
+                self._bodies.enter(packet, rays)
             share = self._look.last(spot, slab, rays.first_share, seen, code.same(I32, 0) > 0)
             self._look.add(kept, share, seen & (share[3] > 0.0))
             packet.set("samples", seen.to(I32))
@@ -248,6 +248,8 @@ class March:
             place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen = mine & place.visible
             self._tell(packet, rays.slabs - 1)
+            if self._bodies:
+                self._bodies.end(rays)
             drawn.set(seen.to(I32))
             spot = self._places.spot(place, window)
             share = self._look.last(spot, slab, rays.last_share, seen, rays.slabs.equals(1))

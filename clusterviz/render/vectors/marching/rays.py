@@ -47,7 +47,7 @@ def packet_rays(code: Code, job: Job, x: Value, y: Value, jittered: bool = False
     origin, direction = _through(code, job, x, y)
     entry, leave = code.same(F64, 0.0), code.same(F64, FAR)
     for axis in range(3):
-        near, far = _between(code, origin[axis], direction[axis], code.splat(job.part("extent", axis)))
+        near, far = between(code, origin[axis], direction[axis], code.splat(job.part("extent", axis)))
         entry, leave = code.most(entry, near), code.least(leave, far)
     step = code.splat(job.part("extent", 3))
     length = (leave - entry) / step
@@ -94,7 +94,7 @@ def _through(code: Code, job: Job, x: Value, y: Value) -> tuple[list[Value], lis
     return origin, direction
 
 
-def _between(code: Code, origin: Value, direction: Value, high: Value) -> tuple[Value, Value]:
+def between(code: Code, origin: Value, direction: Value, high: Value) -> tuple[Value, Value]:
     """Where rays are between two planes; one that is parallel to them is so always or never."""
     still = direction.equals(0.0)
     safe = code.select(still, 1.0, direction)
