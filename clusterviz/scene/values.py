@@ -47,7 +47,9 @@ class Volume(Section):
         "[[value, r, g, b], …] in data values and 0..1, or a ParaView preset file (.json).",
     )
     clim: Clim | None = Field(
-        default=None, description="The data values at the two ends of the colour map; default: 1st and 99th percentile."
+        default=None,
+        description="The data values at the two ends of the colour map, equal ones for a step; default: 1st and 99th "
+        "percentile.",
     )
     opacity: Opacity | None = Field(
         default=None,

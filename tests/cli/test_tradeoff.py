@@ -89,6 +89,7 @@ def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -
     assert all(source.startswith("data:image/png;base64,") for source in sources.found)
     assert not re.search(r"(src|href)=.https?:|@import|url\(http", page)
     assert page.count("<svg") == 2
+    assert "Nothing was sent" not in page
 
 
 @pytest.fixture
@@ -142,6 +143,14 @@ def test_a_setting_that_fails_is_told_and_takes_no_other_along(
     assert (numbers["rounds"], numbers["drift"]) == (2, 1)
     # All are drawn from the completed scene, with the camera of the first.
     assert len({scene.camera for scene in jobs[1:] if scene.image.size == (32, 24)}) == 1
+
+
+def test_ranks_that_share_memory_are_told_to_have_sent_nothing(
+    jobs: list[Scene], cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    options = ("--knobs", "step", "--budget", "0", "--ranks", "2")
+    assert cli("tradeoff", FIELD, "-o", str(tmp_path / "out"), *SMALL, *options).status == 0
+    assert "Nothing was sent" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_a_scene_that_cannot_be_drawn_leaves_nothing(
