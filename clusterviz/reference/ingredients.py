@@ -171,8 +171,12 @@ class Passage:
         return depth, depth[:, None] * self._lit(slab.rays, point, colour, gradient)
 
     def _part(self, slab: Slab) -> tuple[Floats, Floats]:
-        """From where to where, (m,) each, a slab lies in the volume; the end before the begin where it does not."""
-        return np.maximum(slab.begin, self.entry[slab.rays]), np.minimum(slab.end, self.leave[slab.rays])
+        """From where to where, (m,) each, a slab lies in the volume; the end not behind the begin where it does not.
+
+        Both lie in the slab: rays that never meet the volume enter it at infinity.
+        """
+        entry, leave = self.entry[slab.rays], self.leave[slab.rays]
+        return np.clip(entry, slab.begin, slab.end), np.clip(leave, slab.begin, slab.end)
 
     def _points(self, slab: Slab, at: Floats) -> Floats:
         """The points (m, 3) of a slab's rays at some lengths."""

@@ -48,6 +48,16 @@ def test_homogeneous_boxes_absorb_by_the_sum_of_their_extinctions_and_glow_by_th
     assert np.allclose(found, [*expected, 1 - through], rtol=0, atol=1e-13)
 
 
+def test_rays_that_never_meet_a_volume_are_none_of_its_slabs_ends() -> None:
+    """Along the axis, beside the second volume: they would meet it at infinity."""
+    scene = scene_of(volume(), volume(), camera=AXIS, size=(1, 1))
+    quality = scene.quality.model_copy(update={"classification": "pre-integrated"})
+    scene = scene.model_copy(update={"quality": quality})
+    parts = (Grid((5, 5, 5)), np.ones((5, 5, 5))), (Grid((5, 5, 5), origin=(9.0, 0.0, 0.0)), np.ones((5, 5, 5)))
+    found = mixed(scene, *parts)[0, 0]
+    assert np.allclose(found[3], 1 - 0.7**2, rtol=0, atol=1e-13)
+
+
 def test_a_volume_given_twice_is_one_of_twice_the_extinction() -> None:
     once = volume(opacity=((0.0, 0.0), (1.0, 0.5)))
     found = mixed(scene_of(once, once), (GRID, VOXELS), (GRID, VOXELS))
