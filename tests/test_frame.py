@@ -224,7 +224,8 @@ def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypa
     done: list[str] = []
     for name in ("__init__", "load"):
         right = getattr(drawing, name)
-        monkeypatch.setattr(drawing, name, lambda *a, name=name, right=right: (done.append(name), right(*a))[1])
+        noted = lambda *a, name=name, right=right, **k: (done.append(name), right(*a, **k))[1]  # noqa: E731
+        monkeypatch.setattr(drawing, name, noted)
     read = opening.read_bricks
     for reader in (opening, share):
         monkeypatch.setattr(reader, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
