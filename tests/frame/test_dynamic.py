@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from clusterviz.frame import FrameLoop, Options, Rendered, Run, parcel, prepare
 from clusterviz.frame.courier import Courier, Delivery
 from clusterviz.frame.parcel import Parcels
 from clusterviz.frame.time_slice import TimeSlice
-from clusterviz.scene import Scene
+from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.settings import with_settings
 
 pytestmark = pytest.mark.gl
@@ -100,6 +101,21 @@ def test_transfer_functions_that_show_hidden_bricks_and_new_ranges_change_no_fra
     frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
     check(frames, scenes)
     assert so_far(frames, "bricks_received") > 50
+
+
+def test_ranges_for_which_bytes_become_floats_change_no_frame(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What is under way as bytes is of no use to who stores floats, nor the other way."""
+    z, y, x = np.meshgrid(*(np.linspace(-1, 1, 17),) * 3, indexing="ij")
+    np.save(tmp_path / "bytes.npy", (255 * np.exp(-2 * (x * x + y * y + z * z))).astype(np.uint8))
+    first = with_settings(
+        scene_of_data(str(tmp_path / "bytes.npy")), {"size": (20, 14), "brick": 4, "opacity": "linear"}
+    )
+    ranges = ((0, 255), (0, 255), (100, 100), (100, 100), (0, 255), (0, 1e-300), (50, 60), (50, 60))
+    scenes = [with_settings(first, {"clim": clim}) for clim in ranges]
+    at_random(monkeypatch)
+    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
+    check(frames, scenes)
+    assert so_far(frames, "bricks_received") > 10
 
 
 @pytest.mark.mpi(ranks=[3, 5, 7], timeout=120)
