@@ -2,8 +2,7 @@
 
 The same scenes drawn twice on one rank: as always, and with every group of cells of every brick called visible, so that
 each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what is leapt over
-has no opacity at all, so by OpenGL it is what float32 makes of positions counted from another slab of the ray. The
-processor's caster counts them from windows, and differs by nothing.
+has no opacity at all, and places and sums are those of windows, wherever runs begin, so there is none.
 """
 
 from __future__ import annotations

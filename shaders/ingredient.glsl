@@ -3,9 +3,9 @@
 ivec2 seen;   // the slabs of the ray whose midpoints lie in the volume, decided for the whole ray: every box finds the same ones
 dvec2 within; // the part of the ray that lies in it, in slabs, whose midpoints lie at whole numbers
 dvec2 uncut;  // the part that no clipping plane cuts away
-Place here;   // where the run's first slab is in the volume's own brick
+Place here;   // the midpoint from which slabs are counted, as seen from the volume's own brick
 vec3 stride;  // from one midpoint to the next, in voxels
-int met_at;   // the slab, counted from the run's first, at whose begin the field is known
+int met_at;   // the slab, counted from there, at whose begin the field is known
 float met;    // it
 
 dvec3 in_volume(dvec3 position) {
@@ -43,7 +43,7 @@ void begin_all(dvec3 position, int brick) {
     ivec3 cell = ivec3(floor(at));
     brick_begin = ivec3(voxels[part + 1], voxels[part + 2], voxels[part + 3]);
     here = Place(begin < 0 ? GAP : brick + begin, cell - brick_begin, vec3(at - dvec3(cell)), 0);
-    met_at = -1;
+    met_at = NO_SLAB;
 }
 
 // What of a slab lies in the volume, in slabs from its midpoint, and the field at both ends. Where slabs meet it is sampled once for both.
@@ -56,7 +56,7 @@ bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
     ends.x = is_known ? met : scalar_at(here.brick, here.cell, here.beyond + (float(at) + part.x) * stride);
     ends.y = scalar_at(here.brick, here.cell, here.beyond + (float(at) + part.y) * stride);
     met = ends.y;
-    met_at = part.y == 0.5 ? at + 1 : -1;
+    met_at = part.y == 0.5 ? at + 1 : NO_SLAB;
     return true;
 }
 

@@ -5,22 +5,20 @@ void face(Ray ray) {
     face_all(ray);
 }
 
-// Premultiplied colour and opacity of slab k, `at` slabs behind the run's first, from where to where it goes.
+// Premultiplied colour and opacity of slab k, `at` slabs behind the place with which all began, from where to where it goes.
 vec4 mixed(int k, int at, dvec2 span) {
     vec4 sum = vec4(0.0); // of the depths, with colours
     take_all(sum, k, at, span);
     return in_order(sum, float(span.y - span.x));
 }
 
-vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
-    begin_all(midpoint(ray, k), place.brick);
-    vec4 sum = vec4(0.0);
-    for (int at = 0; at < slabs; ++at) {
-        double middle = double(k + at);
-        sum += (1.0 - sum.a) * mixed(k + at, at, dvec2(middle - 0.5LF, middle + 0.5LF));
+void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    begin_all(on_lattice(ray, origin), place.brick);
+    for (int at = from; at < to; ++at) {
+        double along = double(origin + at);
+        sum += (1.0 - sum.a) * mixed(origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
     }
-    run_iterations += slabs * SAMPLE_ITERATIONS;
-    return sum;
+    run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }
 
 // The last slab, or a first one that the entry has cut.

@@ -14,17 +14,16 @@ void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
 // Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.
 const float WITHIN = 0.5 - 1e-6;
 
-vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
-    vec4 sum = vec4(0.0);
-    Class front = class_at(scalar_at(place.brick, place.cell, place.beyond - (k == 0 ? WITHIN : 0.5) * slab));
-    for (int at = 0; at < slabs; ++at) {
-        vec3 beyond = place.beyond + float(at) * slab;
-        Class back = class_at(scalar_at(place.brick, place.cell, beyond + 0.5 * slab));
-        take_slab(sum, front, back, frame.optics.x, place, beyond);
+// Where slabs meet is told by one number, whether a run ends or begins there.
+void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    float begin = origin + from == 0 ? -WITHIN : float(from) - 0.5;
+    Class front = class_at(scalar_at(place.brick, place.cell, place.beyond + begin * slab));
+    for (int at = from; at < to; ++at) {
+        Class back = class_at(scalar_at(place.brick, place.cell, place.beyond + (float(at) + 0.5) * slab));
+        take_slab(sum, front, back, frame.optics.x, place, place.beyond + float(at) * slab);
         front = back;
     }
-    run_iterations += (slabs + 1) * SAMPLE_ITERATIONS;
-    return sum;
+    run_iterations += (to - from + 1) * SAMPLE_ITERATIONS;
 }
 
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {

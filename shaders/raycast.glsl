@@ -13,6 +13,7 @@ vec4 buckets = frame.buckets;
 vec2 scalar = frame.scalar.xy;
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
+int slabs_in_window = frame.cells.w;
 
 #include <SHIFT>
 #include "ray.glsl"
@@ -46,18 +47,22 @@ void main() {
     int lane = int(gl_LocalInvocationIndex);
     ivec2 inside = 8 * ivec2(gl_WorkGroupID.xy) + ivec2((lane & 3) + (lane >> 3 & 1) * 4, (lane >> 2 & 1) + (lane >> 4) * 2);
     if (all(lessThan(inside, frame.rect.zw))) {
-        int pixel = inside.y * frame.rect.z + inside.x;
+        int pixel = inside.y * frame.rect.z + inside.x, lost = frame.rect.z * frame.rect.w + pixel;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);
         cut(ray, WHOLE_SLABS);
         face(ray);
         bool begins = frame.first_dispatch != 0;
-        vec4 before = begins && frame.first_box != 0 ? vec4(0.0) : pixels[pixel];
+        Sum sum = Sum(vec4(0.0), vec4(0.0));
+        if (!begins || frame.first_box == 0) sum = Sum(pixels[pixel], pixels[lost]);
         int slab = begins ? first_slab(ray) : progress[pixel];
         if (frame.first_dispatch == 2) {
-            if (is_done(Sum(before, vec4(0.0)))) slab = ray.slabs;
+            if (is_done(sum)) slab = ray.slabs;
         } else {
-            pixels[pixel] = marched(ray, before, slab, samples);
+            go_on(ray, sum, slab, samples);
+            pixels[pixel] = sum.high;
+            // What finished rays have lost is of no account, unless another box adds to them.
+            if (slab < ray.slabs || frame.first_box != 2) pixels[lost] = sum.low;
         }
         progress[pixel] = slab < ray.slabs ? slab : NEVER;
         if (slab < ray.slabs) unfinished = 1u;

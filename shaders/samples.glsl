@@ -3,14 +3,12 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond);
 // A share of a slab: what the exit has left of the last one.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);
 
-vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
-    vec4 sum = vec4(0.0);
-    for (int at = 0; at < slabs; at += 1 << doublings) {
+void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    for (int at = from; at < to; at += 1 << doublings) {
         vec3 beyond = place.beyond + (float(at) + 0.5 * float((1 << doublings) - 1)) * slab;
         take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
     }
-    run_iterations += slabs * SAMPLE_ITERATIONS;
-    return sum;
+    run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }
 
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {

@@ -58,30 +58,39 @@ int first_slab(Ray ray) {
     return ray.begin;
 }
 
-vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
-    Sum sum = Sum(before, vec4(0.0));
+void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
     dvec2 box = in_box(ray);
     double s = max(max(double(k), shift), box.x);
     double past = (ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), end = min(past, min(double(ray.end), box.y));
     // Rounding must not put a ray's ends behind the volume's faces, into cells that are none.
-    double first = shift + 1e-6LF, last = past - 1e-6LF;
+    double near = shift + 1e-6LF, far = past - 1e-6LF;
     int iterations = 0;
-    // A dispatch may end at a whole number only.
-    while (s < end && !is_done(sum) && !(iterations >= ITERATIONS && s == floor(s))) {
+    vec4 window = vec4(0.0);
+    int first = 0; // the slab with which it begins, in the brick that begins at `brick_begin`
+    brick_begin = ivec3(-1);
+    // A dispatch ends with windows only, and at a whole number.
+    while (s < end && !(iterations >= ITERATIONS && s >= double(first + slabs_in_window) && s == floor(s))) {
         dvec3 ends;
         ivec3 number = ivec3(brick_along(ray, 0, s, ends.x), brick_along(ray, 1, s, ends.y), brick_along(ray, 2, s, ends.z));
         double leave = min(end, min(ends.x, min(ends.y, ends.z)));
         ivec3 at = number - bricks_begin;
         iterations += 2;
+        int later = (int(s) - first) & -slabs_in_window;
+        if (later > 0 || brick_begin != number * BRICK) {
+            put_behind(sum, window);
+            window = vec4(0.0);
+            first = brick_begin == number * BRICK ? first + later : int(s);
+            brick_begin = number * BRICK;
+            if (is_done(sum)) break;
+        }
         int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
         int start = any(lessThan(at, ivec3(0))) || any(greaterThanEqual(at, bricks_count)) ? GAP : brick_offset[brick];
         if (start < 0) {
             s = leave;
             continue;
         }
-        brick_begin = number * BRICK;
         // Groups of cells without anything visible are passed, but what is left of the last slab: pieces do not depend on groups.
         double gap = s, group_end;
         while (gap < leave && !may_be_seen(ray, brick, gap, group_end)) {
@@ -93,28 +102,22 @@ vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
             s = gap;
             continue;
         }
-        dvec3 position = fma(dvec3(s - 0.5LF), ray.slab, ray.first);
-        ivec3 cell = clamp(ivec3(floor(position)), brick_begin, min(brick_begin + BRICK - 1, last_cell));
-        vec3 beyond = vec3(position - dvec3(cell));
-        Place place = Place(start, cell - brick_begin, beyond, 0);
-        int limit = iterations < ITERATIONS ? LONGEST_RUN : 1, passed = 0;
-        vec4 run = vec4(0.0);
-        double from = s;
-        Class front = class_at(scalar_at(start, place.cell, beyond + float(max(s, first) - s) * slab));
-        while (from < leave && passed < limit) {
-            double to = min(floor(from) + 1.0LF, leave);
-            Class back = class_at(scalar_at(start, place.cell, beyond + float(min(to, last) - s) * slab));
-            vec3 middle = beyond + float(0.5LF * (from + to) - s) * slab;
-            take_slab(run, front, back, frame.optics.x * float(to - from), place, middle);
+        double counted_from = double(origin_of(first)) + 0.5LF;
+        Place place = on_lattice(ray, origin_of(first), Place(start, ivec3(0), vec3(0.0), 0));
+        Class front = class_at(scalar_at(start, place.cell, place.beyond + float(max(s, near) - counted_from) * slab));
+        leave = min(leave, double(min(first + slabs_in_window, int(s) + LONGEST_RUN)));
+        while (s < leave) {
+            double to = min(floor(s) + 1.0LF, leave);
+            Class back = class_at(scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab));
+            vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
+            take_slab(window, front, back, frame.optics.x * float(to - s), place, beyond);
             front = back;
-            from = to;
-            if (to == floor(to)) ++passed;
+            s = to;
             ++samples;
             iterations += 1 + SAMPLE_ITERATIONS;
         }
-        add_run(sum, run);
-        s = from;
     }
-    k = s < end && !is_done(sum) ? int(s) : ray.slabs;
-    return sum.high;
+    put_behind(sum, window);
+    // Where a dispatch ends in a gap, the next one begins with that one's window.
+    k = s < end && !is_done(sum) ? first + ((int(s) - first) & -slabs_in_window) : ray.slabs;
 }

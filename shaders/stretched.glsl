@@ -14,6 +14,11 @@ int stretched(int k, int slabs) {
     return doublings == allowed ? slabs >> doublings << doublings : 1 << doublings;
 }
 
+// The ends of windows cut no stretch, whatever the bricks are.
+int window_from(int k) {
+    return k & -slabs_in_window;
+}
+
 // The opacity of a sample that stands for several slabs, from that of one.
 float doubled(float opacity) {
     for (int i = 0; i < doublings; ++i) opacity *= 2.0 - opacity;

@@ -11,9 +11,13 @@ struct Slab {
     float front, middle, at_turn, behind;
 };
 
-Slab slab_at(Place place, vec3 beyond, vec3 slab, float half_length, float front) {
+// The slab from `begin` on, in slabs from a place, a share of a whole one long. Where slabs meet is told by one number, whether a run ends or
+// begins there.
+Slab slab_at(Place place, vec3 slab, float begin, float share, float front) {
+    float half_length = 0.5 * share;
+    vec3 beyond = place.beyond + (begin + half_length) * slab;
     float middle = scalar_at(place.brick, place.cell, beyond);
-    float behind = scalar_at(place.brick, place.cell, beyond + half_length * slab);
+    float behind = scalar_at(place.brick, place.cell, place.beyond + (begin + share) * slab);
     float turn = turn_of(front, middle, behind, half_length), at_turn = behind;
     if (turn < half_length) at_turn = scalar_at(place.brick, place.cell, beyond + turn * slab);
     if (!valid(at_turn, at_turn)) turn = half_length, at_turn = behind;
@@ -48,27 +52,22 @@ void take_slab(inout vec4 sum, Ray ray, int k, Place place, vec3 slab, Slab of) 
 
 // First all lanes look for a slab with a surface, then those that have one refine it together. The last slab of a ray is cut by its exit:
 // it is taken as one with a surface. Its midpoint is not on the lattice, but where it begins is.
-vec4 run_of(Ray ray, int k, Place place, vec3 slab, int slabs) {
-    vec4 sum = vec4(0.0);
-    int last = ray.slabs - 1 - k;
-    // Where the run starts with the last slab, the place is that slab's own midpoint.
-    vec3 first = place.beyond + (last == 0 ? 0.5 - 0.5 * ray.last_share : 0.0) * slab;
-    float front = scalar_at(place.brick, place.cell, first - 0.5 * slab);
-    for (int at = 0; at < slabs;) {
+void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    int last = ray.slabs - 1 - origin;
+    float front = scalar_at(place.brick, place.cell, place.beyond + (float(from) - 0.5) * slab);
+    for (int at = from; at < to;) {
         bool found = false;
         Slab of;
-        for (; at < slabs && !found; ++at) {
-            float share = at == last ? ray.last_share : 1.0;
-            of = slab_at(place, first + (float(at) + 0.5 * share - 0.5) * slab, slab, 0.5 * share, front);
+        for (; at < to && !found; ++at) {
+            of = slab_at(place, slab, float(at) - 0.5, at == last ? ray.last_share : 1.0, front);
             front = of.behind;
             found = at == last || (valid(of.front, of.behind) && (crosses(of.front, of.at_turn) || crosses(of.at_turn, of.behind)));
-            if (IN_VOLUME && !found && is_at_kept(ray, k + at, 0.0, 0.5)) take(sum, of.middle, place, of.beyond);
+            if (IN_VOLUME && !found && is_at_kept(ray, origin + at, 0.0, 0.5)) take(sum, of.middle, place, of.beyond);
         }
-        if (found) take_slab(sum, ray, k + at - 1, place, slab, of);
+        if (found) take_slab(sum, ray, origin + at - 1, place, slab, of);
         run_iterations += 1 + (1 + 2 * SURFACES) * (SAMPLE_ITERATIONS + REFINEMENTS);
     }
-    run_iterations += slabs * (3 * SAMPLE_ITERATIONS + 2 * SURFACES);
-    return sum;
+    run_iterations += (to - from) * (3 * SAMPLE_ITERATIONS + 2 * SURFACES);
 }
 
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {

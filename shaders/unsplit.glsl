@@ -3,6 +3,6 @@ int first_slab(Ray ray) {
     return max(first_owned(ray), ray.begin);
 }
 
-vec4 marched(Ray ray, vec4 before, inout int k, inout uint samples) {
-    return march(ray, before, k, samples);
+void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
+    march(ray, sum, k, samples);
 }

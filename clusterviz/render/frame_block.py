@@ -11,6 +11,7 @@ from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.render.storage import Slot
+from clusterviz.render.windows import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 
 FRAME = np.dtype(
     [
@@ -20,7 +21,7 @@ FRAME = np.dtype(
         ("forward", "f8", 4),
         ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
-        ("cells", "i4", 4),  # the volume's cells in x, y, z
+        ("cells", "i4", 4),  # the volume's cells in x, y, z; slabs of a window
         ("box_begin", "i4", 4),  # the cells that this draw owns
         ("box_end", "i4", 4),
         ("bricks_begin", "i4", 4),  # the bricks of the box
@@ -31,11 +32,13 @@ FRAME = np.dtype(
         ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a stretch
         ("last_segment", "i4"),
         ("base", "i4"),  # integer taken off 16-bit voxels
-        ("first_box", "i4"),  # 1: no pixel holds anything yet
+        ("first_box", "i4"),  # 1: no pixel holds anything yet; 2: likewise, and no other box follows
         ("first_dispatch", "i4"),  # 1: no ray has begun in this box; 2: likewise, and the question is whether one must
     ]
 )
 ASK = 2
+ONLY = 2
+LONGEST_WINDOW = 64  # slabs
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
@@ -50,7 +53,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
         record[member][0, :3] = getattr(view, member)
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *plan.extent, plan.march.step_world
-    record["cells"][0, :3] = layout.cells_zyx[::-1]
+    record["cells"] = *layout.cells_zyx[::-1], _window(plan)
     begin, end = np.array(box.begin_zyx[::-1]), np.array(box.end_zyx[::-1])
     record["box_begin"][0, :3] = begin * layout.brick
     record["box_end"][0, :3] = np.minimum(end * layout.brick, layout.cells_zyx[::-1])
@@ -66,3 +69,9 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     # No ray ends where nothing is left out: ranks that do not know what is in front of them count the same samples.
     record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.look.threshold
     return record
+
+
+def _window(plan: Plan) -> int:
+    """Slabs of a window: their places are counted from its middle, which should lie in its brick."""
+    widest = min(2.0 * plan.layout.brick, WIDEST_WINDOW)
+    return slabs_in_window(widest / voxels_a_slab(plan), LONGEST_WINDOW)

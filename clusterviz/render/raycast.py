@@ -25,7 +25,7 @@ from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.dispatch import Buffers, March
 from clusterviz.render.drawn import SQUARE, Drawn, footprint
-from clusterviz.render.frame_block import frame_block
+from clusterviz.render.frame_block import ONLY, frame_block
 from clusterviz.render.ingredients import joined_segments, mixture_blocks, mixture_tables
 from clusterviz.render.layers import layers_of
 from clusterviz.render.mixed_bricks import store_portions
@@ -36,6 +36,7 @@ from clusterviz.render.stored import store
 from clusterviz.render.variant import Variant, variant_of
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
+PIXEL_BYTES = 16
 Index = tuple[int, int, int]
 
 
@@ -160,7 +161,7 @@ class Raycaster:
                     if tables is None or not piece.shows_bricks_of(tables.piece):
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                    drawn.append(self._draw_piece(plan, rect, _only(tables), started))
+                    drawn.append(self._draw_piece(plan, rect, _only(tables), started, ONLY if tables.alone else 1))
         return drawn
 
     def _draw_layers(self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float) -> Drawn:
@@ -177,22 +178,22 @@ class Raycaster:
         return replace(drawn, occluded=shown - drawn.bricks)
 
     def _draw_piece(
-        self, plan: Plan, rect: Rect, layers: Callable[[March], Iterator[_Tables]], started: float
+        self, plan: Plan, rect: Rect, layers: Callable[[March], Iterator[_Tables]], started: float, first: int = 1
     ) -> Drawn:
-        """Front to back: each part adds behind what the pixels hold."""
-        groups, bricks, first = (-(-rect.width // TILE), -(-rect.height // TILE)), 0, True
+        """Front to back: each part adds behind what the pixels hold; `first` is told of the first one."""
+        groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), 0
         with Buffers(self._context) as buffers:
-            pixels = buffers.reserve(1, 16 * rect.pixels)
+            pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
             march = March(self._context, self._program, buffers, progress, groups)
             for tables in layers(march):
                 bricks += tables.bricks
                 for box in tables.bind_each():
                     block = frame_block(plan, box, rect, self.slot)
-                    block["first_box"], first = first, False
+                    block["first_box"], first = first, 0
                     march.through(block)
             rendered = perf_counter()
-            rgba = np.frombuffer(pixels.read(), np.float32).reshape(rect.height, rect.width, 4)
+            rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
             work = np.frombuffer(progress.read(offset=4 + 4 * rect.pixels), np.uint32).reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
         seconds = rendered - started, perf_counter() - rendered
@@ -216,6 +217,11 @@ class _Tables:
             box = bounding_box(part)
             offsets, visible = map(self._buffers.make, residence.tables(plan, box, part))
             self._parts.append((residence, box, offsets, visible))
+
+    @property
+    def alone(self) -> bool:
+        """Whether all are in one box."""
+        return len(self._parts) == 1
 
     def bind_each(self) -> Iterator[BrickBox]:
         """The boxes of bricks from front to back, each bound for drawing as it comes."""

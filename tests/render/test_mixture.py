@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import moderngl
 import numpy as np
@@ -219,20 +219,25 @@ def test_volumes_apart_are_each_alone_where_rays_meet_one(context: moderngl.Cont
     assert np.abs(mixed - sum(alone)).max() <= BOUND
 
 
-def test_what_is_skipped_shows_nothing(context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A blob in each of two volumes: the same picture as without skipping, from far fewer samples."""
+@pytest.mark.parametrize("classification", ["post", "pre-integrated"])
+def test_what_is_skipped_shows_nothing(
+    context: moderngl.Context, classification: Literal["post", "pre-integrated"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A blob in each of two volumes, with isosurfaces where slabs are integrated: the picture without skipping, by far
+    fewer samples.
+    """
     squares = sum((axis - 20.0) ** 2 for axis in np.indices((40, 40, 40)))
     blob = np.exp(-squares / 12).astype(np.float32)
-    look = volume(0.0, 1.0)
+    look = volume(0.0, 1.0, **({"isosurfaces": [[0.6, 0.5]]} if classification == "pre-integrated" else {}))
     parts = (
         (look, blob, Grid(blob.shape)),
         (look, blob, Grid(blob.shape, origin=(14, 9, 5), direction=TURNED.direction)),
     )
-    scene = scene_of(parts, brick=32)
+    scene = scene_of(parts, brick=32, quality={"classification": classification})
     skipping, fewer = drawn(context, scene, parts)
     monkeypatch.setattr(emptiness, "_visible", lambda low, high, look, transfer: np.ones(low.shape, bool))
     every, samples = drawn(context, scene, parts)
-    assert np.abs(skipping - every).max() <= 2e-7  # runs of slabs begin elsewhere
+    assert np.array_equal(skipping, every)
     assert fewer < samples / 2
 
 

@@ -22,9 +22,9 @@ from clusterviz.render.vectors.order import (
     segment_tables,
     tell_tables,
     tell_volume,
-    voxels_a_slab,
 )
 from clusterviz.render.vectors.transfer.pieces import Pieces
+from clusterviz.render.windows import voxels_a_slab
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
-from clusterviz.plan.cut import Cut
 from clusterviz.plan.look import Look
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import Segments
@@ -22,9 +21,10 @@ from clusterviz.render.vectors.marching.tile import TILE
 from clusterviz.render.vectors.memory import Numbers
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 from clusterviz.render.vectors.transfer.pieces import Pieces
+from clusterviz.render.windows import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 from clusterviz.report.leaping import VISIBLE, Leaping
 
-LONGEST_WINDOW, WIDEST_WINDOW = 32, 128.0  # slabs and voxels: positions in a window are float32
+LONGEST_WINDOW = 32  # slabs
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, from which voxels are asked for ahead
 ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
@@ -145,23 +145,15 @@ def leaping_of(job: NDArray[np.void], missed: NDArray[np.float32]) -> Leaping:
 
 
 def _window(plan: Plan, slot: Slot) -> int:
-    """Slabs of a window, a power of two: their cells can be told from the first one's by a whole number in float32."""
+    """Slabs of a window: their cells can be told from the first one's by a whole number in float32."""
     voxels = [(slot, voxels_a_slab(plan))]
     if plan.mixture is not None:
         parts = zip(slot.parts, plan.mixture.ingredients, strict=True)
         voxels = [(room, voxels_a_slab(plan, part.cut)) for room, part in parts]
-    slabs = np.clip(min(farthest(room) / a_slab for room, a_slab in voxels), 1, LONGEST_WINDOW)
-    return 1 << int(np.log2(slabs))
+    return slabs_in_window(min(farthest(room) / a_slab for room, a_slab in voxels), LONGEST_WINDOW)
 
 
 def farthest(slot: Slot) -> float:
     """Voxels of a window, at most."""
     _, y, x = slot.samples_zyx
     return float(min(EXACT / (x * y + x + 1) - 2, WIDEST_WINDOW))
-
-
-def voxels_a_slab(plan: Plan, cut: Cut | None = None) -> float:
-    """Not less than the voxels of a slab in any direction; with a cut, those of its volume."""
-    axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
-    voxels = plan.march.step_world * float(np.sqrt((axes**2).sum()))
-    return voxels if cut is None else voxels * float(np.linalg.norm(cut.index_from_domain[:, :3]))

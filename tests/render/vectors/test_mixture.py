@@ -131,8 +131,8 @@ def test_opengl_draws_the_same(context: moderngl.Context) -> None:
         scene = scene_of(PAIR, camera)
         (found, samples), (other, others) = drawn(scene, PAIR), by_opengl.drawn(context, scene, PAIR)
         assert np.abs(found - other).max() <= BOUND
-        # Runs are looked at again where their ray's windows end, and OpenGL's 32 slabs behind their begin.
-        assert abs(samples - others) <= 0.01 * others
+        # Whether anything is visible is asked where windows end, and by OpenGL 16 slabs behind a run's begin, too.
+        assert abs(samples - others) <= 0.05 * others
 
 
 @pytest.mark.parametrize(
