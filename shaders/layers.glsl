@@ -3,15 +3,17 @@ float surface_place[MOST_SURFACES]; // from the slab's midpoint
 vec4 surface_light[MOST_SURFACES];  // premultiplied
 int surfaces = 0;
 
+// Of too many those behind are left out.
 void meet(float place, vec4 light) {
-    int n = surfaces;
+    if (surfaces == MOST_SURFACES && place >= surface_place[MOST_SURFACES - 1]) return;
+    int n = min(surfaces, MOST_SURFACES - 1);
+    surfaces = n + 1;
     for (; n > 0 && surface_place[n - 1] > place; --n) {
         surface_place[n] = surface_place[n - 1];
         surface_light[n] = surface_light[n - 1];
     }
     surface_place[n] = place;
     surface_light[n] = light;
-    ++surfaces;
 }
 
 vec4 in_order(vec4 depth, float length) {

@@ -32,6 +32,7 @@ int slabs_in_window = frame.cells.w;
 #include <FADE>
 #include <LIGHT>
 #include <LIGHTS_FROM>
+#include <CELL>
 #include <RUN>
 #include <SAMPLE>
 #include <BEHIND>

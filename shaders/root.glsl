@@ -1,46 +1,178 @@
-// Where the field is the value of an isosurface, in a part of a slab whose ends are on different sides of it. A slab has two parts, so that one
-// which a surface both enters and leaves is not missed.
-const float NOWHERE = 1e30;
-const int REFINEMENTS = 10; // of a root: enough for float32 where the field is a polynomial of third degree
+// Where rays meet isosurfaces: cell after cell, whatever the slabs are (J. Amanatides, A. Woo: A fast voxel traversal algorithm for ray tracing,
+// Eurographics 1987). Along a ray the field is a polynomial of third degree in a cell; between its turns it is monotone and crosses each value
+// once at most (G. Marmitt et al.: Fast and accurate ray-voxel intersection techniques for iso-surface ray tracing, VMV 2004, section 3).
+// Most cells hold no surface between their least and their largest scalar.
+const float FAR = 3.4e38;
+const float EARLIER = 1e-4; // slabs; where a way begins on a face, the cell before that face tells what is met at it
+const float STILL = 1e-30;  // voxels a slab; rays that are slower along an axis do not move
+const int UNKNOWN = -1, REFINEMENTS = 10;
 
-bool valid(float front, float behind) {
-    return abs(front) <= 3e38 && abs(behind) <= 3e38; // NaN compares false
+struct Walk {
+    Place place;  // from which all is counted, along x, y, z and in slabs
+    vec3 slab, up, per_voxel, offset;
+    vec3 cell;    // in which the ray is
+    float enters; // there
+    // Surfaces whose value the field has reached there, which stand in the order of their values, and those between which it is.
+    int reached;
+    float low, high;
+};
+
+Walk walk_from(Place place, vec3 slab, float begin) {
+    bvec3 moves = greaterThan(abs(slab), vec3(STILL));
+    vec3 up = mix(vec3(0.0), vec3(1.0), greaterThan(slab, vec3(0.0)));
+    vec3 per_voxel = mix(vec3(0.0), 1.0 / mix(vec3(1.0), slab, moves), moves), offset = (CELL_BEGINS - place.beyond) * per_voxel;
+    vec3 cell = floor(fma(vec3(begin - EARLIER), slab, place.beyond) - CELL_BEGINS);
+    vec3 met = mix(vec3(-FAR), fma(cell + 1.0 - up, per_voxel, offset), moves);
+    return Walk(place, slab, up, per_voxel, mix(vec3(FAR), offset, moves), cell, max(max(met.x, met.y), met.z), UNKNOWN, FAR, -FAR);
 }
 
-bool crosses(float front, float behind) {
-    if (!valid(front, behind)) return false;
-    bool found = false;
-    for (int n = 0; n < SURFACES; ++n) found = found || (front < surface[2 * n].x) != (behind < surface[2 * n].x);
+// The field along a ray in a cell.
+struct Course {
+    ivec3 cell;
+    vec3 begin, by; // in the cell
+    float enters, leaves;
+    vec4 cubic;
+    vec4 t, field;  // where it begins, turns and ends, from 0 to 1
+    ivec4 reached;
+};
+
+void take_level(inout Walk walk, float s) {
+    walk.reached = 0;
+    walk.low = -FAR;
+    walk.high = FAR;
+    for (int n = 0; n < SURFACES; ++n) {
+        float value = surface[2 * n].x;
+        if (s >= value) {
+            ++walk.reached;
+            walk.low = value;
+        } else walk.high = min(walk.high, value);
+    }
+    run_iterations += SURFACES;
+}
+
+int reached_by(float s) {
+    int found = 0;
+    for (int n = 0; n < SURFACES; ++n) found += int(s >= surface[2 * n].x);
     return found;
 }
 
-// Where a slab's first part ends, as an offset from its midpoint: at the extremum of the parabola through the field at its begin, middle and end,
-// and at its end if there is none between.
-float turn_of(float front, float middle, float behind, float half_length) {
-    float slope = behind - front, bend = front - 2.0 * middle + behind;
-    return abs(slope) < 2.0 * abs(bend) ? -0.5 * half_length * slope / bend : half_length;
+// Where a polynomial of third degree turns, in order, from 0 to 1; 1 where it does not.
+vec2 turns_of(vec4 cubic) {
+    vec3 part = cubic.yzw * vec3(1.0, 1.0, 3.0);
+    part /= max(max(abs(part.x), abs(part.y)), max(abs(part.z), 1e-30));
+    // Its derivative is x + 2 y t + z t².
+    float square = part.y * part.y - part.x * part.z, root = sqrt(max(square, 0.0));
+    root = part.y < 0.0 ? root - part.y : -(part.y + root);
+    vec2 below = vec2(part.z, root), found = vec2(root, part.x) / mix(vec2(1.0), below, greaterThan(abs(below), vec2(1e-30)));
+    bool some = square > 0.0;
+    if (!(some && abs(below.x) > 1e-30 && found.x > 0.0 && found.x < 1.0)) found.x = 1.0;
+    if (!(some && abs(below.y) > 1e-30 && found.y > 0.0 && found.y < 1.0)) found.y = 1.0;
+    return vec2(min(found.x, found.y), max(found.x, found.y));
 }
 
-// Where the field is `value` along a slab, between offsets a and b from its midpoint, on whose two sides it is; the Illinois method. NOWHERE
-// if it meets an invalid field on its way.
-float root(Place place, vec3 beyond, vec3 slab, float value, float a, float at_a, float b, float at_b) {
-    float c = b;
+Course course_of(Walk walk, ivec3 cell, float leaves) {
+    float way = leaves - walk.enters;
+    vec3 begin = fma(vec3(walk.enters), walk.slab, walk.place.beyond - vec3(cell - walk.place.cell)), by = way * walk.slab;
+    vec4 cubic = cubic_of(walk.place.brick, cell, begin, by);
+    vec4 t = vec4(0.0, turns_of(cubic), 1.0), field = vec4(cubic.x, 0.0, 0.0, cubic.x + cubic.y + cubic.z + cubic.w);
+    ivec4 reached = ivec4(walk.reached < 0 ? reached_by(field.x) : walk.reached, 0, 0, 0);
+    for (int n = 1; n < 4; ++n) {
+        if (n < 3) field[n] = field_on(walk.place.brick, cell, begin, by, cubic, t[n]);
+        reached[n] = reached_by(field[n]);
+    }
+    run_iterations += 4 * (1 + SURFACES);
+    return Course(cell, begin, by, walk.enters, leaves, cubic, t, field, reached);
+}
+
+// How many surfaces are met before the first turn, the second one, and behind it.
+ivec3 crossed(Course course) {
+    return abs(course.reached.yzw - course.reached.xyz);
+}
+
+vec3 faces_of(Walk walk) {
+    return fma(walk.cell + walk.up, walk.per_voxel, walk.offset);
+}
+
+float leaves_of(Walk walk, vec3 faces) {
+    return max(min(faces.x, min(faces.y, faces.z)), walk.enters);
+}
+
+void to_next_cell(inout Walk walk) {
+    vec3 faces = faces_of(walk);
+    walk.enters = leaves_of(walk, faces);
+    walk.cell += mix(vec3(0.0), 2.0 * walk.up - 1.0, lessThanEqual(faces, vec3(walk.enters)));
+}
+
+// Go to the next cell, up to `end`, in which surfaces are met, and behind it; whether there is one. First all lanes look for cells that may
+// hold one, then they look at those closer together.
+bool next_course(inout Walk walk, float end, inout Course course) {
+    bool found = false;
+    while (!found && walk.enters < end) {
+        bool differs = false, known = false;
+        vec2 extent = vec2(0.0);
+        ivec3 cell = ivec3(0);
+        while (walk.enters < end) {
+            cell = cell_within(walk.place.cell + ivec3(walk.cell));
+            known = extent_of(walk.place.brick, cell, extent);
+            differs = !(known && extent.x >= walk.low && extent.y < walk.high);
+            ++run_iterations;
+            if (differs) break;
+            to_next_cell(walk);
+        }
+        if (!differs) break;
+        int before = walk.reached;
+        if (!known) {
+            walk.reached = UNKNOWN;
+            walk.low = FAR;
+        } else {
+            take_level(walk, extent.x);
+            // Where nothing is known of the cells before, one that lies between two surfaces tells.
+            if (before >= 0 || extent.y >= walk.high) {
+                walk.reached = before;
+                course = course_of(walk, cell, leaves_of(walk, faces_of(walk)));
+                take_level(walk, course.field.w);
+                found = crossed(course) != ivec3(0);
+            }
+        }
+        to_next_cell(walk);
+    }
+    return found;
+}
+
+// Where the n-th surface in a cell is met, in slabs, and which one it is; the Illinois method.
+float met_in(Course course, Walk walk, int n, out int number, out float t) {
+    ivec3 met = crossed(course);
+    int part = n < met.x ? 0 : n < met.x + met.y ? 1 : 2;
+    int nth = n - (part > 0 ? met.x : 0) - (part > 1 ? met.y : 0);
+    int low = course.reached[part], high = course.reached[part + 1];
+    number = high > low ? low + nth : low - 1 - nth;
+    float value = surface[2 * number].x, a = course.t[part], b = course.t[part + 1];
+    float at_a = course.field[part] - value, at_b = course.field[part + 1] - value;
+    // Where it is on one side all the way, it has jumped from the cell before.
+    bool jumps = (at_a < 0.0) == (at_b < 0.0);
+    t = jumps ? a : b;
     int side = 0;
-    for (int k = 0; k < REFINEMENTS; ++k) {
-        c = at_b == at_a ? b : (a * at_b - b * at_a) / (at_b - at_a);
-        float at_c = scalar_at(place.brick, place.cell, beyond + c * slab) - value;
-        if (!(abs(at_c) <= 3e38)) return NOWHERE;
-        if ((at_c < 0.0) == (at_b < 0.0)) {
-            b = c;
-            at_b = at_c;
+    for (int k = 0; k < REFINEMENTS && !jumps; ++k) {
+        t = at_b == at_a ? b : (a * at_b - b * at_a) / (at_b - at_a);
+        float at_t = field_on(walk.place.brick, course.cell, course.begin, course.by, course.cubic, t) - value;
+        if ((at_t < 0.0) == (at_b < 0.0)) {
+            b = t;
+            at_b = at_t;
             at_a *= side == 1 ? 0.5 : 1.0;
             side = 1;
         } else {
-            a = c;
-            at_a = at_c;
+            a = t;
+            at_a = at_t;
             at_b *= side == -1 ? 0.5 : 1.0;
             side = -1;
         }
     }
-    return c;
+    run_iterations += REFINEMENTS;
+    return fma(t, course.leaves - course.enters, course.enters);
+}
+
+// The gradient there, of the cell itself.
+vec3 gradient_in(Course course, Walk walk, float t) {
+    vec3 beyond = CELL_BEGINS.x < 0.0 ? vec3(0.0) : clamp(fma(vec3(t), course.by, course.begin), 0.0, 1.0 - 5.9604645e-8);
+    return gradient_at(walk.place.brick, course.cell, beyond);
 }

@@ -9,6 +9,7 @@
 - lighting.py     gradients and lights
 - projections.py  maximum, minimum, local maximum, average, sum
 - surfaces.py     isosurfaces
+- crossings.py    where rays cross them
 - preintegrated.py  slabs that are classified between their ends
 - mixture.py      several volumes
 - raycast.py      the picture of a scene

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
+from clusterviz.reference.crossings import Course, Crossings
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient, optics
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, to_index_space
 from clusterviz.reference.slabs import Slab
-from clusterviz.reference.surfaces import both_ways, root, turn
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
 
@@ -93,6 +93,10 @@ class Passage:
         self.transfer, self.sampler = transfer_function(body.volume), SAMPLERS[body.volume.interpolation]
         wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
         self.entry, self.leave = inside(wider, (1 + 2 * SLACK) * self.last)
+        entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in self.volume.isosurfaces)
+        self.wanted = sorted(entry for entry in entries if entry[1] > 0)
+        values = np.array([value for value, _ in self.wanted])
+        self.course = Course(self.rays, self.voxels, self.volume.interpolation, values)
 
     def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """The optical depth (m,) of a slab, and its colour times that (m, 3).
@@ -107,35 +111,23 @@ class Passage:
 
     def surfaces(self, slab: Slab) -> Iterator[Met]:
         """The isosurfaces in a slab; clipping cuts them where they are."""
-        volume = self.volume
-        entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in volume.isosurfaces)
-        wanted = sorted(entry for entry in entries if entry[1] > 0)
-        if not wanted:
+        if not self.wanted:
             return
-        begin, end = self._part(slab)
-        (front, front_valid), (behind, behind_valid) = self._sample(slab, begin), self._sample(slab, end)
-        valid = front_valid & behind_valid & (end > begin)
-        rays = Rays(self.rays.start[slab.rays], self.rays.direction[slab.rays])
-        cut, at_cut = turn(rays, self.voxels, self.sampler, begin, end, front, behind)
-        for low, at_low, high, at_high in ((begin, front, cut, at_cut), (cut, at_cut, end, behind)):
-            low = low.copy()
-            for value, opacity, rises in both_ways(wanted):
-                here = np.flatnonzero(valid & ((at_low < value) != (at_high < value)) & ((at_high > at_low) == rises))
-                some = Rays(rays.start[here], rays.direction[here])
-                found = root(some, self.voxels, self.sampler, value, rises, low[here], high[here])
-                there = np.isfinite(found)
-                low[here] = np.where(there, found, low[here])
-                yield self._met(slab, value, opacity, low, here[there])
+        values, opacities = np.array(self.wanted).T
+        colours = self.transfer.colour(values)
+        for met in self.course.crossings(slab.rays, *self._part(slab)):
+            yield self._met(slab, met, opacities[met.surface], colours[met.surface])
 
-    def _met(self, slab: Slab, value: float, opacity: float, places: Floats, here: NDArray[np.int64]) -> Met:
+    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats) -> Met:
         """A surface, where it is."""
-        alpha, place = np.zeros(len(slab.rays)), np.full(len(slab.rays), np.inf)
-        place[here] = places[here]
-        point = self._points(slab, places)[here]
+        here, count = met.slabs, len(slab.rays)
+        alpha, place, colours = np.zeros(count), np.full(count, np.inf), np.zeros((count, 3))
+        place[here] = met.place
+        point = self.rays.start[slab.rays[here]] + met.place[:, None] * self.rays.direction[slab.rays[here]]
         alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
-        colour = np.zeros((len(slab.rays), 3))
-        colour[here] = self._lit(slab.rays[here], point, self.transfer.colour(np.full(len(here), value)), None)
-        return Met(place, alpha, colour)
+        gradient = gradient_at(self.volume, self.voxels, met.inside) if self.volume.shade else None
+        colours[here] = self._lit(slab.rays[here], point, colour, gradient)
+        return Met(place, alpha, colours)
 
     def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """All of a slab is what its midpoint is."""

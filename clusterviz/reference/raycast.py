@@ -93,10 +93,13 @@ def render_reference(
             has_surfaces = volume.blending in ("composite", "isosurface") and bool(volume.isosurfaces)
             jittered = scene.quality.jitter and not has_surfaces
             some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
+            most = 2 * min(grid.spacing)
             if has_surfaces:
-                rgba[part] = march_surfaces(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
+                # Surfaces alone are the same, however long slabs are.
+                each = most if volume.blending == "isosurface" else min(length, most)
+                rgba[part] = march_surfaces(some, voxels, each, scene, grid)
             elif _is_preintegrated(scene):
-                rgba[part] = march_preintegrated(some, voxels, min(length, 2 * min(grid.spacing)), scene, grid)
+                rgba[part] = march_preintegrated(some, voxels, min(length, most), scene, grid)
             elif volume.blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid)
             else:

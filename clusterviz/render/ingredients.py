@@ -20,7 +20,7 @@ from clusterviz.plan.mixture import Mixture
 from clusterviz.plan.plan import Filter
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
-from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
+from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import Slot
 
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # of the block of all volumes, and of the rows of their looks
@@ -47,7 +47,19 @@ OWN_NAMES = (
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
-    *("absorbing", "surface", "NOWHERE", "REFINEMENTS", "valid", "crosses", "turn_of", "root", "meet_surfaces"),
+    *("absorbing", "surface", "meet_surfaces", "CELL_BEGINS", "cell_within", "extent_of", "cubic_of", "field_on"),
+    *("FAR", "EARLIER", "STILL", "UNKNOWN", "REFINEMENTS", "Walk", "walk_from", "Course", "take_level", "reached_by"),
+    *(
+        "turns_of",
+        "course_of",
+        "crossed",
+        "faces_of",
+        "leaves_of",
+        "to_next_cell",
+        "next_course",
+        "met_in",
+        "gradient_in",
+    ),
     *("within", "uncut", "met", "met_at", "find_ends"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
@@ -119,7 +131,7 @@ class VolumeVariant:
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
         classified = ("segment.glsl", "table.glsl" if self.table else "classified.glsl", "absorbing.glsl")
         absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
-        met = ("root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
+        met = (cell_file(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)

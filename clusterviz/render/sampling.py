@@ -16,6 +16,12 @@ def field_file(filter: Filter, slot: Slot) -> str:
     return "linear_u8.glsl" if (filter, slot.kind) == ("linear", "u8") else f"{filter.replace('-', '_')}.glsl"
 
 
+def cell_file(filter: Filter) -> str:
+    """The file of the cells in which the field is one polynomial."""
+    kernel = {"hardware": "linear", "cubic-hardware": "cubic"}.get(filter, filter)
+    return f"cell_{kernel}.glsl"
+
+
 def gradient_file(filter: Filter, smooth: bool) -> str:
     """The file of the field's gradient; a smooth one is a cubic B-spline's, whatever the field is."""
     if smooth:

@@ -18,10 +18,12 @@ from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.ingredients import VolumeVariant, mixture_files, volume_variants
-from clusterviz.render.sampling import field_file, gradient_file, spline_file, voxel_file
+from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
+MOST_MET = 21  # times that a slab of two voxels, which lies in seven cells, may meet one surface
+MOST_IN_SLAB = 64  # surfaces of a mixture
 NOTHING = "// nothing\n"
 Files = str | tuple[str, ...]
 BLENDING_FILES: dict[Blending, tuple[Files, str, str]] = {
@@ -96,6 +98,7 @@ class Variant:
             "VOXEL": voxel_file(self.slot),
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
+            "CELL": cell_file(self.filter) if self.surfaces else NOTHING,
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": behind,
@@ -120,7 +123,7 @@ class Variant:
     @property
     def _mixture(self) -> dict[str, Files]:
         """What of the slots is other for several volumes: nothing samples one alone."""
-        names = "TRANSFER SEGMENT VOXEL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
+        names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
@@ -163,7 +166,7 @@ class Variant:
             "const int FIRST_BUCKET = 0;",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
-        if self.slot.margin or self.preintegrated:
+        if self.slot.margin or self.preintegrated or self.surfaces:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
@@ -172,7 +175,7 @@ class Variant:
             lines.append(f"const int SURFACES = {self.surfaces};")
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.volumes:
-            most = sum(2 * volume.surfaces for volume in self.volumes)
+            most = min(sum(MOST_MET * volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of a mixture")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")

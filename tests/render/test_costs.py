@@ -94,12 +94,12 @@ CASES = {
         side=19,
     ),
     "clip": Case({"parts": CLIP}, "unclipped", "clip kept", buffers=1),
-    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces root", buffers=1, side=19),
-    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces root", buffers=1, side=19),
+    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces root cell_linear", buffers=1, side=19),
+    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces root cell_linear", buffers=1, side=19),
     "all of it": Case(
         {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces root spline cubic gradient_cubic lights lights_far clip kept",
+        "surfaces root cell_cubic spline cubic gradient_cubic lights lights_far clip kept",
         buffers=3,
         side=19 + 2,
     ),
@@ -140,7 +140,9 @@ CASES = {
         side=19 + 2,
     ),
     "jitter": Case({"jitter": True}, "unjittered", "jitter"),
-    "jitter, but surfaces": Case({"jitter": True, "look": SURFACES}, "samples", "surfaces root", buffers=1, side=19),
+    "jitter, but surfaces": Case(
+        {"jitter": True, "look": SURFACES}, "samples", "surfaces root cell_linear", buffers=1, side=19
+    ),
     "cubic, hardware": Case(
         {"filter": "hardware", "interpolation": "cubic"},
         "linear_u8 voxel_u8",

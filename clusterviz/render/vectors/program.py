@@ -110,12 +110,12 @@ def _look(
     if kernel.blending in ("maximum", "minimum"):
         return Extreme(code, samples, kernel.blending == "maximum")
     if cut and kernel.blending == "isosurface":
-        return Surfaces(code, job, samples, _relief(kernel, code, job, field), cut)
+        return Surfaces(code, job, field, samples, _relief(kernel, code, job, field), cut)
     if kernel.blending == "average":
         return Sum(code, samples, _classifier(kernel, code, job))
     optics = _optics(kernel, code, job, field)
     if cut:
-        return Surfaces(code, job, samples, optics.relief, cut, optics)
+        return Surfaces(code, job, field, samples, optics.relief, cut, optics)
     return Composite(code, job, samples, optics, stretch)
 
 

@@ -11,12 +11,12 @@ C. Sigg, M. Hadwiger: Fast third-order texture filtering, GPU Gems 2, 2005, chap
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
-from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import Value, Vector
-from clusterviz.render.vectors.fields.field import Field, Spot
-from clusterviz.render.vectors.looks.samples import LARGEST
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, I32, Value, Vector
+from clusterviz.render.vectors.fields.field import LARGEST, Cubic, Field, Spot, extremes
 
 TAPS = range(4)
 WAYS = [(x, y, z) for x, y, z in product((-1, 1), repeat=3)]
@@ -34,6 +34,30 @@ class CubicField(Field):
         block, base = apart(code, self, voxel)
         layers = [summed(code, y, [summed(code, x, row) for row in layer]) for layer in block]
         return self.scalar(base + summed(code, z, layers))
+
+    def extent(self, voxel: Value) -> tuple[Value, Value, Value]:
+        """Of 64 voxels: splines stay between those."""
+        block, base = apart(self._code, self, voxel)
+        own = [row[x] for layer in block[1:3] for row in layer[1:3] for x in (1, 2)]
+        low, high = extremes(self._code, [voxel for layer in block for row in layer for voxel in row])
+        return self.scalar(base + low), self.scalar(base + high), self.known(own)
+
+    def cubic(self, voxel: Value, at: Sequence[Value], way: Sequence[Value]) -> Cubic:
+        """Nearly the field along ways through cells: what it is at their ends, and at thirds of them."""
+        code, number, (block, base) = self._code, Variable(self._code.number(I32, 0)), apart(self._code, self, voxel)
+        found = [Variable(code.same(F32, 0.0)) for _ in TAPS]
+        with code.loop(lambda: number.now < len(TAPS)):
+            share = code.splat(number.now.to(F32) * (1.0 / 3.0))
+            x, y, z = (weights(code, code.fma(by, share, begin)) for begin, by in zip(at, way, strict=True))
+            layers = [summed(code, y, [summed(code, x, row) for row in layer]) for layer in block]
+            s = summed(code, z, layers)
+            for k, place in enumerate(found):
+                place.set(code.select(code.splat(number.now).equals(k), s, place.now))
+            number.set(number.now + 1)
+        a, b, c, d = (self.scale * place.now for place in found)
+        slope = 0.5 * code.fma(2.0, d, code.fma(-9.0, c, code.fma(18.0, b, -11.0 * a)))
+        bend = 4.5 * (code.fma(4.0, c, 2.0 * a) - code.fma(5.0, b, d))
+        return self.scalar(base) + a, slope, bend, 4.5 * code.fma(3.0, b - c, d - a)
 
 
 class CubicGradient:

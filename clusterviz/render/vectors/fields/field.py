@@ -7,10 +7,11 @@ four (16-bit, with the next row's), or two (float32, as they are). So a voxel ta
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
+from clusterviz.kernels.lanes import F32, I8, I16, I32, I64, Value, Vector
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.render.vectors.job import Job
 
@@ -18,6 +19,9 @@ PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
 """Pixels of a packet whose voxels are asked for ahead: its corners, and some between them, tell of the others."""
 HERE = (0, 0, 0)
 Corners = tuple[Value, ...]
+Cubic = tuple[Value, Value, Value, Value]
+"""Factors of 1, t, t², t³."""
+LARGEST = 3e38  # of what is a number
 
 
 @dataclass(frozen=True)
@@ -49,10 +53,14 @@ class Field:
     ----------
     kind : how they are stored
     nearest : the nearest voxel is taken, nothing is interpolated
+
+    Attributes
+    ----------
+    is_nearest : the same
     """
 
     def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool) -> None:
-        self._code, self._kind, self._nearest = code, kind, nearest
+        self._code, self._kind, self.is_nearest = code, kind, nearest
         self._row_real, self._layer_real = (code.splat(job[name]).to(F32) for name in ("row", "layer"))
         self._word, self._voxels = job.word, job["voxels"]
         self._row, self._layer = (job[name].to(I64) for name in ("row", "layer"))
@@ -63,12 +71,63 @@ class Field:
         """The scalar, in units of clim; NaN where an invalid voxel takes part."""
         code = self._code
         _, (x, y, z), voxel = self.within(spot)
-        if self._nearest:
+        if self.is_nearest:
             return self.scalar(self.corners(voxel)[0])
         c = self.corners(voxel)
         along = [code.fma(c[k + 1] - c[k], x, c[k]) for k in (0, 2, 4, 6)]
         near, far = (code.fma(along[k + 1] - along[k], y, along[k]) for k in (0, 2))
         return self.scalar(code.fma(far - near, z, near))
+
+    def extent(self, voxel: Value) -> tuple[Value, Value, Value]:
+        """Between which scalars the field of cells lies, by their first corners, and whether they have a field."""
+        code = self._code
+        if self._kind == "f32" or self.is_nearest:
+            stored = list(self.corners(voxel))[: 1 if self.is_nearest else 8]
+            low, high = extremes(code, stored)
+            return self.scalar(low), self.scalar(high), self.known(stored)
+        # Small numbers are compared as they lie, several to a word.
+        element, bits, layers = (I8, 8, (0,)) if self._kind == "u8" else (I16, 16, (0, 1))
+        words = [word for up in layers for word in self._pair(voxel, 0, 0, up)]
+        found = []
+        for name in ("umin", "umax"):
+            word = words[0]
+            for other in words[1:]:
+                word = code.call(name, word.bits(element), other.bits(element)).bits(I32)
+            for shift in (16, 8)[: 16 // bits]:
+                word = code.call(name, word.bits(element), (word >> shift).bits(element)).bits(I32)
+            word = word & ((1 << bits) - 1)
+            found.append(self.scalar((word - self._base if self._kind == "u16" else word).to(F32)))
+        return found[0], found[1], self.known([found[0]])
+
+    def cubic(self, voxel: Value, at: Sequence[Value], way: Sequence[Value]) -> Cubic:
+        """The field along ways through cells, `t` of them behind where they begin.
+
+        Parameters
+        ----------
+        at, way : where they begin in the cells, and how far they go, float32 along x, y, z
+
+        References
+        ----------
+        S. Parker, P. Shirley, Y. Livnat, C. Hansen, P.-P. Sloan: Interactive ray tracing for isosurface rendering,
+        IEEE Visualization 1998, section 3.
+        """
+        code, corners, none = self._code, self.corners(voxel), self._code.same(F32, 0.0)
+        if self.is_nearest:
+            return self.scalar(corners[0]), none, none, none
+        parts: list[list[Value]] = [[corner] for corner in corners]
+        for begin, by in zip(at, way, strict=True):
+            parts = [_between(code, a, b, begin, by) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+        first, *others = parts[0]
+        slope, bend, twist = (part * self.scale for part in others)
+        return self.scalar(first), slope, bend, twist
+
+    def known(self, stored: Sequence[Value]) -> Value:
+        """Whether all of some stored voxels are valid."""
+        code, found = self._code, stored[0].equals(stored[0])
+        if self.may_be_invalid:
+            for voxel in stored:
+                found = found & (code.size(voxel) <= LARGEST)
+        return found
 
     def within(self, spot: Spot) -> tuple[list[Value], Vector, Value]:
         """Cells that places are in, as seen from the spot's, how far these lie in them, and first corners' numbers.
@@ -97,14 +156,18 @@ class Field:
     def _cell(self, spot: Spot) -> tuple[list[Value], Value]:
         """Which cell places are in, as seen from the spot's, and the number of its first corner."""
         code = self._code
-        rounded = tuple(at + 0.5 for at in spot.beyond) if self._nearest else spot.beyond
+        rounded = tuple(at + 0.5 for at in spot.beyond) if self.is_nearest else spot.beyond
         cell = [
             code.most(code.least(code.call("floor", at), high), low)
             for at, low, high in zip(rounded, spot.low, spot.high, strict=True)
         ]
+        return cell, self.first_corner(spot, cell)
+
+    def first_corner(self, spot: Spot, cell: Sequence[Value]) -> Value:
+        """The number of a cell's first corner; the cell is float32, as seen from the spot's."""
         # Whole numbers below 2^24 (the length of a run sees to that), so that float32 is exact.
-        away = code.fma(cell[2], self._layer_real, code.fma(cell[1], self._row_real, cell[0]))
-        return cell, spot.voxel + away.to(I32).to(self._word)
+        away = self._code.fma(cell[2], self._layer_real, self._code.fma(cell[1], self._row_real, cell[0]))
+        return spot.voxel + away.to(I32).to(self._word)
 
     def scalar(self, stored: Value) -> Value:
         """Stored voxels, or what lies between some, in units of clim."""
@@ -147,3 +210,19 @@ class Field:
         """Of a lane's voxel, or one so many voxels further on: what is the same for all lanes is added first."""
         first = self._voxels if isinstance(away, int) else self._voxels + (away << 2)
         return first + (voxel.lane(lane).unsigned(I64) << 2)
+
+
+def extremes(code: Code, values: Sequence[Value]) -> tuple[Value, Value]:
+    """The least and the largest of some values, none of which is NaN."""
+    low = high = values[0]
+    for value in values[1:]:
+        low, high = code.least(low, value), code.most(high, value)
+    return low, high
+
+
+def _between(code: Code, a: list[Value], b: list[Value], at: Value, by: Value) -> list[Value]:
+    """From polynomial a to polynomial b, at + by · t of the way."""
+    apart = [second - first for first, second in zip(a, b, strict=True)]
+    low = [code.fma(more, at, first) for more, first in zip(apart, a, strict=True)]
+    high = [more * by for more in apart]
+    return [low[0], *(first + second for first, second in zip(low[1:], high[:-1], strict=True)), high[-1]]

@@ -10,9 +10,8 @@ from typing import Protocol
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, Value, Vector
-from clusterviz.render.vectors.fields.field import Corners, Field, Spot
+from clusterviz.render.vectors.fields.field import LARGEST, Corners, Field, Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.looks.samples import LARGEST
 
 
 class Gradient(Protocol):

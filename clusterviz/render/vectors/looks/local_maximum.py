@@ -9,9 +9,9 @@ from __future__ import annotations
 from clusterviz.image.merge import CLOSED, EXISTS, STARTS
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.field import LARGEST, Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.looks.samples import ABREAST, LARGEST, Samples, four, zeros
+from clusterviz.render.vectors.looks.samples import ABREAST, Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 
 

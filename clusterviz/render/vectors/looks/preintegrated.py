@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.field import LARGEST, Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.looks.over import put_behind, too_little_left
 from clusterviz.render.vectors.looks.relief import Relief
-from clusterviz.render.vectors.looks.samples import LARGEST, Samples, four, zeros
+from clusterviz.render.vectors.looks.samples import Samples, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.transfer.ramps import RECORD_FLOATS, End, Ramps
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
-from clusterviz.render.vectors.looks.samples import ABREAST, LARGEST, Samples, add_exactly, four, zeros
+from clusterviz.render.vectors.fields.field import LARGEST, Spot
+from clusterviz.render.vectors.looks.samples import ABREAST, Samples, add_exactly, four, zeros
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.transfer.classify import Classifier
 

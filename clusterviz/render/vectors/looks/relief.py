@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.field import LARGEST, Spot
 from clusterviz.render.vectors.fields.gradient import Gradient
 from clusterviz.render.vectors.looks.light import Lights
-from clusterviz.render.vectors.looks.samples import LARGEST
 from clusterviz.render.vectors.transfer.grading import Fading
 
 

@@ -1,4 +1,4 @@
-"""Where the field is the value of an isosurface, in slabs whose ends are on different sides of it: twin of root.glsl.
+"""Where the field is the value of an isosurface, between two places in a cell: the twin of root.glsl.
 
 References
 ----------
@@ -8,57 +8,39 @@ method).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 from clusterviz.kernels.code import Code, Variable
-from clusterviz.kernels.lanes import I32, Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
-from clusterviz.render.vectors.looks.samples import LARGEST, Samples
+from clusterviz.kernels.lanes import I32, Value
+from clusterviz.render.vectors.looks.course import Mark
 
 REFINEMENTS = 10  # as in root.glsl
 NEAR = 2.0**-20  # slabs; two guesses that are no farther apart end the search
 
 
-@dataclass(frozen=True)
-class Side:
-    """One end of where a root is looked for.
+def root(code: Code, field: Callable[[Value], Value], value: Value, sides: tuple[Mark, Mark], wanted: Value) -> Value:
+    """Where on ways through cells the field is a value.
 
-    Attributes
-    ----------
-    along : slabs from the spot
-    above : by how much the field there is more than the value
-    """
-
-    along: Value
-    above: Value
-
-
-def root(
-    code: Code, samples: Samples, line: tuple[Spot, Vector], value: Value, sides: tuple[Side, Side], wanted: Value
-) -> tuple[Value, Value]:
-    """Where along lines the field is a value, and whether it was met: not where an invalid field is on the way.
-
-    A ray that has its root keeps it while others of its packet look on.
+    That is where it begins, if it is on the same side there as behind: then it has jumped from the cell before. A ray
+    that has its root keeps it while others of its packet look on.
 
     Parameters
     ----------
-    line : spots, and slabs in index space
-    sides : the field there is below the value and above it, or above and below
+    field : somewhere on them
+    sides : two places
     wanted : which rays look for a root
     """
-    spot, slab = line
-    (a, above_a), (b, above_b) = ((Variable(side.along), Variable(side.above)) for side in sides)
-    c, last = Variable(b.now), Variable(code.same(I32, 0))
-    looking, met = Variable(wanted.to(I32)), Variable(wanted.to(I32))
-    number = Variable(code.number(I32, 0))
+    low, high = sides
+    (a, above_a), (b, above_b) = ((Variable(side.along), Variable(side.s - value)) for side in sides)
+    jumps = ~((low.s < value) ^ (high.s < value))
+    c, last = Variable(code.select(jumps, low.along, high.along)), Variable(code.same(I32, 0))
+    looking, number = Variable((wanted & ~jumps).to(I32)), Variable(code.number(I32, 0))
     with code.loop(lambda: code.any(looking.now > 0) & (number.now < REFINEMENTS)):
         goes_on = looking.now > 0
         guess = _between(code, (a.now, above_a.now), (b.now, above_b.now))
-        above = samples.at(samples.moved(spot, slab, guess)) - value
-        fine = code.size(above) <= LARGEST
+        above = field(guess) - value
         far = code.size(guess - c.now) > NEAR
         c.set(code.select(goes_on, guess, c.now))
-        met.set(code.select(goes_on & ~fine, 0, met.now))
         # The end on the guess's side moves; the other one counts half where it has stayed twice.
         behind = ~((above < 0.0) ^ (above_b.now < 0.0))
         side = code.select(behind, code.same(I32, 1), -1)
@@ -69,9 +51,9 @@ def root(
         a.set(code.select(moves_a, guess, a.now))
         b.set(code.select(moves_b, guess, b.now))
         last.set(side)
-        looking.set((goes_on & fine & far & ~above.equals(0.0)).to(I32))
+        looking.set((goes_on & far & ~above.equals(0.0)).to(I32))
         number.set(number.now + 1)
-    return c.now, met.now > 0
+    return c.now
 
 
 def _between(code: Code, first: tuple[Value, Value], second: tuple[Value, Value]) -> Value:

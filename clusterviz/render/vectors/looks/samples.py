@@ -16,7 +16,6 @@ from clusterviz.render.vectors.marching.starts import Starts
 AHEAD = 4.0  # slabs; what is asked for now should be there by then
 ABREAST = 2  # slabs that are sampled at once, so that the processor need not wait for one of them
 Sample = tuple[Value, Value, Spot]
-LARGEST = 3e38  # of what is a number
 
 
 class Samples:
@@ -41,7 +40,7 @@ class Samples:
             numbers = [number.now + later for later in range(abreast)]
             along = [code.splat(one.to(F32)) for one in numbers]
             for one in along:
-                self._ask_ahead(spot, slab, one)
+                self.ask_ahead(spot, slab, one)
             spots = [self.moved(spot, slab, one) for one in along]
             yield [(self._field.at(here), one, here) for here, one in zip(spots, numbers, strict=True)]
             number.set(number.now + abreast)
@@ -58,7 +57,7 @@ class Samples:
     def on_the_way(self, spot: Spot, slab: Vector, along: Value) -> Value:
         """The scalars so many slabs on, of rays that go on from there."""
         s = self._field.at(self.moved(spot, slab, along))
-        self._ask_ahead(spot, slab, along)
+        self.ask_ahead(spot, slab, along)
         return s
 
     def later(self, spot: Spot, along: float) -> Spot:
@@ -71,7 +70,8 @@ class Samples:
         x, y, z = (self._code.fma(along, by, at) for by, at in zip(slab, spot.beyond, strict=True))
         return replace(spot, beyond=(x, y, z), begin=None)
 
-    def _ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
+    def ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
+        """Let the processor bring the voxels of later samples nearer, of rays that are so many slabs on."""
         with self._code.when(self._far):
             self._field.ask_for(self.moved(spot, slab, along + AHEAD))
 

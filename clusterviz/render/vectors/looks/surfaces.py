@@ -1,25 +1,28 @@
 """Isosurfaces, alone or in a volume: the twin of surfaces.glsl.
 
-One of a slab's two parts has one where the field at its begin and at its end are on different sides of a value. Every
-ray of a packet goes on to its next slab with a surface, then they refine theirs together. In a volume, what is in front
-of a surface and behind it in its slab is taken apart.
+Cell after cell, whatever the slabs are: most have no surface between their least and their largest scalar. Every ray of
+a packet goes on to its next cell that it meets one in, then they refine theirs together. A surface belongs to the slab
+that holds its place. In a volume, slabs are taken up to it; what is in front of it in its slab, and behind it, is taken
+apart.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
-from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.cubic import CubicField
+from clusterviz.render.vectors.fields.field import Field, Spot
 from clusterviz.render.vectors.job import Job
-from clusterviz.render.vectors.looks.course import ROW_FLOATS, Course, Courses, Noted
+from clusterviz.render.vectors.looks.cells import Cells
+from clusterviz.render.vectors.looks.course import ROW_FLOATS, Courses, Mark, Noted, crossed
 from clusterviz.render.vectors.looks.optics import Optics
 from clusterviz.render.vectors.looks.over import put_behind, take_sample, too_little_left
-from clusterviz.render.vectors.looks.preintegrated import WITHIN
 from clusterviz.render.vectors.looks.relief import Relief
-from clusterviz.render.vectors.looks.root import Side, root
+from clusterviz.render.vectors.looks.root import root
 from clusterviz.render.vectors.looks.samples import Samples, four, zeros
+from clusterviz.render.vectors.looks.search import Search
 from clusterviz.render.vectors.marching.clip import Cut, keeps
 from clusterviz.render.vectors.marching.march import Four, Variables
 from clusterviz.render.vectors.transfer.tables import rows
@@ -27,20 +30,38 @@ from clusterviz.render.vectors.transfer.tables import rows
 
 @dataclass(frozen=True)
 class _Slabs:
-    """Slabs of rays, one each.
+    """Slabs of rays, one after another.
 
     Attributes
     ----------
-    middle : their midpoints
-    slab : from one midpoint to the next
-    half : their lengths by two, in slabs
-    course : the field along them
+    spot, slab : from where, and which way, places along them are counted
+    first : where the first midpoint is
+    half : their lengths by two
+    count : how many of each ray
     """
 
-    middle: Spot
+    spot: Spot
     slab: Vector
+    first: Value
     half: Value
-    course: Course
+    count: Value
+
+    @property
+    def line(self) -> tuple[Spot, Vector]:
+        """The first two."""
+        return self.spot, self.slab
+
+    def middle(self, at: Value) -> Value:
+        """Where the midpoint of one of them is."""
+        return self.first + at.to(F32)
+
+    def begin(self, at: Value) -> Value:
+        """Where one begins, and the one before it ends."""
+        return self.first + (2.0 * at.to(F32) - 1.0) * self.half
+
+    def number(self, place: Value) -> Value:
+        """Which of them holds a place."""
+        return ((place - self.first) / self.half * 0.5 + 0.5).to(I32)
 
 
 class Surfaces:
@@ -48,52 +69,42 @@ class Surfaces:
 
     Parameters
     ----------
+    field : in which they are
     relief : what depends on the gradient
     cut : what clipping planes keep
     optics : of the volume in which they stand; None where they are alone
     """
 
     def __init__(
-        self, code: Code, job: Job, samples: Samples, relief: Relief, cut: Cut, optics: Optics | None = None
+        self,
+        code: Code,
+        job: Job,
+        field: Field,
+        samples: Samples,
+        relief: Relief,
+        cut: Cut,
+        optics: Optics | None = None,
     ) -> None:
-        self._code, self._job, self._samples, self._relief, self._cut = code, job, samples, relief, cut
-        self._optics, self._courses, self._rows = optics, Courses(code, job, samples), job["surface"]
+        self._code, self._job, self._field, self._samples, self._relief = code, job, field, samples, relief
+        self._cut, self._optics, self._courses, self._rows = (
+            cut,
+            optics,
+            Courses(code, job, samples, isinstance(field, CubicField)),
+            job["surface"],
+        )
         self._stops, self._residual = job.part("optics", 1) > 0.0, code.splat(job.part("optics", 1))
 
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
         """The surfaces of the run's slabs, and the volume between them."""
-        code, rest, half = self._code, 1.0 - kept[3].now, self._code.same(F32, 0.5)
-        begin = code.select(first, code.same(F32, -WITHIN), -0.5)
-        noted = Noted(code, self._courses.mark(self._samples.at(self._samples.moved(spot, slab, begin))))
-        at, end, found = Variable(code.same(I32, 0)), Variable(slabs), Variable(code.same(I32, 0))
-        with code.loop(lambda: code.any(at.now < end.now)):
-            found.set(code.same(I32, 0))
-            with code.loop(lambda: code.any((at.now < end.now) & found.now.equals(0))):
-                looking = (at.now < end.now) & found.now.equals(0)
-                middle = self._samples.moved(spot, slab, at.now.to(F32))
-                behind = self._samples.on_the_way(spot, slab, at.now.to(F32) + 0.5)
-                course = self._courses.of((middle, slab), half, noted.now.back, behind, looking)
-                noted.note(course, looking)
-                crosses = looking & (_sum(self._courses.crossed(course)) > 0)
-                self._take_whole(sums, _Slabs(middle, slab, half, course), at.now, looking & ~crosses)
-                found.set(code.select(crosses, 1, found.now))
-                at.set(code.select(looking, at.now + 1, at.now))
-            with code.when(code.any(found.now > 0)):
-                middle = self._samples.moved(spot, slab, (at.now - 1).to(F32))
-                self._take_slabs(sums, _Slabs(middle, slab, half, noted.now), at.now - 1, found.now > 0)
-            with code.when(self._stops):
-                # A ray ends with the slab that leaves too little light, not with its run.
-                ended = rest * (1.0 - sums[3].now) <= self._residual
-                end.set(code.select(ended, code.least(at.now, end.now), end.now))
-        return end.now
+        code, begin = self._code, spot.begin if spot.begin is not None else self._code.same(F32, 0.0)
+        run = _Slabs(replace(spot, begin=None), slab, begin, code.same(F32, 0.5), slabs)
+        return self._taken(sums, run, 1.0 - kept[3].now, True)
 
     def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
-        """A share of a slab, around its midpoint: taken as one with a surface."""
-        code, sums, half = self._code, zeros(self._code), 0.5 * share
-        begin = code.select(only, code.same(F32, -WITHIN), -0.5) * share
-        front, behind = (self._samples.at(self._samples.moved(spot, slab, at)) for at in (begin, WITHIN * share))
-        course = self._courses.of((spot, slab), half, self._courses.mark(front), behind, drawn)
-        self._take_slabs(sums, _Slabs(spot, slab, half, course), code.same(I32, 0), drawn)
+        """A share of a slab, around its midpoint."""
+        code, sums = self._code, zeros(self._code)
+        one = _Slabs(spot, slab, code.same(F32, 0.0), 0.5 * share, drawn.to(I32))
+        self._taken(sums, one, code.same(F32, 1.0), False)
         return four(sums)
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
@@ -104,67 +115,131 @@ class Surfaces:
         """Where so little light is left that the scene allows to stop."""
         return too_little_left(kept, self._residual)
 
-    def _take_whole(self, sums: Variables, slabs: _Slabs, number: Value, drawn: Value) -> None:
-        """The volume in slabs without a surface."""
-        if self._optics is None:
-            return
-        s = slabs.course.middle
-        seen = drawn & self._cut.keeps(number) & (s >= self._optics.visible_from)
-        with self._code.when(self._code.any(seen)):
-            found = self._optics.of_slab(s, slabs.middle, slabs.slab)
-            take_sample(self._code, sums, seen, found.opacity, found.colour)
+    def _taken(self, sums: Variables, slabs: _Slabs, rest: Value, whole: bool) -> Value:
+        """Take slabs; how many were taken.
 
-    def _take_slabs(self, sums: Variables, slabs: _Slabs, number: Value, drawn: Value) -> None:
-        """The surfaces of slabs, front to back, and the volume between them."""
-        code, course = self._code, slabs.course
-        first, second = (code.select(drawn, count, 0) for count in self._courses.crossed(course))
-        begin, at_begin, nth = Variable(-slabs.half), Variable(course.front.s), Variable(code.number(I32, 0))
-        # In a volume, what is behind the last surface comes last.
-        rounds = code.largest(first + second) + int(self._optics is not None)
+        Parameters
+        ----------
+        rest : what light is left in front of them
+        whole : they are no shares of slabs
+        """
+        code, end, looking = self._code, Variable(slabs.count), Variable((slabs.count > 0).to(I32))
+        begin = slabs.begin(code.same(I32, 0))
+        search = Search(code, self._courses, Cells(code, self._job, self._field, slabs.line, begin))
+        volume = _Volume(code, slabs, sums, self._samples, self._cut, self._optics, whole)
+        with code.loop(lambda: code.any(looking.now > 0)):
+            found = search.go_on(self._samples, slabs.line, slabs.begin(slabs.count), looking.now > 0)
+            looking.set(found.to(I32))
+            with code.when(code.any(found)):
+                place = self._take_cell(sums, slabs, search.noted, found, volume)
+                with code.when(self._stops):
+                    # A ray ends with the slab that leaves too little light, not with its run.
+                    ended = found & (rest * (1.0 - sums[3].now) <= self._residual)
+                    end.set(code.select(ended, code.least(slabs.number(place) + 1, end.now), end.now))
+                    looking.set((found & ~ended).to(I32))
+        volume.take_to(slabs.begin(end.now), slabs.count > 0)
+        return end.now
+
+    def _take_cell(self, sums: Variables, slabs: _Slabs, noted: Noted, found: Value, volume: _Volume) -> Value:
+        """The surfaces that rays meet in a cell, and the volume in front of each; where the last one is."""
+        code, course, way, line = self._code, noted.course, noted.way, (noted.way.spot, slabs.slab)
+        before = [code.select(found, count, 0) for count in crossed(code, course)]
+        second, third = before[0], before[0] + before[1]
+        total, nth, last = third + before[2], Variable(code.number(I32, 0)), Variable(slabs.begin(slabs.count))
+        rounds = code.largest(total)
         with code.loop(lambda: nth.now < rounds):
-            crossed, is_second = drawn & (nth.now < first + second), nth.now >= first
-            surface = _surface(code, course, code.select(is_second, nth.now - first, nth.now), is_second)
-            value, _, _, _, r, g, b, opacity = rows(code, self._rows, code.select(crossed, surface, 0), ROW_FLOATS)
-            at_begin.set(code.select(first.equals(nth.now), course.at_turn.s, at_begin.now))
-            low = code.select(is_second, code.most(begin.now, course.turn), begin.now)
-            high = code.select(is_second, slabs.half, course.turn)
-            at_high = code.select(is_second, course.back.s, course.at_turn.s)
-            sides = Side(low, at_begin.now - value), Side(high, at_high - value)
-            found, met = root(code, self._samples, (slabs.middle, slabs.slab), value, sides, crossed)
-            ends = drawn & (first + second).equals(nth.now)
-            length = code.select(ends, slabs.half, found) - begin.now
-            self._take_between(sums, slabs, length, (met | ends) & self._cut.keeps(number))
-            begin.set(code.select(met, found, begin.now))
-            at_begin.set(code.select(met, value, at_begin.now))
-            self._take_surface(sums, slabs, begin.now, met, (r, g, b), opacity)
+            number = code.splat(nth.now)
+            low, high, past = course[0], course[1], code.same(I32, 0)
+            for n, begin in ((1, second), (2, third)):
+                behind = number >= begin
+                low, high = (_chosen(code, behind, *pair) for pair in ((course[n], low), (course[n + 1], high)))
+                past = code.select(behind, begin, past)
+            here = found & (number < total)
+            surface = _surface(code, low, high, number - past)
+            value, _, _, _, r, g, b, opacity = rows(code, self._rows, code.select(here, surface, 0), ROW_FLOATS)
+            place = root(code, lambda along: self._courses.at(way, slabs.slab, along), value, (low, high), here)
+            # Those in front of these slabs, and behind them, are other slabs'.
+            met = here & (place >= slabs.begin(code.same(I32, 0))) & (place < slabs.begin(slabs.count))
+            last.set(code.select(met, place, last.now))
+            volume.take_to(place, met)
+            self._take_surface(sums, line, place, met, (r, g, b), opacity)
             nth.set(nth.now + 1)
-
-    def _take_between(self, sums: Variables, slabs: _Slabs, length: Value, drawn: Value) -> None:
-        """Parts of slabs in the volume, so long, as their midpoints are; of surfaces alone nothing."""
-        if self._optics is None:
-            return
-        s = slabs.course.middle
-        found = self._optics.of_share(s, length, slabs.middle, slabs.slab)
-        take_sample(self._code, sums, drawn & (s >= self._optics.visible_from), found.opacity, found.colour)
+        return last.now
 
     def _take_surface(
-        self, sums: Variables, slabs: _Slabs, along: Value, met: Value, colour: Vector, opacity: Value
+        self, sums: Variables, line: tuple[Spot, Vector], along: Value, met: Value, colour: Vector, opacity: Value
     ) -> None:
-        code = self._code
-        at = self._samples.moved(slabs.middle, slabs.slab, along)
+        code, at = self._code, self._samples.moved(*line, along)
         x, y, z = (cell.to(F64) + beyond.to(F64) for cell, beyond in zip(at.cell, at.beyond, strict=True))
         seen = met & keeps(code, self._job, (x, y, z))
         with code.when(code.any(seen)):
-            lit = self._relief.lit(colour, self._relief.gradient(at), at, slabs.slab)
+            lit = self._relief.lit(colour, self._relief.gradient(at), at, line[1])
             take_sample(code, sums, seen, opacity, lit)
 
 
-def _surface(code: Code, course: Course, nth: Value, is_second: Value) -> Value:
-    """Which surface is the n-th that a part of slabs crosses."""
-    front = code.select(is_second, course.at_turn.reached, course.front.reached)
-    back = code.select(is_second, course.back.reached, course.at_turn.reached)
-    return code.select(back > front, front + nth, front - 1 - nth)
+class _Volume:
+    """The volume in which surfaces stand, slab after slab; without one nothing is taken.
+
+    Parameters
+    ----------
+    optics : of the volume; None: there is none
+    whole : slabs are no shares of slabs
+    """
+
+    def __init__(
+        self,
+        code: Code,
+        slabs: _Slabs,
+        sums: Variables,
+        samples: Samples,
+        cut: Cut,
+        optics: Optics | None,
+        whole: bool,
+    ) -> None:
+        self._code, self._slabs, self._sums, self._samples, self._cut = code, slabs, sums, samples, cut
+        self._optics, self._whole = optics, whole
+        # The slab that comes next, and from where on it is left.
+        self._at, self._from = Variable(code.same(I32, 0)), Variable(slabs.begin(code.same(I32, 0)))
+
+    def take_to(self, place: Value, drawn: Value) -> None:
+        """Take what is left of slabs up to a place."""
+        if self._optics is None:
+            return
+        code, slabs = self._code, self._slabs
+
+        def left() -> Value:
+            return drawn & (self._from.now < place) & (self._at.now < slabs.count)
+
+        with code.loop(lambda: code.any(left())):
+            taken, at, begin = left(), self._at.now, self._from.now
+            ends = slabs.begin(at + 1)
+            until = code.least(place, ends)
+            middle = self._samples.moved(*slabs.line, slabs.middle(at))
+            full = until.equals(ends) & begin.equals(slabs.begin(at))
+            self._take(middle, until - begin, taken & self._cut.keeps(at), full)
+            self._from.set(code.select(taken, until, begin))
+            self._at.set(code.select(taken & until.equals(ends), at + 1, at))
+
+    def _take(self, middle: Spot, length: Value, taken: Value, full: Value) -> None:
+        """So much of slabs, as their midpoints are; `full`: all of them."""
+        code, optics, slab = self._code, self._optics, self._slabs.slab
+        assert optics is not None, "there is a volume"
+        s = self._samples.at(middle)
+        share = taken & (s >= optics.visible_from)
+        if self._whole:
+            seen, share = share & full, share & ~full
+            with code.when(code.any(seen)):
+                found = optics.of_slab(s, middle, slab)
+                take_sample(code, self._sums, seen, found.opacity, found.colour)
+        with code.when(code.any(share)):
+            found = optics.of_share(s, length, middle, slab)
+            take_sample(code, self._sums, share, found.opacity, found.colour)
 
 
-def _sum(counts: tuple[Value, Value]) -> Value:
-    return counts[0] + counts[1]
+def _chosen(code: Code, where: Value, a: Mark, b: Mark) -> Mark:
+    return Mark(*(code.select(where, *pair) for pair in zip(a.parts, b.parts, strict=True)))
+
+
+def _surface(code: Code, low: Mark, high: Mark, nth: Value) -> Value:
+    """Which surface is the n-th that is met between two places."""
+    return code.select(high.reached > low.reached, low.reached + nth, low.reached - 1 - nth)

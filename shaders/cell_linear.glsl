@@ -1,0 +1,36 @@
+// A cell between eight voxels: between which scalars the field lies in it, and what it is along a ray, a polynomial of third degree (S. Parker
+// et al., Interactive ray tracing for isosurface rendering, IEEE Visualization 1998, section 3).
+const vec3 CELL_BEGINS = vec3(0.0); // from its first voxel
+
+// The cells that a brick holds of the volume.
+ivec3 cell_within(ivec3 at) {
+    return clamp(at, max(ivec3(-REACH), -brick_begin), min(ivec3(SLOT_CELLS - 1 + REACH), last_cell - brick_begin));
+}
+
+// Whether the cell has a field.
+bool extent_of(int brick, ivec3 at, out vec2 extent) {
+    vec4 near = vec4(pair_at(brick, at), pair_at(brick, at + ivec3(0, 1, 0)));
+    vec4 far = vec4(pair_at(brick, at + ivec3(0, 0, 1)), pair_at(brick, at + ivec3(0, 1, 1)));
+    vec4 low = min(near, far), high = max(near, far);
+    extent = vec2(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
+    // By their bits, since compilers turn comparisons round, which are other ones then for NaN.
+    uvec4 bits = max(floatBitsToUint(abs(near)), floatBitsToUint(abs(far)));
+    return !MAY_BE_INVALID || all(lessThan(bits, uvec4(0x7f800000u)));
+}
+
+// The factors of 1, t, t², t³, `t` of a way `by` behind where it begins in the cell.
+vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) {
+    vec2 a = pair_at(brick, at), b = pair_at(brick, at + ivec3(0, 1, 0));
+    vec2 c = pair_at(brick, at + ivec3(0, 0, 1)), d = pair_at(brick, at + ivec3(0, 1, 1));
+    vec4 x = vec4(a.x, b.x, c.x, d.x), slope = vec4(a.y, b.y, c.y, d.y) - x;
+    x += slope * begin.x;
+    slope *= by.x;
+    vec2 across = x.yw - x.xz, slope_across = slope.yw - slope.xz;
+    vec2 y = x.xz + across * begin.y, slope_y = slope.xz + slope_across * begin.y + across * by.y, bend = slope_across * by.y;
+    float up = y.y - y.x, slope_up = slope_y.y - slope_y.x, bend_up = bend.y - bend.x;
+    return vec4(y.x + up * begin.z, slope_y.x + slope_up * begin.z + up * by.z, bend.x + bend_up * begin.z + slope_up * by.z, bend_up * by.z);
+}
+
+float field_on(int brick, ivec3 at, vec3 begin, vec3 by, vec4 cubic, float t) {
+    return fma(fma(fma(cubic.w, t, cubic.z), t, cubic.y), t, cubic.x);
+}
