@@ -28,6 +28,7 @@ CASES: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "clipped": ("uint8", "outside", 16, {"parts": {"clip": PLANES}}),
     "jittered": ("uint8", "on-a-face", 16, {"jitter": True}),
     "pre-integrated": ("float32", "outside", 16, {"classification": "pre-integrated"}),
+    "split": ("uint8", "outside", 16, {"classification": "pre-integrated", "borders": "split"}),
     "cubic": ("uint8", "outside", 16, {"interpolation": "cubic"}),
     "lit": ("uint8", "outside", 16, {"look": LIT}),
     "surfaces": (

@@ -35,7 +35,6 @@ class Preintegrated:
         self._relief = relief
         self._code, self._samples, self._ramps, self._may_be_invalid = code, samples, ramps, may_be_invalid
         self._stops = job.part("optics", 1) > 0.0
-        self._longest = job["window"]
         self._units, self._residual = (code.splat(job.part("optics", k)) for k in range(2))
 
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
@@ -65,31 +64,26 @@ class Preintegrated:
         self._take(sums, front, next(ends), self._units * share, drawn, (spot, slab))
         return four(sums)
 
-    def parts(self, spot: Spot, slab: Vector, begin: Value, leave: Value) -> tuple[Four, Value, Value]:
-        """The sum of parts of slabs from `begin` on, up to `leave`; how far along they come, and how many they are.
+    def parts(self, spot: Spot, slab: Vector, first: Value, begin: Value, leave: Value) -> tuple[Four, Value]:
+        """The sum of parts of slabs from `begin` on, up to `leave`, and how many they are.
 
         Parameters
         ----------
-        spot : of the begins
-        begin, leave : float64, in slabs along the rays; parts are cut at whole numbers
+        spot : of the places `first`, from which all others are counted
+        first, begin, leave : float64, in slabs along the rays; parts are cut at whole numbers
         """
         code, sums, along = self._code, zeros(self._code), Variable(begin)
-        front = _Front(code, self._ramps, self._samples.at(spot))
-        passed, taken = (Variable(code.same(I32, 0)) for _ in range(2))
-
-        def drawn() -> Value:
-            return (along.now < leave) & (passed.now < self._longest)
-
-        with code.loop(lambda: code.any(drawn())):
-            seen, at, whole = drawn(), along.now, code.call("floor", along.now) + 1.0
-            to = code.least(whole, leave)
-            s = self._samples.on_the_way(spot, slab, (to - begin).to(F32))
-            middle = self._samples.moved(spot, slab, (0.5 * (at + to) - begin).to(F32))
+        front = _Front(code, self._ramps, self._samples.at(self._samples.moved(spot, slab, (begin - first).to(F32))))
+        taken = Variable(code.same(I32, 0))
+        with code.loop(lambda: code.any(along.now < leave)):
+            seen, at = along.now < leave, along.now
+            to = code.least(code.call("floor", at) + 1.0, leave)
+            s = self._samples.on_the_way(spot, slab, (to - first).to(F32))
+            middle = self._samples.moved(spot, slab, (0.5 * (at + to) - first).to(F32))
             self._take(sums, front, s, self._units * (to - at).to(F32), seen, (middle, slab))
-            passed.set(passed.now + (seen & to.equals(whole)).to(I32))
             taken.set(taken.now + seen.to(I32))
             along.set(code.select(seen, to, at))
-        return four(sums), along.now, taken.now
+        return four(sums), taken.now
 
     def add(self, kept: Variables, run: Four, drawn: Value) -> None:
         """Behind what is there."""

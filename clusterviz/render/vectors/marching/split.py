@@ -28,8 +28,8 @@ SPLIT: Layout = (("along", F64, 1), ("until", F64, 1))
 class SplitLook(Behind, Protocol):
     """What becomes of parts of slabs."""
 
-    def parts(self, spot: Spot, slab: Vector, begin: Value, leave: Value) -> tuple[Four, Value, Value]:
-        """What parts of slabs come to from places on, up to where rays leave; how far they come, how many parts."""
+    def parts(self, spot: Spot, slab: Vector, first: Value, begin: Value, leave: Value) -> tuple[Four, Value]:
+        """What parts of slabs come to between two places, counted from a third, whose spot it is; and how many."""
 
 
 class SplitMarch:
@@ -69,8 +69,13 @@ class SplitMarch:
         return code.any(hit)
 
     def go_on(self, packet: Packet, kept: Variables, last: Value) -> Value:
-        """Take a packet's rays up to a slab at least; returns the least slab with which one goes on."""
+        """Take a packet's rays through a window, by its last slab; returns the least slab with which one goes on.
+
+        What is visible in a brick is drawn to the end of the window, or of the brick, as one sum: how rays have passed
+        what lies before it changes no bit.
+        """
         code, look, rays, until = self._code, self._look, packet.rays, packet.get("until")
+        first, end = (code.splat(slab.to(F64)) for slab in (last - (self._job["window"] - 1), last + 1))
         along, done, samples = (Variable(packet.get(name)) for name in ("along", "done", "samples"))
         # Nothing is visible up to there.
         ahead = Variable(along.now)
@@ -79,24 +84,29 @@ class SplitMarch:
         def active() -> Value:
             return (along.now < until) & done.now.equals(0)
 
-        with code.loop(lambda: code.any(active() & (along.now < last.to(F64) + 1.0))):
-            here = active()
+        def in_window() -> Value:
+            return active() & (along.now < end)
+
+        with code.loop(lambda: code.any(in_window())):
+            here = in_window()
             number, leave = self._faces.bricks_at(rays, along.now)
             leave = code.least(leave, until)
-            spot, empty_until = self._places.in_brick(self._faces, rays, number, (along.now, ahead.now, leave))
+            place = self._faces.position(rays, first), here
+            spot, empty_until = self._places.in_brick(self._faces, rays, number, place, (ahead.now, leave))
             gap = here & (empty_until > ahead.now)
             ahead.set(code.select(gap, empty_until, ahead.now))
             along.set(
                 code.select(gap, code.least(self._places.next_part(along.now, ahead.now, leave), until), along.now)
             )
             # Rays that have found something wait for those that are still looking.
-            with code.when(~code.any(gap & (along.now < until))):
+            with code.when(~code.any(gap & in_window())):
                 runs = here & ~gap
                 begin = along.now
-                run, end, parts = look.parts(spot, (x, y, z), begin, code.select(runs, leave, begin))
-                look.add(kept, run, runs)
-                along.set(end)
-                ahead.set(code.select(runs, end, ahead.now))
+                to = code.select(runs, code.least(leave, end), begin)
+                run, parts = look.parts(spot, (x, y, z), first, begin, to)
+                look.add(kept, run, runs & (run[3] > 0.0))
+                along.set(to)
+                ahead.set(code.select(runs, to, ahead.now))
                 samples.set(samples.now + parts)
                 done.set(code.select(look.is_done(kept), 1, done.now))
         for name, variable in (("along", along), ("done", done), ("samples", samples)):
@@ -122,15 +132,16 @@ class BrickPlaces(Places):
     """Places in bricks that are known by their numbers."""
 
     def in_brick(
-        self, faces: Faces, rays: Rays, number: Vector, reach: tuple[Value, Value, Value]
+        self, faces: Faces, rays: Rays, number: Vector, place: tuple[Vector, Value], reach: tuple[Value, Value]
     ) -> tuple[Spot, Value]:
         """Spots of places, and up to where nothing is visible; not beyond what is known, where something is.
 
         Parameters
         ----------
-        reach : how far along the places are, up to where nothing is known to be visible, and where rays leave the brick
+        place : of which the spots are, in or near the brick, and the rays for which it is
+        reach : up to where nothing is known to be visible, and where rays leave the brick
         """
-        code, (along, ahead, leave) = self._code, reach
+        code, (ahead, leave) = self._code, reach
         ats = zip(number, self._begin, self._count, strict=True)
         x, y, z = (code.within(at - begin, 0, count - 1) for at, begin, count in ats)
         brick = (z * self._count[1] + y) * self._count[0] + x
@@ -139,7 +150,7 @@ class BrickPlaces(Places):
         # What rays pass beyond the brick is another one's.
         passed = code.most(ahead + JUST_BEHIND, leave)
         empty_until = code.select(ahead >= leave, passed, empty_until)
-        return self._spot(faces.position(rays, along), first, self._voxels_of(brick)), empty_until
+        return self._spot(*place, first, self._voxels_of(brick)), empty_until
 
     def next_part(self, along: Value, ahead: Value, leave: Value) -> Value:
         """With which part of a slab to go on where nothing is visible up to a place.
@@ -149,13 +160,15 @@ class BrickPlaces(Places):
         code, whole = self._code, self._code.call("floor", ahead)
         return code.most(along, code.select(ahead < leave, whole, code.most(whole, leave)))
 
-    def _spot(self, position: Vector, first: Vector, voxels: Value) -> Spot:
+    def _spot(self, position: Vector, here: Value, first: Vector, voxels: Value) -> Spot:
         code, cells, high = self._code, [], []
         for axis, at in enumerate(position):
             in_brick, in_volume = first[axis] + self._last[axis], self._job.part("cells", axis) - 1
             last = code.least(first[axis] + self._brick - 1, in_volume)
             # Rays that lie nowhere read some cell of the brick, too.
-            cells.append(code.within(code.call("floor", at), first[axis].to(F64), last.to(F64)).to(I32))
+            whole = code.call("floor", at)
+            inside = code.within(whole, first[axis].to(F64), last.to(F64))
+            cells.append(code.select(here, whole, inside).to(I32))
             # Rays begin and end on the volume's faces, which belong to the cells before them.
             high.append((code.least(in_brick, in_volume) - cells[axis]).to(F32))
         local = [cell - begin for cell, begin in zip(cells, first, strict=True)]
