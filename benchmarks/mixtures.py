@@ -15,6 +15,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from looks import whole_pieces
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
@@ -24,7 +25,6 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
-from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.vectors.caster import VectorCaster
@@ -85,7 +85,7 @@ def measure(path: str, size: int, frames: int) -> list[dict[str, Any]]:
     for _ in range(frames + 1):
         for key, (caster, plan) in casters.items():
             begin = process_time()
-            (drawn,) = caster.draw(plan, leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, 64))
+            (drawn,) = caster.draw(plan, whole_pieces(plan))
             least[key] = min(least.get(key, np.inf), process_time() - begin)
             samples[key] = drawn.samples
     return [

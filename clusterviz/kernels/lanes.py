@@ -7,6 +7,7 @@ vector and a number takes the number for all lanes.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -167,6 +168,12 @@ class Value:
 
 Operand = Value | Number
 Vector = tuple[Value, Value, Value]
+
+
+def vector_of(parts: Iterable[Value]) -> Vector:
+    """Three values as a vector."""
+    x, y, z = parts
+    return x, y, z
 
 
 def kind_of(element: Any, lanes: int) -> Any:

@@ -8,26 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
-from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Options, Rendered, Run
-from clusterviz.frame.choosing import PAUSE, Choosing
-from clusterviz.frame.coherent import Coherent
+from clusterviz.frame import FrameLoop, Options, Run
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.holding import Holding
-from clusterviz.frame.mode import candidates, choose, compositing_seconds, forecast, held_bytes
+from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.prepass import LOOKS, sound
 from clusterviz.frame.share import Share
-from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_ranks
-from clusterviz.image import PartialImage, compare
+from clusterviz.image import PartialImage
 from clusterviz.partition.screen import rank_groups
-from clusterviz.plan.leftover import Picked
 from clusterviz.plan.plan import Plan
-from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.sharing import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
@@ -140,35 +134,6 @@ def test_pixels_of_fewer_bits_take_less_to_join(clear: tuple[Plan, Sounding], gr
     assert full == pytest.approx(4 * quarter, rel=1e-3)
 
 
-ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("settings", "accuracy", "share"),
-    [({"pixel": "float16"}, None, 2), ({}, ACCURACY, 4), ({}, replace(ACCURACY, error=0.1), 1)],
-    ids=["named", "by what is left of a bound", "no bits less, where nothing is left"],
-)
-def test_the_pixels_of_the_frame_are_those_that_are_weighed(
-    settings: dict[str, Any], accuracy: Accuracy | None, share: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slow = replace(SLOW, seconds_per_byte=1e-3)
-    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: slow)
-
-    def told(channel: Channel) -> tuple[list[float], list[float]]:
-        run = Run(channel, CPU)
-        opened = open_volumes(run, scene_of(settings), SOURCE)
-        assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.facts)
-        choosing = Choosing(run, Drawing(run), opened, scene, True)
-        choosing.look(scene, accuracy=accuracy)
-        found, plan = choosing.sharing.forecasts, opened.plan(scene)
-        floats = [compositing_seconds(plan, NODES, each.groups, slow, "float32") for each in found]
-        return floats, [each.seconds_compositing for each in found]
-
-    floats, found = run_loopback(RANKS, told, ranks_per_node=1)[0]
-    assert floats == pytest.approx([share * each for each in found], rel=1e-3)
-
-
 def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan, Sounding]) -> None:
     """The time of a sample is that of the device: where it is short, compositing decides."""
     plan, sounding = opaque
@@ -201,107 +166,6 @@ def test_numbers_of_groups_that_are_compared(ranks: int) -> None:
     assert (found[0], found[-1]) == (1, ranks)
     assert len(found) <= 40
     assert ranks != 3 or 2 in found
-
-
-@pytest.mark.parametrize(
-    ("settings", "several", "shared"),
-    [
-        (OPAQUE, True, 4),
-        (OPAQUE, False, None),
-        (OPAQUE | {"compositing": "tree"}, True, None),
-        (OPAQUE | {"distribution": "interleaved"}, True, None),
-        (OPAQUE | {"mode": "sort-last"}, True, None),
-        (OPAQUE | {"memory_limit": 700_000}, True, None),
-        ({"opacity": 0.0}, True, None),
-        ({"groups": 2}, False, 2),
-        ({"mode": "hybrid"}, False, 2),
-    ],
-    ids=["opaque", "one picture", "algorithm", "distribution", "mode", "memory", "nothing", "groups", "hybrid"],
-)
-def test_what_the_scene_says_counts(
-    settings: dict[str, Any], several: bool, shared: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: SLOW)
-
-    def chosen(channel: Channel) -> int | None:
-        run = Run(channel, CPU)
-        opened = open_volumes(run, scene_of(settings), SOURCE)
-        assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.facts)
-        choosing = Choosing(run, Drawing(run), opened, scene, several)
-        choosing.look(scene)
-        if isinstance(choosing.distribution, SharedScreen):
-            assert bool(choosing.sharing.forecasts) == (settings == OPAQUE)
-            return len(choosing.distribution.groups)
-        assert isinstance(choosing.distribution, Coherent) or "distribution" in settings
-        return None
-
-    assert run_loopback(RANKS, chosen, ranks_per_node=1) == [shared] * RANKS
-
-
-def test_a_limit_that_no_way_to_share_keeps_is_refused() -> None:
-    def job(channel: Channel) -> None:
-        with FrameLoop(scene_of({"memory_limit": 5000}), channel, SOURCE, CPU) as loop:
-            loop.frame()
-
-    with pytest.raises(InputError, match="largest share of 4 ranks"):
-        run_loopback(RANKS, job)
-
-
-def test_statistics_tell_what_was_chosen_and_by_what() -> None:
-    def job(channel: Channel) -> dict[str, Any]:
-        with FrameLoop(scene_of(OPAQUE), channel, SOURCE, CPU) as loop:
-            statistics = loop.frame().statistics
-            assert f"{statistics.sharing}".count("samples") == len(candidates(RANKS))
-            return statistics.as_json()["sharing"]
-
-    told = run_loopback(RANKS, job)
-    assert told == [told[0]] * RANKS
-    assert [each["groups"] for each in told[0]["forecasts"]] == candidates(RANKS)
-
-
-MIDDLE = (36.0, 36.0, 36.0)
-AFAR = {"position": (300.0, 250.0, 200.0), "focal_point": MIDDLE, "view_angle": 30.0}
-INTO_A_CORNER = {"position": (90.0, 88.0, 92.0), "focal_point": (70.0, 70.0, 70.0), "view_angle": 40.0}
-FLIGHT = [AFAR] * 3 + [INTO_A_CORNER] * (PAUSE + 1)
-
-
-def flown(channel: Channel, settings: dict[str, Any], flight: list[dict[str, Any]]) -> list[Rendered]:
-    """The frames of a flight, as `animate` draws them."""
-    scenes = [scene_of({"size": (80, 60)} | settings | view) for view in flight]
-    with FrameLoop(scenes[0], channel, SOURCE, CPU) as loop:
-        return list(loop.frames(enumerate(scenes)))
-
-
-@pytest.fixture(scope="module")
-def flight() -> list[list[Rendered]]:
-    """What each rank has of a flight from afar to before a corner, where nothing is lost on the way."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
-        return run_loopback(RANKS, lambda channel: flown(channel, {}, FLIGHT), ranks_per_node=1)
-
-
-def test_a_view_that_is_uneven_changes_the_mode(flight: list[list[Rendered]]) -> None:
-    """Seen from afar all leaves cost alike; before a corner one of them is all that is seen."""
-    modes = [[f"{frame.statistics.sharing}".split(",")[0] for frame in frames] for frames in flight]
-    assert modes == [["sort-last"] * PAUSE + ["sort-first"] * 4] * RANKS
-    alone = flown(LoopbackChannel(), {}, [AFAR, INTO_A_CORNER])
-    for number in (0, PAUSE - 1, PAUSE, len(FLIGHT) - 1):
-        found, expected = flight[0][number].image, alone[int(number >= 3)].image
-        assert found is not None
-        assert expected is not None
-        assert expected[..., 3].max() > 0.1
-        assert compare(found, expected, 1e-5).count == 0
-
-
-def test_later_choices_rest_on_counts_alone(flight: list[list[Rendered]]) -> None:
-    """What a sample takes is measured once: a busy machine cannot change the mode in the middle of a movie."""
-    first, then = (flight[0][number].statistics.sharing for number in (0, -1))
-    assert first is not None
-    assert then is not None
-    assert first.forecasts != then.forecasts
-    before, after = ([each.seconds_drawing / each.samples for each in way.forecasts] for way in (first, then))
-    assert after == pytest.approx(before, rel=1e-6)
 
 
 def test_what_is_there_is_given_up_only_for_what_is_clearly_better() -> None:
@@ -353,19 +217,3 @@ def test_what_is_better_in_both_is_chosen_whatever_a_sample_takes(seconds: float
 
     assert choose([way(1, 1e5, 1e-3), way(4, 0.89e5, 0.89e-3)]) == 4
     assert choose([way(1, 1e5, 1e-3), way(4, 0.91e5, 0.91e-3)]) == 1
-
-
-def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clusterviz.frame.choosing.default_network", lambda nodes: INSTANT)
-    # One rank sends nothing, and rounds nothing; several may, within the bound.
-    monkeypatch.setattr("clusterviz.frame.settling.pick_pixel", lambda *_: Picked("float32"))
-    view, bounded = [INTO_A_CORNER], {"max_error": 0.02}
-    frame = run_loopback(RANKS, lambda channel: flown(channel, bounded, view), ranks_per_node=1)[0][0]
-    (alone,) = flown(LoopbackChannel(), bounded, view)
-    assert f"{frame.statistics.sharing}".startswith("sort-first")
-    assert frame.statistics.accuracy is not None
-    assert alone.statistics.accuracy is not None
-    assert frame.statistics.accuracy.step == alone.statistics.accuracy.step
-    assert frame.image is not None
-    assert alone.image is not None
-    assert compare(frame.image, alone.image, 1e-5).count == 0

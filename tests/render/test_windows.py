@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from render.scenes import Prepared, camera_at, prepare, scene_of, whole
 from render.test_shading import LIT
-from render.vectors.test_windows import PLANES, SHAPE, SPARSE, blobs
+from render.vectors.test_windows import PLANES, SHAPE, SPARSE, blobs, sparse
 
 from clusterviz.data.grid import Grid
 from clusterviz.partition import Piece, build_tree
@@ -88,19 +88,10 @@ def leapt_and_every(
 def test_leaping_over_what_is_empty_changes_no_bit(
     context: moderngl.Context, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dtype, camera, brick, special = CASES[case]
-    voxels, grid = blobs(dtype), Grid(SHAPE)
-    keys = {
-        "clim": (0.0, float(voxels.max())),
-        "opacity": SPARSE,
-        "unit": 2.0,
-        "step": 0.37,
-        "size": SIZE,
-    } | special
-    prepared = prepare(scene_of(voxels, camera_at(camera, grid), **keys), voxels, grid, brick)
+    prepared, size = sparse(*CASES[case])
     leapt, every = leapt_and_every(context, monkeypatch, prepared)
     assert leapt.samples < every.samples
-    found, expected = (finish_projection(prepared.plan, whole(drawn.partial, keys["size"])) for drawn in (leapt, every))
+    found, expected = (finish_projection(prepared.plan, whole(drawn.partial, size)) for drawn in (leapt, every))
     assert expected.max() > 0.1
     assert np.array_equal(found, expected)
 

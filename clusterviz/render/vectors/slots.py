@@ -49,6 +49,8 @@ class Taken:
     Attributes
     ----------
     words : uint32 (words of a slot,)
+    chunk : the array in which it is
+    number : which of its slots it is
     """
 
     words: NDArray[np.uint32]

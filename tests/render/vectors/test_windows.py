@@ -51,6 +51,19 @@ def blobs(dtype: str) -> np.ndarray:
     return (field if dtype == "float32" else field * np.iinfo(dtype).max).astype(dtype)
 
 
+def sparse(dtype: str, camera: str, brick: int, special: dict[str, Any]) -> tuple[Prepared, tuple[int, int]]:
+    """These bodies, which are little of what is seen, and the size of the picture."""
+    voxels, grid = blobs(dtype), Grid(SHAPE)
+    keys = {
+        "clim": (0.0, float(voxels.max())),
+        "opacity": SPARSE,
+        "unit": 2.0,
+        "step": 0.37,
+        "size": (47, 41),
+    } | special
+    return prepare(scene_of(voxels, camera_at(camera, grid), **keys), voxels, grid, brick), keys["size"]
+
+
 def draw_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Drawn:
     """With every group of cells of every brick called visible."""
     plan = prepared.plan
@@ -66,18 +79,9 @@ def draw_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Drawn:
 
 @pytest.mark.parametrize("case", CASES)
 def test_leaping_over_what_is_empty_changes_no_bit(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    dtype, camera, brick, special = CASES[case]
-    voxels, grid = blobs(dtype), Grid(SHAPE)
-    keys = {
-        "clim": (0.0, float(voxels.max())),
-        "opacity": SPARSE,
-        "unit": 2.0,
-        "step": 0.37,
-        "size": (47, 41),
-    } | special
-    prepared = prepare(scene_of(voxels, camera_at(camera, grid), **keys), voxels, grid, brick)
+    prepared, size = sparse(*CASES[case])
     leapt, every = draw_on_processor(prepared), draw_all(prepared, monkeypatch)
     assert leapt.samples < every.samples
-    found, expected = (whole(drawn.partial, keys["size"]) for drawn in (leapt, every))
+    found, expected = (whole(drawn.partial, size) for drawn in (leapt, every))
     assert expected.max() > 0.1
     assert np.array_equal(found, expected)

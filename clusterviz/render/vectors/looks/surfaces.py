@@ -86,12 +86,8 @@ class Surfaces:
         optics: Optics | None = None,
     ) -> None:
         self._code, self._job, self._field, self._samples, self._relief = code, job, field, samples, relief
-        self._cut, self._optics, self._courses, self._rows = (
-            cut,
-            optics,
-            Courses(code, job, samples, isinstance(field, CubicField)),
-            job["surface"],
-        )
+        self._cut, self._optics = cut, optics
+        self._courses, self._rows = Courses(code, job, samples, isinstance(field, CubicField)), job["surface"]
         self._stops, self._residual = job.part("optics", 1) > 0.0, code.splat(job.part("optics", 1))
 
     def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code, Variable
-from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector
+from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import kept_by, side_of
@@ -141,7 +141,7 @@ class Body:
         # It lies so many slabs behind the first one, whose midpoint is on the lattice.
         way = [last - first for last, first in zip(rays.last, rays.first, strict=True)]
         square = side_of(rays.slab, rays.slab)
-        self._parts[0].set(side_of(_three(way), rays.slab) / self._code.select(square > 0.0, square, 1.0))
+        self._parts[0].set(side_of(vector_of(way), rays.slab) / self._code.select(square > 0.0, square, 1.0))
 
     def part(self, number: Value, half: Value) -> tuple[Value, Value]:
         """What of slabs lies in the volume, float32, in slabs from their midpoints; where it ends first, nothing.
@@ -167,7 +167,7 @@ class Body:
             floor = code.within(code.call("floor", at), -REACH, REACH)
             whole.append(code.select(here, floor, 0.0).to(I32))
             beyond.append(code.select(here, (at - floor).to(F32), 0.0))
-        return Begin(_three(whole), _three(beyond))
+        return Begin(vector_of(whole), vector_of(beyond))
 
     def share(self, brick: Value, begin: Begin, along: Value | None) -> Share:
         """Where slabs are in their bricks, as seen from the cell with which their window begins.
@@ -189,7 +189,7 @@ class Body:
         low = [(0 - part).to(F32) for part in local]
         high = [(last - part).to(F32) for part, last in zip(local, self._last, strict=True)]
         voxel = code.gather(job.word, job["bricks"], brick.to(I32), BYTES[job.word]) + self._voxel(local)
-        return Share(Spot(voxel, _three(low), _three(high), _three(beyond), begin.cell, along), there)
+        return Share(Spot(voxel, vector_of(low), vector_of(high), vector_of(beyond), begin.cell, along), there)
 
     def _voxel(self, local: Sequence[Value]) -> Value:
         """The number of a cell's first corner in its brick, of the job's `word`."""
@@ -200,9 +200,8 @@ class Body:
         for axis, part in enumerate(self._stride):
             part.set(packet.get(self._name("stride"), axis))
         if self._parts:
-            for part, value in zip(
-                self._parts, (middle, *(packet.get(self._name("within"), k) for k in (0, 1))), strict=True
-            ):
+            ends = (packet.get(self._name("within"), side) for side in (0, 1))
+            for part, value in zip(self._parts, (middle, *ends), strict=True):
                 part.set(value)
 
     def _within(self, rays: Rays) -> tuple[Value, ...]:
@@ -221,7 +220,7 @@ class Body:
         return f"{what}_{self._number}"
 
     def _normal(self, row: Sequence[Value]) -> Vector:
-        return _three([self._code.splat(part) for part in row[:3]])
+        return vector_of([self._code.splat(part) for part in row[:3]])
 
     def _planes(self) -> list[tuple[Vector, Value]]:
         """The volume's faces, a little wider, as planes that keep what lies between them."""
@@ -287,8 +286,3 @@ class MixedPlaces(Places):
         each = zip(self._bodies, window.begins, strict=True)
         shares = tuple(body.share(place.voxels, begin, along) for body, begin in each)
         return Spots(**vars(super().spot(place, window, along)), shares=shares)
-
-
-def _three(parts: Sequence[Value]) -> Vector:
-    x, y, z = parts
-    return x, y, z

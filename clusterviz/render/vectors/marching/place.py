@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector
+from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.rays import cell_of
@@ -25,15 +25,13 @@ class Window:
 
     Attributes
     ----------
-    position : float64
-    cell : that holds it, in the volume, int32
-    beyond : float32, from that cell's corner to the position
+    cell : that holds the midpoint, in the volume, int32
+    beyond : float32, from that cell's corner to the midpoint
     brick : the number of the cell's brick along x, y, z, int32
     local : of the cell in that brick; whole numbers as float32, as all that follow
     least, most : the first and last cell of the box of bricks, as seen from the cell
     """
 
-    position: Vector
     cell: Vector
     beyond: Vector
     brick: Vector
@@ -96,7 +94,7 @@ class Places:
         local = _each(lambda at, number: (at - number * self._brick).to(F32), cell, brick)
         least = _each(lambda end, at: (end[0] - at).to(F32), ends, cell)
         most = _each(lambda end, at: (end[1] - at).to(F32), ends, cell)
-        return Window(position, cell, beyond, brick, local, least, most)
+        return Window(cell, beyond, brick, local, least, most)
 
     def of(self, window: Window, along: Value, slab: Vector, per_slab: Vector) -> Place:
         """The place of a midpoint that the box owns.
@@ -114,7 +112,7 @@ class Places:
         whole = _each(lambda at, _: code.call("floor", at), position, position)
         # Rays that have left the box are told of some cell of it.
         ends = zip(whole, window.least, window.most, strict=True)
-        cell = _three([code.within(at, low, high) for at, low, high in ends])
+        cell = vector_of([code.within(at, low, high) for at, low, high in ends])
         beyond = _each(lambda at, by: at - by, position, cell)
         from_brick = _each(lambda at, by: at + by, window.local, cell)
         number = _each(lambda at, _: code.call("floor", (at + 0.5) * self._per_brick), from_brick, cell)
@@ -180,11 +178,6 @@ class Places:
         return self._code.least(group << GROUP_SHIFT, self._farthest)
 
 
-def _three(parts: Sequence[Value]) -> Vector:
-    x, y, z = parts
-    return x, y, z
-
-
 def _each(function: Callable[[Any, Any], Value], a: Sequence[Any], b: Sequence[Any]) -> Vector:
     """A function of two vectors' components, one by one."""
-    return _three([function(first, second) for first, second in zip(a, b, strict=True)])
+    return vector_of([function(first, second) for first, second in zip(a, b, strict=True)])

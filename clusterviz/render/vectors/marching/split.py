@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from clusterviz.kernels.code import Code, Variable
-from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
+from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import keeps, kept_range
@@ -174,7 +174,9 @@ class BrickPlaces(Places):
         local = [cell - begin for cell, begin in zip(cells, first, strict=True)]
         beyond = [(at - cell.to(F64)).to(F32) for at, cell in zip(position, cells, strict=True)]
         low = [(self._first - at).to(F32) for at in local]
-        return Spot(voxels + self._voxel(_three(local)), _three(low), _three(high), _three(beyond), _three(cells))
+        return Spot(
+            voxels + self._voxel(vector_of(local)), vector_of(low), vector_of(high), vector_of(beyond), vector_of(cells)
+        )
 
     def _empty_until(self, faces: Faces, rays: Rays, brick: tuple[Value, Vector], ahead: Value, leave: Value) -> Value:
         """Where rays leave the groups that a leap from a place crosses; the place itself where something is visible."""
@@ -196,8 +198,3 @@ class BrickPlaces(Places):
 
 
 FARTHEST_CELL = float(1 << 30)
-
-
-def _three(parts: list[Value]) -> Vector:
-    x, y, z = parts
-    return x, y, z
