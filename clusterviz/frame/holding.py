@@ -65,7 +65,7 @@ def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
 
 
 def laid_out_bytes(plan: Plan) -> NDArray[np.int64]:
-    """Memory that bricks take where the processor draws, int64 (bz, by, bx): a word a voxel, and one behind them."""
+    """Memory that bricks take where the processor draws, int64 (bz, by, bx)."""
     slot = slot_of(plan)
     if plan.mixture is None:
         return np.full(plan.cost.shape, _laid_out(slot))
@@ -77,6 +77,6 @@ def laid_out_bytes(plan: Plan) -> NDArray[np.int64]:
 
 
 def _laid_out(slot: Slot) -> int:
-    from clusterviz.render.vectors.memory import VOXEL_BYTES
+    from clusterviz.render.vectors.memory import VOXEL_BYTES, words_of
 
-    return VOXEL_BYTES * (int(np.prod(slot.samples_zyx)) + 1)
+    return VOXEL_BYTES * words_of(slot)

@@ -53,7 +53,7 @@ class Memory:
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
-        self._slots = Slots(int(np.prod(slot.samples_zyx)) + 1)
+        self._slots = Slots(words_of(slot))
         self._kept: dict[Index, Kept] = {}
 
     @property
@@ -132,6 +132,11 @@ class Memory:
         """How bent the field is in the groups of bricks, (m, 2, *slot.groups_zyx): see `bends.py`."""
         found = [self._kept[z, y, x].bend for z, y, x in bricks.tolist()]
         return np.stack([bend for bend in found if bend is not None])
+
+
+def words_of(slot: Slot) -> int:
+    """32-bit words that a brick takes: one a voxel, and one behind them that loads may touch."""
+    return int(np.prod(slot.samples_zyx)) + 1
 
 
 def lay_out(stored: NDArray[Any], slot: Slot, words: NDArray[np.uint32]) -> None:
