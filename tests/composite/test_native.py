@@ -78,7 +78,7 @@ def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPa
     native.kernel.cache_clear()
     native.kernel(*NAME)
     assert names == []
-    for damaged in (b"", whole[:100], whole[:200] + b"\0" + whole[201:], whole + b"\0"):
+    for damaged in (b"", whole[:100], whole[:200] + bytes([whole[200] ^ 1]) + whole[201:], whole + b"\0"):
         file.write_bytes(damaged)
         native.kernel.cache_clear()
         native.kernel(*NAME)
