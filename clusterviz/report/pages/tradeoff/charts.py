@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clusterviz.report.pages.svg import make_figure, svg_of
-from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, by_rms, error_of, pareto_front
+from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, by_rms, pareto_front
 from clusterviz.report.pages.tradeoff.truth import Truth
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
@@ -44,17 +44,22 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
     """
     figure = make_figure(9.5, 5.4)
     axes = figure.subplots()
-    judged = by_rms(truth)
-    _draw(axes, rated, TOTAL, RMS if judged else MAX, truth.rms if judged else truth.max)
+    error, floor = (RMS, truth.rms) if by_rms(truth) else (MAX, truth.max)
+    _draw(axes, rated, TOTAL, error, floor, [one.front > 0 for one in rated])
     for one in rated:
         spread = [1e3 * one.cost.total_seconds_min, 1e3 * one.cost.total_seconds_max]
-        axes.plot(spread, 2 * [max(LOWEST, error_of(one, truth))], color="#bbbbbb", linewidth=1, zorder=1)
+        height = max(floor, LOWEST, error.value(one))
+        axes.plot(spread, 2 * [height], color="#bbbbbb", linewidth=1, zorder=1)
+        if one.front:
+            axes.annotate(
+                str(one.front), (TOTAL.value(one), height), xytext=(-5, -5), textcoords="offset points", ha="right",
+                va="top", weight="bold",
+            )  # fmt: skip
     for level, name in ((LEVEL, "1 level of 8 bits"), (2 * LEVEL, "2 levels")):
         if not axes.get_ylim()[0] < level < axes.get_ylim()[1]:
             continue
         axes.axhline(level, color="#bbbbbb", linewidth=0.8, linestyle=":")
         axes.annotate(name, (0.005, level), xycoords=("axes fraction", "data"), ha="left", va="bottom", color="#777777")
-    _number_front(axes, rated, truth)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
     return svg_of(figure)
@@ -77,11 +82,16 @@ def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
     return svg_of(figure)
 
 
-def _draw(axes: Any, rated: Sequence[Rated], cost: Axis, error: Axis, floor: float) -> None:
-    """One chart; errors that cannot be told from none are drawn on the edge of a grey band."""
+def _draw(
+    axes: Any, rated: Sequence[Rated], cost: Axis, error: Axis, floor: float, best: Sequence[bool] | None = None
+) -> None:
+    """One chart; errors that cannot be told from none are drawn on the edge of a grey band.
+
+    `best` says which settings lie on the front, where that is known.
+    """
     lowest = max(floor, LOWEST)
     points = [(cost.value(one), max(lowest, error.value(one))) for one in rated]
-    front = sorted(point for point, best in zip(points, pareto_front(points), strict=True) if best)
+    front = sorted(point for point, on in zip(points, best or pareto_front(points), strict=True) if on)
     axes.step(*zip(*front, strict=True), where="post", color=FRONT, linewidth=1, zorder=1, label="Pareto front")
     for label, colour, marker, members in _groups(rated):
         axes.scatter(
@@ -114,15 +124,6 @@ def _groups(rated: Sequence[Rated]) -> list[tuple[str, str, str, list[int]]]:
 
 def _alone(one: Rated) -> bool:
     return len(one.setting.changes) == 1
-
-
-def _number_front(axes: Any, rated: Sequence[Rated], truth: Truth) -> None:
-    for one in rated:
-        if one.front:
-            place = (TOTAL.value(one), max(LOWEST, error_of(one, truth)))
-            axes.annotate(
-                str(one.front), place, xytext=(-5, -5), textcoords="offset points", ha="right", va="top", weight="bold"
-            )
 
 
 def _plain_ticks(axes: Any) -> None:

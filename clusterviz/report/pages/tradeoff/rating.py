@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -85,16 +86,25 @@ def by_rms(truth: Truth) -> bool:
 
 
 def error_of(one: Rated, truth: Truth) -> float:
-    """What a setting is judged by: its largest error, or rms.
+    """What a setting is judged by, and claimed to err by at most: its largest error, or rms, and the truth's own.
 
-    One below the truth's own counts as that: to be nearer to it than it is to the real picture is no merit.
+    Both are distances, so that a setting is no farther from the real picture than their sum.
     """
-    return max(one.rms, truth.rms) if by_rms(truth) else max(one.max, truth.max)
+    return sum(_distances(one, truth))
+
+
+def _distances(one: Rated, truth: Truth) -> tuple[float, float]:
+    """Of a setting from the truth, and of the truth from the real picture, as settings are judged."""
+    return (one.rms, truth.rms) if by_rms(truth) else (one.max, truth.max)
 
 
 def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
-    """The same, with those numbered that lie on the front of time and error; a third digit of an error counts not."""
-    errors = [float(f"{error_of(one, truth):.1e}") for one in rated]
+    """The same, with those numbered that lie on the front of time and error.
+
+    A third digit of an error counts not, nor one below the truth's own: to be nearer to it than it is to the real
+    picture is no merit.
+    """
+    errors = [float(f"{max(_distances(one, truth)):.1e}") for one in rated]
     on_it = pareto_front([(one.cost.total_seconds, error) for one, error in zip(rated, errors, strict=True)])
     by_time = sorted((i for i, on in enumerate(on_it) if on), key=lambda i: rated[i].cost.total_seconds)
     numbers = {i: number for number, i in enumerate(by_time, 1)}
@@ -103,8 +113,17 @@ def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
 
 def fastest_within(rated: Sequence[Rated], largest: float, truth: Truth) -> Rated | None:
     """The fastest whose error is no more than that."""
-    fits = [one for one in rated if error_of(one, truth) <= largest]
-    return min(fits, key=lambda one: one.cost.total_seconds, default=None)
+    return _fastest([one for one in rated if error_of(one, truth) <= largest])
+
+
+def fastest_as_exact(rated: Sequence[Rated], scene: Rated, truth: Truth) -> Rated | None:
+    """The fastest that errs by no more than the scene as it is: rms, and in the worst pixel where that is known."""
+    known = not by_rms(truth)
+    return _fastest([one for one in rated if one.rms <= scene.rms and (one.max <= scene.max or not known)])
+
+
+def _fastest(rated: Sequence[Rated]) -> Rated | None:
+    return min(rated, key=lambda one: one.cost.total_seconds, default=None)
 
 
 def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[str]:
@@ -120,7 +139,7 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
     sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene, truth)}."]
     if by_rms(truth):
         sentences.append("Single pixels of the picture without error are not known well enough to judge by.")
-    same = fastest_within(rated, error_of(scene, truth), truth)
+    same = fastest_as_exact(rated, scene, truth)
     if same and faster(same, scene, drift):
         sentences.append(f"With {same.setting} it is {ratio(scene, same)} faster at no larger error.")
     else:
@@ -147,13 +166,19 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
 
 
 def levels(one: Rated, truth: Truth) -> str:
-    """An error in levels of 8 bits; one below what the truth can tell is said to be that."""
-    rms, known = by_rms(truth), error_of(one, truth)
-    in_levels = f"{known / LEVEL:.2g}" if known < 10 * LEVEL else f"{known / LEVEL:.0f}"
-    text = f"{in_levels} levels of 255" if known >= LEVEL / 20 else f"{known:.1e} of full scale"
-    if (one.rms if rms else one.max) < known:
-        return f"less than {text}{', rms' if rms else ''}"
-    return f"{text}, rms" if rms else f"up to {text}"
+    """An error in levels of 8 bits, rounded up."""
+    error = error_of(one, truth)
+    in_levels, of_scale = _rounded_up(error / LEVEL), _rounded_up(error)
+    text = f"{in_levels:g} levels of 255" if error >= LEVEL / 20 else f"{of_scale:.1e} of full scale"
+    return f"up to {text}{', rms' if by_rms(truth) else ''}"
+
+
+def _rounded_up(value: float) -> float:
+    """The next number of two digits that is not smaller, but for rounding of the value's own last digits."""
+    if value <= 0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / unit * (1 - 1e-9)) * unit
 
 
 def milliseconds(one: Rated) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from clusterviz.errors import ClustervizError
-from clusterviz.report.pages.tradeoff.knobs import Setting, changed, exact_settings
+from clusterviz.report.pages.tradeoff.knobs import Setting, changed
 from clusterviz.report.pages.tradeoff.measure import Image, Measured
 from clusterviz.report.pages.tradeoff.page import Report
 from clusterviz.report.pages.tradeoff.rating import Failed, Rated, number_front, rate
@@ -73,7 +73,7 @@ class Survey:
         # From here on nothing is left open, so that no setting can change what is shown.
         scene = first.scene
         progress(next(steps))
-        truth = find_truth(scene, _exact(job), self.budget_seconds)
+        truth = find_truth(scene, _with_step(job), self.budget_seconds)
         background = background_rgb(scene.image.background)
 
         def rated(setting: Setting, drawn: Measured) -> Rated:
@@ -100,9 +100,9 @@ def _faster(known: Rated | None, found: Rated) -> Rated:
     return found if known is None or found.cost.total_seconds < known.cost.total_seconds else known
 
 
-def _exact(job: Job) -> Draw:
-    """The renderer where only the step is left to err."""
-    return lambda scene, step: _picture(job(with_settings(scene, exact_settings() | {"step": step}), 1, 0))
+def _with_step(job: Job) -> Draw:
+    """The renderer as a function of scene and step."""
+    return lambda scene, step: _picture(job(with_settings(scene, {"step": step}), 1, 0))
 
 
 def _picture(drawn: Measured) -> Image:

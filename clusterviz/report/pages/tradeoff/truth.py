@@ -20,6 +20,8 @@ from clusterviz.data import open_source
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
+from clusterviz.report.pages.tradeoff.knobs import exact_settings
+from clusterviz.scene.settings import with_settings
 from clusterviz.scene.values import Scene
 
 Floats = NDArray[np.float64]
@@ -106,10 +108,12 @@ def find_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Truth:
 
     Parameters
     ----------
-    scene : completed
-    renderer : the renderer at its most exact settings
+    scene : completed; all of its settings that add an error are replaced by those that add none, for the renderer and
+        for the reference alike, so that nothing but the step is left to differ
+    renderer : draws a scene with its settings
     budget_seconds : roughly, for all of it
     """
+    scene = with_settings(scene, exact_settings())
     witness, why = _witness(scene)
     if witness is None:
         return _converged(renderer, "renderer", why, scene, budget_seconds)

@@ -79,7 +79,7 @@ def test_the_fastest_within_a_bound() -> None:
 def test_the_verdict_names_what_is_faster_at_no_larger_error() -> None:
     rated = [setting(0.2, 4 * LEVEL), setting(0.05, 4 * LEVEL, early_termination=0.01), setting(0.4, LEVEL, step=0.5)]
     text = " ".join(verdict(rated, TRUTH))
-    assert "takes 200 ms and errs by up to 4 levels of 255" in text
+    assert "takes 200 ms and errs by up to 4.1 levels of 255" in text
     assert "With early_termination 0.01 it is 4 times faster at no larger error." in text
     assert "within 2 levels of 8 bits is step 0.5: 400 ms" in text
 
@@ -88,7 +88,7 @@ def test_the_verdict_where_the_scene_is_best_and_nothing_is_exact() -> None:
     text = " ".join(verdict([setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)], TRUTH))
     assert "No setting that was tried is faster at no larger error." in text
     assert (
-        "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4 levels of 255, and takes 200 ms"
+        "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4.1 levels of 255, and takes 200 ms"
         in text
     )
 
@@ -108,8 +108,16 @@ def test_a_busy_machine_is_told_and_smaller_gains_are_not() -> None:
     assert "took 1.8 times as long" in busy
 
 
-def test_an_error_below_what_is_known_is_said_to_be_that() -> None:
-    assert "errs by less than 1.0e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
+def test_an_error_is_claimed_with_the_truths_own_and_rounded_up() -> None:
+    assert "errs by up to 1.1e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
+    assert "errs by up to 4.2 levels of 255." in verdict([setting(0.1, 4.101 * LEVEL)], TRUTH)[0]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_setting_with_a_larger_error_is_not_called_as_exact_however_little_the_truth_is_known(known: bool) -> None:
+    truth = TRUTH if known else replace(TRUTH, max=0.7, rms=0.2)
+    rated = [setting(0.2, 0.19), setting(0.1, 0.89, step=4.0)]
+    assert "No setting that was tried is faster at no larger error." in verdict(rated, truth)
 
 
 def test_where_single_pixels_are_not_known_rms_errors_judge() -> None:
@@ -120,6 +128,6 @@ def test_where_single_pixels_are_not_known_rms_errors_judge() -> None:
     assert [one.front for one in number_front(rated, truth)] == [0, 2, 1]
     assert [one.front for one in number_front(rated, replace(truth, rms=0.1))] == [0, 0, 1]
     text = " ".join(verdict(rated, truth))
-    assert "errs by 13 levels of 255, rms" in text
+    assert "errs by up to 14 levels of 255, rms" in text
     assert "not known well enough to judge by" in text
     assert "With step 0.5 it is 2 times faster at no larger error." in text
