@@ -16,7 +16,8 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import DataError, InputError, SceneError
 from clusterviz.frame import render_frame
-from clusterviz.scene.settings import KEYS, with_settings
+from clusterviz.scene.complaints import KEYS
+from clusterviz.scene.settings import with_settings
 
 ROOT = Path(__file__).parents[1]
 VOXELS = np.random.default_rng(0).random((12, 13, 14), np.float32)
@@ -117,7 +118,7 @@ def _fields(section: str) -> list[str]:
 @pytest.mark.parametrize(
     ("scene", "settings", "error", "text"),
     [
-        ("field:gaussian:8", {"stepp": 1}, SceneError, "unknown setting, did you mean step?"),
+        ("field:gaussian:8", {"stepp": 1}, SceneError, "stepp=1: unknown key, did you mean quality.step?"),
         ("field:gaussian:8", {"step": -1}, SceneError, "step=-1: quality.step: too small"),
         ("none.npy", {}, DataError, "none.npy: no such file"),
         (np.zeros((2, 2, 2, 2)), {}, DataError, "array"),

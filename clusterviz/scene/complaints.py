@@ -12,10 +12,21 @@ from pydantic_core import ErrorDetails
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.checks import UnusableError
+from clusterviz.scene.clip import Clip
 from clusterviz.scene.kinds import Section
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 Key = tuple[str | int, ...]
+SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
+    (("volumes", 0), Volume),
+    (("camera",), Camera),
+    (("clip",), Clip),
+    (("image",), ImageSettings),
+    (("quality",), Quality),
+    (("cluster",), Cluster),
+)
+KEYS: dict[str, Key] = {name: (*key, name) for key, section in SECTIONS for name in section.model_fields}
+"""Last name -> key; no name occurs in two of these sections."""
 SHOWN = 8
 """How many errors are listed before the rest is only counted."""
 
@@ -65,10 +76,13 @@ def key_text(key: Key) -> str:
 
 
 def unknown_key(where: str, name: object, section: type[Section] | None) -> SceneError:
-    """The error for a key that no section has, with the nearest one that this section has."""
+    """The error for a key that no section has, with the nearest one that this section has, or where else it is."""
     known = list(section.model_fields) if section else []
-    near = get_close_matches(str(name), known, n=1, cutoff=0.5)
-    hint = f", did you mean {near[0]}?" if near else ""
+    elsewhere = KEYS if section is Scene or any(section is other for _, other in SECTIONS) else {}
+    word = str(name)
+    tries = ((elsewhere, 1.0), (known, 0.7), (elsewhere, 0.7), (known, 0.5))
+    near = next((found[0] for names, cutoff in tries if (found := get_close_matches(word, names, 1, cutoff))), None)
+    hint = f", did you mean {near if near in known else key_text(elsewhere[near])}?" if near else ""
     return SceneError(f"unknown key{hint}", where=where, found=name, allowed=", ".join(known) or None)
 
 

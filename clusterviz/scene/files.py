@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.complaints import scene_error, shown
-from clusterviz.scene.overrides import Override, apply_overrides, parse_overrides
+from clusterviz.scene.complaints import Key, scene_error, shown
+from clusterviz.scene.overrides import apply_overrides, parse_overrides
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml, yaml_problem
@@ -49,16 +49,15 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
     """
     where = os.fspath(path)
     parsed = parse_overrides(overrides)
-    data = _sections(_parse(_read(where), where), where)
-    return _checked(_absolute(apply_overrides(data, parsed), Path(where).absolute().parent), where, parsed)
+    data, options = apply_overrides(_sections(_parse(_read(where), where), where), parsed)
+    return _checked(_absolute(data, Path(where).absolute().parent), where, options)
 
 
 def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
     """The scene that shows one data file, everything else by default or by override."""
     where = os.fspath(path)
-    parsed = parse_overrides(overrides)
-    data = apply_overrides({"volumes": [{"path": where}]}, parsed)
-    return _checked(_absolute(data, Path.cwd()), where, parsed)
+    data, options = apply_overrides({"volumes": [{"path": where}]}, parse_overrides(overrides))
+    return _checked(_absolute(data, Path.cwd()), where, options)
 
 
 def dump_scene(scene: Scene) -> str:
@@ -136,8 +135,7 @@ def _is_path(key: str, text: str) -> bool:
     return bool(text.strip()) and not text.startswith("field:")
 
 
-def _checked(data: dict[str, Any], where: str, overrides: Sequence[Override]) -> Scene:
-    options = {override.key: override.option for override in overrides}
+def _checked(data: dict[str, Any], where: str, options: Mapping[Key, str]) -> Scene:
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from clusterviz.errors import SceneError
-from clusterviz.scene import Scene, load_scene, parse_overrides, scene_of_data
+from clusterviz.scene import Camera, Scene, load_scene, parse_overrides, scene_of_data
+from clusterviz.scene.light import Light
+from clusterviz.scene.settings import with_settings
 
 
 @pytest.fixture
@@ -30,6 +33,44 @@ def test_values_are_yaml(path: Path) -> None:
     assert loaded(path, "volumes.0.clim.1=7").volumes[0].clim == (1, 7)
     assert loaded(path, "quality={step: 3}").quality.step == 3
     assert loaded(path, "volumes=[]").volumes == ()
+
+
+LIGHT = "lights=[{position: [1, 2, 3]}]"
+
+
+@pytest.mark.parametrize(
+    ("options", "whole"),
+    [
+        (["cmap=bone"], "volumes.0.cmap=bone"),
+        (["clim=[3, 4]", "clim.1=5"], "volumes.0.clim=[3, 5]"),
+        (["clim[0]=0"], "volumes.0.clim=[0, 2]"),
+        (["position=[0, 0, 5]"], "camera.position=[0, 0, 5]"),
+        (["size=[4, 3]"], "image.size=[4, 3]"),
+        ([LIGHT, "intensity=2"], "lights=[{position: [1, 2, 3], intensity: 2}]"),
+    ],
+)
+def test_a_last_name_is_its_key_and_the_same_in_python(path: Path, options: list[str], whole: str) -> None:
+    assert loaded(path, *options) == loaded(path, whole)
+    settings = {override.option.partition("=")[0][3:]: override.value for override in parse_overrides(options)}
+    assert with_settings(loaded(path), settings) == loaded(path, whole)
+
+
+def test_a_name_of_several_keys_is_an_error_that_lists_them(path: Path) -> None:
+    message = (
+        "position=[1, 0, 0]: several keys have this name; found position; allowed camera.position, lights[0].position"
+    )
+    with pytest.raises(SceneError, match=re.escape(f"-D {message}")):
+        loaded(path, LIGHT, "position=[1, 0, 0]")
+    with pytest.raises(SceneError, match=re.escape(message)):
+        with_settings(loaded(path, LIGHT), {"position": (1, 0, 0)})
+
+
+def test_whole_sections_can_be_set(path: Path) -> None:
+    for camera in ({"position": (1, 2, 3)}, Camera(position=(1, 2, 3))):
+        assert with_settings(loaded(path), {"camera": camera}) == loaded(path, "camera.position=[1, 2, 3]")
+    with pytest.raises(SceneError, match=r"camera\.positon: unknown key, did you mean position"):
+        with_settings(loaded(path), {"camera": {"positon": (1, 2, 3)}})
+    assert with_settings(loaded(path), {"lights": [Light(position=(1, 2, 3))]}) == loaded(path, LIGHT)
 
 
 def test_a_hash_begins_a_colour_not_a_comment(path: Path) -> None:
@@ -60,6 +101,12 @@ def test_later_options_win(path: Path) -> None:
         ("volumes.1.path=b", "no such item in the list; found 1; allowed 0 to 0"),
         ("volumes.path=b", "a list item has no number before path; allowed volumes.0.path"),
         ("volumes.0.clim.5=1", "no such item in the list; found 5; allowed 0 to 1"),
+        ("stepp=1", "unknown key, did you mean quality.step?"),
+        ("camera.step=1", "unknown key, did you mean quality.step?"),
+        ("nonsense=1", "unknown key; found nonsense"),
+        ("3=1", "unknown key; found 3"),
+        ("intensity=1", "no such item in the list"),
+        ("step=big", "quality.step: not a number"),
     ],
 )
 def test_a_bad_option_is_an_error_that_names_it(path: Path, option: str, message: str) -> None:

@@ -14,7 +14,8 @@ from typing import Any, get_args
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.look import has_surfaces, is_preintegrated, step_of
 from clusterviz.plan.stretching import what_has_no_bound
-from clusterviz.scene.settings import KEYS, SECTIONS, with_settings
+from clusterviz.scene.complaints import KEYS, SECTIONS
+from clusterviz.scene.settings import with_settings
 from clusterviz.scene.values import Scene
 
 

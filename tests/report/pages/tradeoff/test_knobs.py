@@ -16,7 +16,7 @@ from clusterviz.report.pages.tradeoff.knobs import (
     value_of,
 )
 from clusterviz.scene import Cluster, Quality, Scene, Volume
-from clusterviz.scene.settings import KEYS
+from clusterviz.scene.complaints import KEYS
 
 SCENE = Scene(volumes=(Volume(path="field:ramp:8"),))
 ALL = [knob.name for knob in KNOBS]
