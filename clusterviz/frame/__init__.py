@@ -21,6 +21,7 @@ memory. A further frame makes anew only what its scene asks for. How a step that
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -39,8 +40,10 @@ from clusterviz.frame.run import STEPS, Options, Rendered, Run
 from clusterviz.frame.settling import Settling, with_pixel
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.small_picture import SmallPicture
+from clusterviz.plan.changes import changed_settings
 from clusterviz.render.choice import on_processor
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.changes import Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
@@ -113,6 +116,7 @@ class FrameLoop:
         self._several = several
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
+        self._told = set[Change]()
         self._settling = Settling(run, self._small_picture)
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
@@ -180,7 +184,18 @@ class FrameLoop:
         counts = companion.counted(counts) if companion else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(number, share, partials, counts, accuracy, sharing)
+        return DrawnFrame(number, share, partials, counts, accuracy, sharing, self._changes(share))
+
+    def _changes(self, share: Share) -> tuple[Change, ...]:
+        """Settings of a frame that are not used as given; rank 0 warns of each once."""
+        run = self._run
+        no_processor = share.plan is not None and run.options.device == "cpu" and not on_processor(share.plan, "cpu")
+        changes = changed_settings(share.scene, run.channel.size, no_processor)
+        for change in changes:
+            if run.channel.rank == 0 and change not in self._told:
+                warnings.warn(str(change), stacklevel=4)
+        self._told.update(changes)
+        return changes
 
     def _learn(self, share: Share, costs: Sequence[RankFrame]) -> None:
         if share.plan is not None:

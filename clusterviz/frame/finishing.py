@@ -24,6 +24,6 @@ def tell_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFra
     clock = run.start_frame()
     counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
     per_rank = tuple(run.channel.allgather(counts))
-    statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy, drawn.sharing)
+    statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy, drawn.sharing, drawn.changes)
     kept = drawn if run.options.keep_drawn else None
     return Rendered(image, drawn.share.scene, statistics, tuple(clock.spans or ()), kept)

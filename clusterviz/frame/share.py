@@ -17,6 +17,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.changes import Change
 from clusterviz.report.sharing import Sharing
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import VolumeFacts
@@ -122,6 +123,7 @@ class DrawnFrame:
     counts : what they cost it
     accuracy : of settings that were chosen for it; None where the scene names them
     sharing : by the ranks; None where that was not asked for
+    changes : settings that are not used as given
     """
 
     number: int
@@ -130,3 +132,4 @@ class DrawnFrame:
     counts: RankFrame
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
+    changes: tuple[Change, ...] = ()

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.changes import Change
 from clusterviz.report.leaping import Leaping, together
 from clusterviz.report.sharing import Sharing
 from clusterviz.report.trace import Span
@@ -111,12 +112,14 @@ class FrameStatistics:
     number : of the frame in its animation
     accuracy : what was chosen to hold a bound on the error; None where none was asked for
     sharing : by the ranks: mode and groups, and what they were chosen by; None where nobody said
+    changes : settings that were asked for and are not used as given
     """
 
     per_rank: tuple[RankFrame, ...]
     number: int = 0
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
+    changes: tuple[Change, ...] = ()
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -168,6 +171,7 @@ class FrameStatistics:
             "imbalance": self.imbalance,
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "sharing": asdict(self.sharing) if self.sharing else None,
+            "changes": [asdict(change) for change in self.changes],
             "migration": self.migration,
             "leaping": asdict(self.leaping) if self.leaping else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
