@@ -54,6 +54,8 @@ def command(
     with agree(channel, 0, "scene"):
         opened, drawn_on = open_scene(scene, overrides_of(define, size)), parse_device(device)
         keys = load_path(path) if path else None
+        if orbit is not None and (opened.camera.position, opened.camera.parallel_scale) == (None, None):
+            opened = opened.model_copy(update={"camera": opened.camera.model_copy(update={"fit": "orbit"})})
         count = _frames(orbit, keys, frames, fps)
     with agree(channel, 0, "output"):
         files = FrameFiles(output, resume) if channel.rank == 0 else None

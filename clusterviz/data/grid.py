@@ -23,12 +23,15 @@ class Grid:
     spacing : world units between samples along x, y, z; each > 0
     origin : world position (x, y, z) of sample (0, 0, 0)
     direction : 3 × 3, row by row; column a is the unit vector of index axis a (x, y, z) in the world
+    orientation : what x, y and z of the world point to, by the first letters of right, left, anterior, posterior,
+        superior and inferior, as in "RAS"; "" where nothing says so
     """
 
     shape_zyx: tuple[int, int, int]
     spacing: Triple = (1.0, 1.0, 1.0)
     origin: Triple = (0.0, 0.0, 0.0)
     direction: tuple[Triple, Triple, Triple] = IDENTITY
+    orientation: str = ""
 
     @property
     def world_from_index(self) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ could not hold the stored type. Of a file with several time steps, `array` is th
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def open_nifti(path: Path, array: str | None = None) -> LinearSource:
     stored = np.dtype(proxy.dtype)
     dtype = check_dtype(stored, where)
     shape_zyx, step, steps = _choose_step(tuple(int(n) for n in proxy.shape), array, path)
-    grid = place(shape_zyx, affine[:3, :3], affine[:3, 3], where)
+    grid = replace(place(shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
     volume_bytes = int(np.prod(shape_zyx, dtype=object)) * stored.itemsize
     storage: Storage
     if packed:

@@ -11,6 +11,7 @@ import bz2
 import gzip
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,9 +64,14 @@ def open_nrrd(path: Path, array: str | None = None) -> LinearSource:
     shape_zyx = check_shape([sizes[axis] for axis in reversed(kept)], where)
     files = _data_files(header, listed, path)
     storage, offset = _storage(header, files or [path], 0 if files else header_bytes, shape_zyx, stored, where)
-    return LinearSource(
-        where, _grid_of(header, kept, shape_zyx, where), check_dtype(stored, where), storage, stored, offset
-    )
+    grid = replace(_grid_of(header, kept, shape_zyx, where), orientation=_orientation(str(header.get("space", ""))))
+    return LinearSource(where, grid, check_dtype(stored, where), storage, stored, offset)
+
+
+def _orientation(space: str) -> str:
+    """The letters of an anatomical space: "left-posterior-superior" and "LPS" are LPS."""
+    letters = "".join(word[:1] for word in space.split("-")[:3]) if "-" in space else space[:3]
+    return letters.upper() if letters.upper() in ("RAS", "LAS", "LPS") else ""
 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:

@@ -56,7 +56,8 @@ class OpenedVolume:
         grid, summary = self.source.grid, self.summary
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
-        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, percentile_1, percentile_99),)
+        values = (low, high, percentile_1, percentile_99)
+        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, *values, grid.orientation),)
 
     @property
     def range_type(self) -> np.dtype[Any]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.image.region import Rect
+from clusterviz.scene.camera import camera_axes, vectors_of
 from clusterviz.scene.values import Camera
 
 Vector = tuple[float, float, float]
@@ -85,16 +86,14 @@ def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
     ----------
     VTK, vtkCamera: view_angle is vertical; parallel_scale is half the height of the picture in world units.
     """
-    position, focal, up_hint = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))
-    forward = _unit(focal - position)
-    right = _unit(np.cross(forward, _unit(up_hint)))
-    up = np.cross(right, forward)
+    position, focal_point, view_up = vectors_of(camera)
+    right, up, forward = camera_axes(position, focal_point, view_up)
     parallel = camera.parallel_scale is not None
     half_height = (
         camera.parallel_scale if camera.parallel_scale is not None else np.tan(np.radians(camera.view_angle) / 2)
     )
     index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
-    eye = index_from_world @ (position - np.array(grid.origin))
+    eye = index_from_world @ (np.array(position) - np.array(grid.origin))
     return View(
         size,
         _triple(eye),
@@ -104,13 +103,6 @@ def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
         float(2 * half_height / size[1]),
         parallel,
     )
-
-
-def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Scaled first: the squares of 1e-200 or 1e200 would leave float64.
-    scaled = vector / np.abs(vector).max()
-    unit: NDArray[np.float64] = scaled / np.linalg.norm(scaled)
-    return unit
 
 
 def _triple(vector: NDArray[np.float64]) -> Vector:

@@ -176,6 +176,12 @@ def check_camera(position: Vector | None, focal_point: Vector | None, view_up: V
         )
 
 
+def check_view(view: str | None, position: Vector | None) -> None:
+    """A word for where the eye stands, or its position."""
+    if view is not None and position is not None:
+        raise UnusableError("position says where the eye is", "one of the two keys", key="view", found=view)
+
+
 def difference(a: Vector, b: Vector) -> Vector:
     """The direction of a − b, scaled to a largest component of 1 so that no length under- or overflows.
 

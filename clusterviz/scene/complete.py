@@ -33,6 +33,7 @@ class VolumeFacts:
     spacing : world units between samples along x, y, z
     corners : float64 (8, 3), the corners of its box in the world
     minimum, maximum, percentile_1, percentile_99 : data values; not finite where the volume has no finite sample
+    orientation : see `Grid.orientation`
     """
 
     shape_zyx: tuple[int, int, int]
@@ -42,6 +43,7 @@ class VolumeFacts:
     maximum: float
     percentile_1: float
     percentile_99: float
+    orientation: str = ""
 
 
 def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> Scene:
@@ -61,7 +63,8 @@ def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> 
     volumes = tuple(complete_volume(volume, fact) for volume, fact in zip(scene.volumes, each, strict=True))
     corners = np.concatenate([fact.corners for fact in each]) if each else np.zeros((1, 3))
     spacing = min((min(fact.spacing) for fact in each), default=1.0)
-    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size)
+    orientation = next((fact.orientation for fact in each if fact.orientation), "")
+    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation)
     return scene.model_copy(update={"volumes": volumes, "camera": camera})
 
 

@@ -174,7 +174,8 @@ def scenes_along(
 
 def _camera_at(base: Camera, keys: Sequence[CameraKey], time: float, where: str) -> Camera:
     times = np.array([key.time for key in keys])
-    each = {name: [getattr(key, name) or getattr(base, name) for key in keys] for name in Camera.model_fields}
+    names = [name for name in CameraKey.model_fields if name != "time"]
+    each = {name: [getattr(key, name) or getattr(base, name) for key in keys] for name in names}
     found: dict[str, Any] = {name: _vector(centripetal(times, _rows(each[name]), time)) for name in POINTS}
     ups = _rows(each["view_up"])
     ups = ups / np.abs(ups).max(axis=1, keepdims=True)

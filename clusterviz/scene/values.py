@@ -10,7 +10,15 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.scene.checks import check_camera, check_gradient, check_grading, check_path, check_surfaces, plain
+from clusterviz.scene.checks import (
+    check_camera,
+    check_gradient,
+    check_grading,
+    check_path,
+    check_surfaces,
+    check_view,
+    plain,
+)
 from clusterviz.scene.clip import Clip
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.kinds import (
@@ -115,10 +123,27 @@ class Volume(Section):
         return self
 
 
-class Camera(Section):
-    """VTK's camera; what is left out is chosen so that the whole scene is seen from (1, 1, 1)."""
+View = Literal[
+    "iso",
+    "front",
+    "back",
+    "left",
+    "right",
+    "top",
+    "bottom",
+    "anterior",
+    "posterior",
+    "superior",
+    "inferior",
+]
 
-    position: Vector | None = Field(default=None, description="Where the eye is, in world units.")
+
+class Camera(Section):
+    """VTK's camera, or words for it; what is left out is chosen so that all that is not transparent is seen."""
+
+    position: Vector | None = Field(
+        default=None, description="Where the eye is, in world units; default: as near in the direction of view as fits."
+    )
     focal_point: Vector | None = Field(default=None, description="Where it looks; default: the centre of the scene.")
     view_up: Vector | None = Field(
         default=None, description="The direction that is up in the picture; need not be a unit."
@@ -129,10 +154,31 @@ class Camera(Section):
     parallel_scale: Positive | None = Field(
         default=None, description="Half the picture's height in world units: parallel projection; null: perspective."
     )
+    view: View | None = Field(
+        default=None,
+        description="The side on which the eye stands, in place of position: of the body where the file says how it "
+        "lies (front is anterior, top superior), else front -y, back +y, left -x, right +x, top +z, bottom -z; iso: "
+        "right, front and top for a body, else (1, 1, 1).",
+    )
+    azimuth: Number = Field(
+        default=0.0, description="Degrees by which the eye is turned about view_up, to its right; as in VTK."
+    )
+    elevation: Number = Field(default=0.0, description="Degrees by which the eye is lifted; as in VTK.")
+    roll: Number = Field(
+        default=0.0,
+        description="Degrees by which the camera turns clockwise, the picture the other way; as in VTK.",
+    )
+    zoom: Positive = Field(default=1.0, description="How many times larger everything is seen, by a narrower angle.")
+    fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(
+        default=None,
+        description="true: the eye moves along its direction of view, so that all that is not transparent just fits, "
+        "as it does where position is left out; orbit: with room for turning it round.",
+    )
 
     @model_validator(mode="after")
     def _not_degenerate(self) -> Camera:
         check_camera(self.position, self.focal_point, self.view_up)
+        check_view(self.view, self.position)
         return self
 
 

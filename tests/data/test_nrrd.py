@@ -163,3 +163,12 @@ def test_a_file_larger_than_memory_is_read_by_the_box(tmp_path: Path) -> None:
         file.seek(begin + 2 * ((2400 * 2000 + 1000) * 2000 + 3))
         file.write(patch.tobytes())
     np.testing.assert_array_equal(open_source(path).read((2400, 1000, 3), (2401, 1001, 8)), patch)
+
+
+@pytest.mark.parametrize(
+    ("space", "orientation"),
+    [("left-posterior-superior", "LPS"), ("RAS", "RAS"), ("left-anterior-superior-time", "LAS"), ("scanner-xyz", "")],
+)
+def test_the_orientation_is_that_of_the_space(tmp_path: Path, space: str, orientation: str) -> None:
+    path = by_hand(tmp_path / "a.nrrd", bytes(48), "dimension: 3", "sizes: 2 3 4", f"space: {space}")
+    assert open_source(path).grid.orientation == orientation

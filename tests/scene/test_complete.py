@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume, VolumeFacts, complete_scene, transfer_function
+from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, pixels_of
 from clusterviz.scene.checks import sine
 from clusterviz.scene.complete import default_clim, default_unit_distance
 
@@ -115,25 +117,103 @@ def test_a_volume_that_is_not_completed_has_no_transfer_function() -> None:
         transfer_function(Volume(path="a"))
 
 
-def inside_view(done: Scene, centre: np.ndarray, radius: float) -> float:
-    """The sphere's angular radius as a share of the narrower half angle of view; 1 fits exactly."""
-    distance = math.dist(done.camera.position or (), centre)
-    vertical = math.radians(done.camera.view_angle) / 2
-    horizontal = math.atan(math.tan(vertical) * done.image.size[0] / done.image.size[1])
-    return math.asin(min(1.0, radius / distance)) / min(vertical, horizontal)
-
-
 @given(
     st.tuples(st.integers(1, 500), st.integers(1, 65536)),
-    st.floats(0.1, 179),
+    st.floats(0.1, 100),
     st.sampled_from([1e-9, 1.0, 1e9]),
+    st.sampled_from([None, "iso", "left", "inferior"]),
+    st.sampled_from([{}, {"azimuth": 30.0}, {"elevation": -70.0, "roll": 20.0}, {"focal_point": (3.0, 4.0, 5.0)}]),
 )
-def test_the_bounding_sphere_fits_the_narrower_angle(size: tuple[int, int], angle: float, unit: float) -> None:
+def test_the_box_just_fits(
+    size: tuple[int, int], angle: float, unit: float, view: str | None, more: dict[str, object]
+) -> None:
+    """All corners are in the picture, and one of them lies on its margin unless the eye would be too near."""
     fact = facts(spacing=(unit, unit, unit))
-    done = complete_scene(scene({"view_angle": angle}, size), fact)
-    centre = fact.corners.mean(axis=0)
-    share = inside_view(done, centre, math.dist(centre, fact.corners[0]))
-    assert share == pytest.approx(1, abs=2e-3)
+    camera = complete_scene(scene({"view_angle": angle, "view": view, **more}, size), fact).camera
+    pixels, ahead = pixels_of(camera, fact.corners, size)
+    from_centre = np.abs(2 * pixels / size - 1).max()
+    assert (ahead > 0).all()
+    assert from_centre <= 1
+    centre, radius = bounding_sphere(fact.corners, unit)
+    near = math.dist(camera.position or (), camera.focal_point or ())
+    off = math.dist(camera.focal_point or (), centre)
+    assert from_centre == pytest.approx(1 - MARGIN, abs=1e-6) or near <= 1.06 * radius + off
+
+
+@pytest.mark.parametrize(
+    ("orientation", "word", "eye", "up"),
+    [
+        ("", "front", (0, -1, 0), (0, 0, 1)),
+        ("", "left", (-1, 0, 0), (0, 0, 1)),
+        ("", "top", (0, 0, 1), (0, 1, 0)),
+        ("", "iso", (1, 1, 1), (0, 0, 1)),
+        ("RAS", "front", (0, 1, 0), (0, 0, 1)),
+        ("RAS", "anterior", (0, 1, 0), (0, 0, 1)),
+        ("RAS", "left", (-1, 0, 0), (0, 0, 1)),
+        ("RAS", "superior", (0, 0, 1), (0, 1, 0)),
+        ("LPS", "posterior", (0, 1, 0), (0, 0, 1)),
+        ("LPS", "right", (-1, 0, 0), (0, 0, 1)),
+        ("LPS", "bottom", (0, 0, -1), (0, -1, 0)),
+        ("LPS", "iso", (1, -1, 1), (0, 0, 1)),
+        ("LPS", None, (1, -1, 1), (0, 0, 1)),
+    ],
+)
+def test_a_view_by_a_word(orientation: str, word: str | None, eye: Vector, up: Vector) -> None:
+    fact = replace(facts(), orientation=orientation)
+    camera = complete_scene(scene({"view": word}), fact).camera
+    offset = np.subtract(camera.position, camera.focal_point)
+    np.testing.assert_allclose(offset / np.linalg.norm(offset), np.array(eye) / np.linalg.norm(eye), atol=1e-12)
+    assert camera.view_up == up
+    assert camera.view is None
+    assert complete_scene(scene(camera.model_dump()), fact).camera == camera
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"azimuth": 90}, {"position": (10, 0, 0)}),
+        ({"elevation": 30}, {"position": (0, -10 * math.sqrt(0.75), 5)}),
+        ({"elevation": 90}, {"position": (0, 0, 10), "view_up": (0, 1, 0)}),
+        ({"roll": 90}, {"view_up": (1, 0, 0)}),
+        ({"zoom": 2}, {"view_angle": math.degrees(2 * math.atan(math.tan(math.radians(15)) / 2))}),
+        ({"zoom": 2, "parallel_scale": 3}, {"parallel_scale": 1.5}),
+    ],
+)
+def test_a_camera_is_turned_as_in_vtk(keys: dict[str, float], expected: dict[str, object]) -> None:
+    start: dict[str, object] = {"position": [0, -10, 0], "focal_point": [0, 0, 0], "view_up": [0, 0, 1]}
+    camera = complete_scene(scene({**start, **keys}), facts()).camera
+    for name, value in {**start, "view_angle": 30.0, **expected}.items():
+        np.testing.assert_allclose(getattr(camera, name), value, atol=1e-12)
+
+
+@pytest.mark.parametrize(("distance", "least"), [(20.0, 30.5), (500.0, 30.0), (0.0, 90.0)])
+def test_a_lone_position_crops_nothing(distance: float, least: float) -> None:
+    fact = facts()
+    centre = np.array([15, 10, 5])
+    position = centre + distance * np.array([0.0, -1.0, 0.01])
+    camera = complete_scene(scene({"position": position.tolist()}), fact).camera
+    assert camera.position == tuple(position)
+    assert camera.view_angle >= least
+    if distance:
+        pixels, _ = pixels_of(camera, fact.corners, (400, 300))
+        assert (pixels >= 0).all()
+        assert (pixels <= (400, 300)).all()
+    given = complete_scene(scene({"position": position.tolist(), "view_angle": 30}), fact).camera
+    assert given.view_angle == 30
+
+
+def test_fit_keeps_the_direction_and_orbits_have_room() -> None:
+    towards: dict[str, object] = {"position": [15, 10, 900], "view_up": [0, 1, 0]}
+    fact = facts()
+    fitted, orbit = (complete_scene(scene({**towards, "fit": fit}), fact).camera for fit in (True, "orbit"))
+    for camera in (fitted, orbit):
+        assert camera.focal_point == (15, 10, 5)
+        assert (camera.position or ())[:2] == pytest.approx((15, 10))
+    assert (fitted.position or ())[2] < (orbit.position or ())[2] < 200
+    flat = complete_scene(scene({**towards, "fit": True, "parallel_scale": 1000}), fact).camera
+    assert flat.parallel_scale == pytest.approx(15 / (1 - MARGIN) * 3 / 4)
+    with pytest.raises(ValueError, match="position says where the eye is"):
+        scene({"position": [1, 2, 3], "view": "front"})
 
 
 def test_the_default_view_is_isometric() -> None:
