@@ -74,6 +74,21 @@ def test_a_grid_places_an_array() -> None:
 
 
 @pytest.mark.gl
+def test_spacing_origin_and_direction_place_an_array_as_a_grid_does() -> None:
+    turned = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    grid = clusterviz.Grid(VOXELS.shape, (1.0, 2.0, 3.0), (5.0, 6.0, 7.0), turned)
+    keys: dict[str, Any] = {"spacing": grid.spacing, "origin": grid.origin, "direction": np.array(turned)}
+    view = {**SMALL, "position": (60.0, 50.0, 70.0), "focal_point": (0.0, 10.0, 25.0)}
+    expected = clusterviz.render(VOXELS, grid=grid, **view)
+    assert expected is not None
+    assert expected.max() > 0
+    np.testing.assert_array_equal(clusterviz.render(VOXELS, **keys, **view), expected)
+    np.testing.assert_array_equal(
+        clusterviz.render(VOXELS, grid=clusterviz.Grid(VOXELS.shape), **keys, **view), expected
+    )
+
+
+@pytest.mark.gl
 def test_several_arrays_are_several_volumes() -> None:
     small, grid = VOXELS[:9, :8, :7], clusterviz.Grid((9, 8, 7), origin=(2.0, 3.0, 1.0))
     keys = {"volumes.1.cmap": "hot", "volumes.0.opacity": 0.1}

@@ -19,6 +19,8 @@ SHOWN_PERCENTILES = ("1", "5", "25", "50", "75", "95", "99")
 def command(
     file: Annotated[str, typer.Argument(help="A data file, file.h5:/dataset, or field:NAME.")],
     array: Annotated[str | None, typer.Option(help="Which array, for files with several.")] = None,
+    time: Annotated[int | None, typer.Option(help="Which time step, from 0; the first by default.", min=0)] = None,
+    channel: Annotated[str | None, typer.Option(help="Which channel, by number or name; by default the first.")] = None,
     brick: Annotated[int, typer.Option(help="Voxels along the side of a brick.", min=2, max=1024)] = 64,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -26,8 +28,9 @@ def command(
     from rich.console import Console
 
     from clusterviz.data import open_source
+    from clusterviz.data.axes import Subset
 
-    source = open_source(file, array)
+    source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
     with Console(stderr=True).status(f"reading {file}"):
         found = examine(source, brick)
     if json:
@@ -58,6 +61,7 @@ def examine(source: Source, brick: int) -> dict[str, Any]:
         "format": format_name(source.name),
         "dtype": source.dtype.name,
         "shape_zyx": list(grid.shape_zyx),
+        **_other_axes(source),
         "samples": samples,
         "bytes": samples * source.dtype.itemsize,
         "spacing": list(grid.spacing),
@@ -75,14 +79,26 @@ def examine(source: Source, brick: int) -> dict[str, Any]:
 
 def format_name(name: str) -> str:
     """The format of a volume by its name: npy, nifti, …; field for a formula."""
-    from clusterviz.data import FORMATS
+    from clusterviz.data import EXTENSIONS
 
     lower = name.lower()
     if lower.startswith("field:"):
         return "field"
-    known = sorted(FORMATS, key=len, reverse=True)
+    known = sorted(EXTENSIONS, key=len, reverse=True)
     extension = next((e for e in known if lower.endswith(e) or f"{e}:" in lower), None)
-    return FORMATS[extension].__name__.removeprefix("open_") if extension else "unknown"
+    return EXTENSIONS[extension].name if extension else "unknown"
+
+
+def _other_axes(source: Source) -> dict[str, Any]:
+    """Time steps and channels of the file, and which of them was read."""
+    slab = getattr(source, "slab", None)
+    found: dict[str, Any] = {}
+    if slab is not None and slab.time_steps > 1:
+        found |= {"time_steps": slab.time_steps, "time": slab.time}
+    if slab is not None and slab.channels > 1:
+        names = slab.channel_names or range(slab.channels)
+        found |= {"channels": list(names), "channel": names[slab.channel]}
+    return found
 
 
 def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:
@@ -112,6 +128,10 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("direction", "; ".join(_vector(row) for row in found["direction"])),
         ("bricks", f"{bricks['count']} of {bricks['side']}³ ({counts})"),
     ]
+    if "channels" in found:
+        rows.insert(3, ("channels", f"{', '.join(map(str, found['channels']))}; this is {found['channel']}"))
+    if "time_steps" in found:
+        rows.insert(3, ("time steps", f"{found['time_steps']}; this is {found['time']}"))
     if found["not_finite"]:
         rows.append(("not finite", f"{found['not_finite']} of {found['samples']} samples (NaN or infinite)"))
     if percentiles:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from clusterviz.comm import LoopbackChannel
-from clusterviz.data import open_source
+from clusterviz.data import open_volume
 from clusterviz.frame import render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
@@ -50,7 +50,7 @@ def compare_with_reference(scene: Scene) -> Witness:
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
-    sources = [open_source(volume.path, volume.array) for volume in scene.volumes]
+    sources = [open_volume(volume) for volume in scene.volumes]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MOST_BYTES:
         limit = f"the {MOST_BYTES >> 30} GiB it may hold in memory"

@@ -5,88 +5,118 @@ The room, in the order in which a frame uses it:
     grid.py, source.py        the contract: a `Source` knows its `Grid` and reads any box of samples
     files.py, header.py       checks that every format shares: the file is there, the header is possible
     storage.py, linear.py     bytes by offset (file, several files, compressed stream), and boxes out of them
-    npy, raw, nrrd, nifti, vti, tiff, mrc, hdf5     one file a format: `open_<format>(path, array) -> Source`
+    axes.py                   which part of a file is the volume: array, time step, channel
+    npy, raw, nrrd, nifti, vti, tiff, mrc, hdf5     one file a format: `open_<format>(path, subset) -> Source`
     vti_layout, vti_blocks, text                    how VTK writes XML and packs blocks; numbers written as text
     field.py, memory.py       volumes by formula, and NumPy arrays
+    placed.py                 a source with the scene's spacing, origin and direction
     bricks.py                 the volume cut into bricks with their overlap; reading a rank's own
     summary.py, selection.py  extremes, histogram and exact percentiles of bricks spread over ranks
     samples.py                real volumes out of installable packages, for the demo and the tests
 
-To add a format: one file with `open_<format>`, which checks the magic and raises `DataError` for whatever is wrong; one
-line in `FORMATS`; one test, in which the shared checks of `tests/data/checks.py` drive it. If the samples lie in one
-piece, the file ends with a `LinearSource`, and there is nothing else to write.
+To add a format: one file with `open_<format>`, which raises `DataError` for whatever is wrong; one entry in `FORMATS`;
+one test, in which the shared checks of `tests/data/checks.py` drive it. If the samples lie in one piece, the file ends
+with a `LinearSource`, and there is nothing else to write.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from clusterviz.data.axes import Subset
 from clusterviz.data.field import open_field
+from clusterviz.data.files import require_file
 from clusterviz.data.hdf5 import open_hdf5
 from clusterviz.data.mrc import open_mrc
 from clusterviz.data.nifti import open_nifti
 from clusterviz.data.npy import open_npy
 from clusterviz.data.nrrd import open_nrrd
+from clusterviz.data.placed import placed
 from clusterviz.data.raw import open_raw
 from clusterviz.data.source import Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.data.vti import open_vti
 from clusterviz.errors import DataError
+from clusterviz.scene.values import Volume
 
-FORMATS: dict[str, Callable[[Path, str | None], Source]] = {
-    ".npy": open_npy,
-    ".raw": open_raw,
-    ".den": open_raw,
-    ".dat": open_raw,
-    ".bin": open_raw,
-    ".nrrd": open_nrrd,
-    ".nhdr": open_nrrd,
-    ".nii": open_nifti,
-    ".nii.gz": open_nifti,
-    ".vti": open_vti,
-    ".tif": open_tiff,
-    ".tiff": open_tiff,
-    ".mrc": open_mrc,
-    ".mrc.gz": open_mrc,
-    ".map": open_mrc,
-    ".map.gz": open_mrc,
-    ".ccp4": open_mrc,
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
-    ".he5": open_hdf5,
-}
-
-FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5)):(/.*)", re.IGNORECASE | re.DOTALL)
+GZIP = (b"\x1f\x8b",)
 
 
-def open_source(path: str | Path, array: str | None = None) -> Source:
+@dataclass(frozen=True)
+class Format:
+    """One format: its name, the extensions of its files, how they may begin (anyhow, if none), and what opens them."""
+
+    name: str
+    extensions: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    open: Callable[[Path, Subset], Source]
+
+
+FORMATS = (
+    Format("npy", (".npy",), (b"\x93NUMPY",), open_npy),
+    Format("raw", (".raw", ".den", ".dat", ".bin"), (), open_raw),
+    Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), open_nrrd),
+    Format("nifti", (".nii",), (), open_nifti),
+    Format("nifti", (".nii.gz",), GZIP, open_nifti),
+    Format("vti", (".vti",), (), open_vti),
+    Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), open_tiff),
+    Format("mrc", (".mrc", ".map", ".ccp4"), (), open_mrc),
+    Format("mrc", (".mrc.gz", ".map.gz"), GZIP, open_mrc),
+    Format("hdf5", (".h5", ".hdf5", ".he5"), (), open_hdf5),
+    Format("netcdf", (".nc", ".nc4"), (), open_hdf5),
+)
+EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
+FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
+
+
+def open_source(path: str | Path, array: str | None = None, subset: Subset | None = None) -> Source:
     """Open a volume by its name; only the header is read.
 
     Parameters
     ----------
     path : a file of a format in `FORMATS`, `file.h5:/path/to/dataset`, or `field:NAME[:SIZE]`
-    array : which array, for files with several
+    array : which array, for files with several; short for `Subset(array=array)`
+    subset : which array, time step and channel
 
     Raises
     ------
     DataError
-        Missing, unreadable, damaged, of an unknown extension, or no such array.
+        Missing, unreadable, damaged, of an unknown extension, or no such array, time step or channel.
     """
-    text = str(path)
+    text, part = str(path), subset or Subset(array)
     if text.startswith("field:"):
         return open_field(text)
     dataset = FILE_AND_DATASET.fullmatch(text)
     if dataset and not Path(text).exists():
-        if array not in (None, dataset[2]):
-            raise DataError("two arrays are named", where=text, found=array, allowed="one of them")
-        text, array = dataset[1], dataset[2]
+        if part.array not in (None, dataset[2]):
+            raise DataError("two arrays are named", where=text, found=part.array, allowed="one of them")
+        text, part = dataset[1], replace(part, array=dataset[2])
     file = Path(text)
-    for dots in (2, 1):
-        extension = "".join(file.suffixes[-dots:]).lower()
-        if extension in FORMATS:
-            return FORMATS[extension](file, array)
+    found = format_of(file)
+    if found is not None:
+        require_file(file, found.magic)
+        return found.open(file, part)
     if file.is_dir() or not file.exists():
         raise DataError("a directory, not a data file" if file.is_dir() else "no such file", where=text)
-    raise DataError("unknown extension", where=text, found=file.suffix or "none", allowed=" ".join(FORMATS))
+    raise DataError("unknown extension", where=text, found=file.suffix or "none", allowed=" ".join(EXTENSIONS))
+
+
+def format_of(path: Path) -> Format | None:
+    """The format of a file by its extension, None where it is not known."""
+    last = ["".join(path.suffixes[-dots:]).lower() for dots in (2, 1)]
+    return next((EXTENSIONS[extension] for extension in last if extension in EXTENSIONS), None)
+
+
+def open_volume(volume: Volume) -> Source:
+    """The data of a scene's volume, placed as the scene says.
+
+    Raises
+    ------
+    DataError
+        As `open_source`.
+    """
+    subset = Subset(volume.array, volume.time, volume.channel, spaced=volume.spacing is not None)
+    return placed(open_source(volume.path, subset=subset), volume)

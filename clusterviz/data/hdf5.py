@@ -1,7 +1,17 @@
-"""HDF5 datasets (`file.h5:/path/to/dataset`), read box by box through h5py.
+"""HDF5 and netCDF-4 datasets (`file.h5:/path/to/dataset`, `file.nc:/temperature`), read box by box through h5py.
 
-A file with a single 3-D dataset needs no path. Attributes of the dataset, where present: `spacing` and `origin`, world
-units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as Fiji and ilastik write it.
+A file with a single volume needs no path. Dimensions say which axis is time; axes without names are (time, z, y, x),
+(channel, z, y, x) where a channel is named, or (time, channel, z, y, x). Attributes of the dataset, where present:
+`spacing` and `origin`, world units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as Fiji and
+ilastik write it. Without them the coordinate variables of a netCDF file place the samples; they must be even.
+
+Of the CF conventions, `_FillValue`, `missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and
+`scale_factor` and `add_offset` are applied; the samples are then float32, or float64 where float32 could not hold the
+stored type.
+
+References
+----------
+NetCDF Climate and Forecast (CF) Metadata Conventions 1.11, sections 2.5.1, 4 and 8.1.
 """
 
 from __future__ import annotations
@@ -13,58 +23,112 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_box, check_dtype, check_shape, place, triple
+from clusterviz.data.header import check_box, check_dtype, place, triple
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
+
+MOST_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
+UNEVEN = 0.01  # of a step: how far a coordinate may lie from an even one; Gaussian latitudes and float32 do
+
+
+@dataclass(frozen=True)
+class CfValues:
+    """How stored values become data values.
+
+    Attributes
+    ----------
+    missing : stored values that become NaN
+    valid : least and largest stored value that do not
+    scale : (slope, intercept) applied to the others
+    """
+
+    missing: tuple[float, ...]
+    valid: tuple[float, float]
+    scale: tuple[float, float]
+
+    @property
+    def changes(self) -> bool:
+        """Whether any value may change."""
+        return bool(self.missing) or self.valid != (-np.inf, np.inf) or self.scale != (1.0, 0.0)
+
+    def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """The data values; float64 where any may change."""
+        if not self.changes:
+            return stored
+        slope, intercept = self.scale
+        values = stored * np.float64(slope) + np.float64(intercept)
+        invalid = (stored < self.valid[0]) | (stored > self.valid[1])
+        for value in self.missing:
+            invalid |= stored == stored.dtype.type(value)
+        values[invalid] = np.nan
+        return values
 
 
 @dataclass(frozen=True)
 class Hdf5Source:
-    """One dataset; `dataset` stays open as long as the source lives."""
+    """One dataset; `dataset` stays open as long as the source lives.
+
+    Attributes
+    ----------
+    slab : the volume's part of the dataset
+    values : how stored values become data values
+    """
 
     name: str
     grid: Grid
     dtype: np.dtype[Any]
     dataset: Any
+    slab: Hyperslab
+    values: CfValues
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """The samples of the box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
-        box = tuple(slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True))
+        kept = self.slab.index.count(None)
+        box = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
         try:
-            voxels = self.dataset[box[3 - self.dataset.ndim :]]
+            voxels = self.dataset[tuple(next(box) if i is None else i for i in self.slab.index)]
         except (OSError, RuntimeError) as error:  # what h5py makes of a missing filter or a damaged chunk
             raise DataError(f"the dataset cannot be read: {error}", where=self.name) from error
-        return np.ascontiguousarray(voxels, self.dtype).reshape(shape)
+        return np.ascontiguousarray(self.values.decode(voxels), self.dtype).reshape(shape)
 
 
-def open_hdf5(path: Path, array: str | None = None) -> Hdf5Source:
-    """The dataset at `array`, or the only 3-D one.
+def open_hdf5(path: Path, subset: Subset) -> Hdf5Source:
+    """The dataset that `subset` names, or the only volume.
 
     Raises
     ------
     DataError
-        Not HDF5, truncated, no such dataset, several and none named, or not a scalar volume.
+        Not HDF5, truncated, no such dataset, several and none named, uneven coordinates, or not a scalar volume.
     """
     import h5py
 
     require_file(path)
     with readable(path):
         if not h5py.is_hdf5(path):
-            raise DataError("wrong magic: not an HDF5 file", where=str(path))
+            with path.open("rb") as opened:
+                classic = opened.read(3) == b"CDF"
+            allowed = "netCDF-4; nccopy -k nc4 converts classic netCDF" if classic else None
+            raise DataError("wrong magic: not an HDF5 file", where=str(path), allowed=allowed)
         try:
             file = h5py.File(path, "r", locking="best-effort")
         except OSError as error:
             raise DataError(f"damaged or truncated: {error}", where=str(path)) from error
-    dataset = _choose(file, array, path)
+    dataset = _choose(file, subset.array, path)
     where = f"{path}:{dataset.name}"
     dtype = check_dtype(dataset.dtype, where)
-    shape_zyx = check_shape(dataset.shape, where)
-    return Hdf5Source(where, _grid_of(dataset, shape_zyx, where), dtype, dataset)
+    shape = dataset.shape or ()
+    slab = select(shape, _letters(dataset, subset), subset, where)
+    values = _cf_values(dataset, where)
+    if values.changes:
+        dtype = np.result_type(dtype, np.float32)
+    grid = _grid_of(dataset, slab, subset, where)
+    return Hdf5Source(where + slab.label, grid, dtype, dataset, slab, values)
 
 
 def _choose(file: Any, array: str | None, path: Path) -> Any:
@@ -79,15 +143,85 @@ def _choose(file: Any, array: str | None, path: Path) -> Any:
             raise DataError("no such array", where=str(path), found=array, allowed=listed)
         return dataset
     volumes = [item for item in held.values() if item.shape and len(item.shape) == 3]
+    volumes = volumes or [item for item in held.values() if item.shape and len(item.shape) > 3]
     if len(volumes) != 1:
-        what = "several volumes: name one, as in file.h5:/path" if volumes else "no 3-D dataset"
+        what = f"several volumes: name one, as in {path.name}:/path" if volumes else "no 3-D dataset"
         raise DataError(what, where=str(path), allowed=listed)
     return volumes[0]
 
 
-def _grid_of(dataset: Any, shape_zyx: Index, where: str) -> Grid:
-    spacing = dataset.attrs.get("spacing")
-    if spacing is None:
-        spacing = np.asarray(dataset.attrs.get("element_size_um", (1, 1, 1)))[::-1]
-    origin = dataset.attrs.get("origin", (0, 0, 0))
-    return place(shape_zyx, np.diag(triple(spacing, where)), origin, where)
+def _letters(dataset: Any, subset: Subset) -> str:
+    """What the axes are, a letter each, see `select`: by the names of dimensions, where there are any."""
+    scales = [_scale(dataset, axis) for axis in range(dataset.ndim)]
+    names = [dataset.dims[axis].label or _text(scale, "name") for axis, scale in enumerate(scales)]
+    if not any(names):
+        return unnamed_axes(dataset.ndim, subset)
+    letters = [
+        "T" if name.lower() in ("t", "time") or _is_time(scale) else "C" if name.lower() in ("c", "channel") else "Z"
+        for name, scale in zip(names, scales, strict=True)
+    ]
+    if letters.count("Z") > 3 and "C" not in letters:  # members of an ensemble, bands, …
+        letters[letters.index("Z")] = "C"
+    return "".join(letters)
+
+
+def _scale(dataset: Any, axis: int) -> Any:
+    """The coordinate variable or dimension of an axis, None where it has none."""
+    scales = dataset.dims[axis]
+    return scales[0] if len(scales) else None
+
+
+def _is_time(scale: Any) -> bool:
+    is_axis = _text(scale, "standard_name") == "time" or _text(scale, "axis") == "T"
+    return is_axis or " since " in _text(scale, "units")
+
+
+def _text(scale: Any, key: str) -> str:
+    """A text attribute, or the last part of the name; "" where there is none."""
+    if scale is None:
+        return ""
+    value = scale.name.rsplit("/", 1)[-1] if key == "name" else scale.attrs.get(key, "")
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _grid_of(dataset: Any, slab: Hyperslab, subset: Subset, where: str) -> Grid:
+    """By attributes of the dataset, else by the coordinate variables of its axes."""
+    given = {key: dataset.attrs[key] for key in ("spacing", "origin", "element_size_um") if key in dataset.attrs}
+    if given:
+        spacing = given.get("spacing", np.asarray(given.get("element_size_um", (1, 1, 1)))[::-1])
+        return place(slab.shape_zyx, np.diag(triple(spacing, where)), given.get("origin", (0, 0, 0)), where)
+    axes = [axis for axis, index in enumerate(slab.index) if index is None]
+    lines = [_line(_scale(dataset, axis), slab.shape[axis], subset.spaced, where) for axis in reversed(axes)]
+    origin, steps = np.array([*lines, (0.0, 1.0)][:3]).T
+    return place(slab.shape_zyx, np.diag(steps), origin, where)
+
+
+def _line(scale: Any, count: int, spaced: bool, where: str) -> tuple[float, float]:
+    """The first coordinate of an axis and the step to the next; 0 and 1 where the file has none."""
+    if scale is None or scale.shape != (count,) or scale.dtype.kind not in "iuf" or count > MOST_COORDINATES:
+        return 0.0, 1.0
+    if _text(scale, "NAME").startswith("This is a netCDF dimension but not a netCDF variable"):
+        return 0.0, 1.0
+    coordinates = np.asarray(scale[()], float)
+    step = float(coordinates[-1] - coordinates[0]) / (count - 1) if count > 1 else 1.0
+    even = coordinates[0] + step * np.arange(count)
+    if not spaced and not (np.abs(coordinates - even) <= UNEVEN * abs(step)).all():
+        allowed = "even coordinates, or spacing: [x, y, z] of the volume"
+        raise DataError(f"the coordinates {scale.name} are not evenly spaced", where=where, allowed=allowed)
+    return float(coordinates[0]), step
+
+
+def _cf_values(dataset: Any, where: str) -> CfValues:
+    """What the attributes of the dataset say of its values."""
+
+    def numbers(key: str) -> list[float]:
+        value = np.atleast_1d(np.asarray(dataset.attrs.get(key, ())))
+        if value.size and value.dtype.kind not in "iuf":
+            raise DataError(f"impossible {key}", where=where, found=value, allowed="numbers")
+        return value.ravel().tolist()
+
+    lows, highs = numbers("valid_min"), numbers("valid_max")
+    low, high = numbers("valid_range") or [lows[0] if lows else -np.inf, highs[0] if highs else np.inf]
+    missing = tuple(numbers("_FillValue") + numbers("missing_value"))
+    slope, intercept = (numbers("scale_factor") or [1.0])[0], (numbers("add_offset") or [0.0])[0]
+    return CfValues(missing, (low, high), (slope, intercept))

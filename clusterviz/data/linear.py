@@ -1,4 +1,4 @@
-"""Boxes out of an array that lies in one piece: the source behind most formats."""
+"""Boxes out of an array whose samples lie at even distances in the bytes: the source behind most formats."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Hyperslab
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
@@ -26,8 +27,9 @@ class LinearSource:
     storage : where the bytes are
     stored_dtype : dtype in the file, with its byte order
     offset : bytes before the first sample
-    file_axes : which of (z, y, x) = (0, 1, 2) the slowest, middle and fastest axis of the file is
+    strides : bytes from one sample to the next along z, y, x; default: one after another, x fastest
     scale : (slope, intercept) applied to every sample, or None
+    slab : the volume's part of an array with more axes, or None
     """
 
     name: str
@@ -36,33 +38,36 @@ class LinearSource:
     storage: Storage
     stored_dtype: np.dtype[Any]
     offset: int = 0
-    file_axes: Index = (0, 1, 2)
+    strides: Index | None = None
     scale: tuple[float, float] | None = None
+    slab: Hyperslab | None = None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """The samples of the box, plane by plane in the order of the file; see `Source.read`."""
         box = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
-        stored = np.empty([box[a] for a in self.file_axes], self.stored_dtype)
-        if stored.size:
-            begin = [begin_zyx[a] for a in self.file_axes]
-            for i, plane in enumerate(stored):
-                self._read_plane(begin[0] + i, begin[1], begin[2], plane)
-        return self._finish(stored.transpose(np.argsort(self.file_axes)))
-
-    def _read_plane(self, slow: int, middle: int, fast: int, plane: NDArray[Any]) -> None:
-        """Fill `plane` (rows, columns) with the samples from (slow, middle, fast) on."""
-        _, row_count, row_length = (self.grid.shape_zyx[a] for a in self.file_axes)
+        _, y, x = self.grid.shape_zyx
         item = self.stored_dtype.itemsize
-        row_bytes = row_length * item
-        begin = self.offset + ((slow * row_count + middle) * row_length + fast) * item
+        strides = self.strides or (y * x * item, x * item, item)
+        axes = sorted(range(3), key=lambda axis: -strides[axis])  # slowest first
+        slow_bytes, row_bytes, sample_bytes = (strides[axis] for axis in axes)
+        stored = np.empty([box[axis] for axis in axes], self.stored_dtype)
+        if stored.size:
+            begin = self.offset + sum(b * stride for b, stride in zip(begin_zyx, strides, strict=True))
+            for i, plane in enumerate(stored):
+                self._read_plane(begin + i * slow_bytes, row_bytes, sample_bytes, plane)
+        return self._finish(stored.transpose(np.argsort(axes)))
+
+    def _read_plane(self, begin: int, row_bytes: int, sample_bytes: int, plane: NDArray[Any]) -> None:
+        """Fill `plane` (rows, columns) with the samples from the byte `begin` on."""
         rows, columns = plane.shape
-        if rows > 1 and row_bytes - columns * item > WORTH_READING:
-            for i in range(rows):
-                line = self.storage.read_at(begin + i * row_bytes, columns * item)
-                plane[i] = np.frombuffer(line, self.stored_dtype)
+        line_bytes = (columns - 1) * sample_bytes + self.stored_dtype.itemsize
+        if rows > 1 and row_bytes - line_bytes > WORTH_READING:
+            for i, row in enumerate(plane):
+                line = self.storage.read_at(begin + i * row_bytes, line_bytes)
+                row[:] = np.ndarray(columns, self.stored_dtype, line, strides=(sample_bytes,))
             return
-        span = self.storage.read_at(begin, (rows - 1) * row_bytes + columns * item)
-        plane[:] = np.ndarray(plane.shape, self.stored_dtype, span, strides=(row_bytes, item))
+        span = self.storage.read_at(begin, (rows - 1) * row_bytes + line_bytes)
+        plane[:] = np.ndarray(plane.shape, self.stored_dtype, span, strides=(row_bytes, sample_bytes))
 
     def _finish(self, stored: NDArray[Any]) -> NDArray[Any]:
         """To native byte order, C order and real values."""

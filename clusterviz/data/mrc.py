@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import refuse_array, require_file
 from clusterviz.data.header import check_shape, check_size, place
 from clusterviz.data.linear import LinearSource
@@ -29,7 +30,7 @@ MODES = {0: "i1", 1: "i2", 2: "f4", 6: "u2", 12: "f2"}
 IMOD_STAMP = 1146047817
 
 
-def open_mrc(path: Path, array: str | None = None) -> LinearSource:
+def open_mrc(path: Path, subset: Subset) -> LinearSource:
     """The map in an MRC or CCP4 file.
 
     Raises
@@ -39,8 +40,8 @@ def open_mrc(path: Path, array: str | None = None) -> LinearSource:
         says.
     """
     where, packed = str(path), path.name.lower().endswith(".gz")
-    size = require_file(path, (b"\x1f\x8b",) if packed else ())
-    refuse_array(array, path)
+    size = require_file(path)
+    refuse_array(subset.array, path)
     if not packed:
         check_size(size, HEADER_BYTES, where)
     stream = StreamBytes(path, gzip.open)
@@ -58,16 +59,19 @@ def open_mrc(path: Path, array: str | None = None) -> LinearSource:
     section, row, column = (3 - axis for axis in reversed(xyz_of_column_row_section))
     file_axes = section, row, column
     shape_zyx = tuple(sizes[file_axes.index(a)] for a in range(3))
+    select(shape_zyx, "ZYX", subset, where)
     start_xyz = np.array([words[4 + xyz_of_column_row_section.index(a)] for a in (1, 2, 3)], float)
     steps = _cell_steps(words, where)
     origin = steps @ start_xyz if start_xyz.any() else words[49:52].view(order + "f4").astype(float)
     grid = place(check_shape(shape_zyx, where), steps, origin, where)
     offset = HEADER_BYTES + max(0, int(words[23]))  # the extended header: symmetry records
-    plane_bytes = sizes[1] * sizes[2] * stored.itemsize
+    row_bytes = sizes[2] * stored.itemsize
+    plane_bytes = sizes[1] * row_bytes
     stream.keep = plane_bytes
     if not packed:
         check_size(size, offset + sizes[0] * plane_bytes, where)
-    return LinearSource(where, grid, stored.newbyteorder("="), storage, stored, offset, file_axes)
+    z, y, x = ((plane_bytes, row_bytes, stored.itemsize)[file_axes.index(a)] for a in range(3))
+    return LinearSource(where, grid, stored.newbyteorder("="), storage, stored, offset, (z, y, x))
 
 
 def _byte_order(header: bytes, where: str) -> str:

@@ -2,7 +2,8 @@
 
 Encodings raw (any box, any size), gzip and bzip2 (in order of z) and ascii. The grid comes from `space directions` and
 `space origin`, else from `spacings` and `axis mins`; the world is the one that the file's `space` names. An axis with
-one entry, such as a single component, is dropped; vectors and colours are no scalar volume.
+one entry, such as a single component, is dropped; others are time or channels by their `kinds`, and without these the
+slowest is time.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_dtype, check_shape, check_size, place
@@ -43,7 +45,7 @@ TYPES = {
 TEXTS = ("ascii", "text", "txt")
 
 
-def open_nrrd(path: Path, array: str | None = None) -> LinearSource:
+def open_nrrd(path: Path, subset: Subset) -> LinearSource:
     """The volume in an attached or detached NRRD file.
 
     Raises
@@ -51,8 +53,8 @@ def open_nrrd(path: Path, array: str | None = None) -> LinearSource:
     DataError
         Wrong magic, a damaged header, an unknown encoding, missing or truncated data, or not a scalar volume.
     """
-    require_file(path, (b"NRRD",))
-    refuse_array(array, path)
+    require_file(path)
+    refuse_array(subset.array, path)
     where = str(path)
     header, listed, header_bytes = _read_header(path)
     stored = _stored_dtype(header, where)
@@ -61,17 +63,33 @@ def open_nrrd(path: Path, array: str | None = None) -> LinearSource:
     kept = [axis for axis, n in enumerate(sizes) if n > 1 or len(sizes) <= 3]
     if len(kept) < 3 < len(sizes):  # thin volumes with a unit axis too many: the last three are space
         kept = list(range(len(sizes)))[-3:]
-    shape_zyx = check_shape([sizes[axis] for axis in reversed(kept)], where)
+    kept.reverse()  # slowest first
+    slab = select([sizes[axis] for axis in kept], _letters(header, kept, subset), subset, where)
+    space = [axis for axis, index in zip(kept, slab.index, strict=True) if index is None]
+    orientation = _orientation(str(header.get("space", "")))
+    grid = replace(_grid_of(header, space[::-1], slab.shape_zyx, where), orientation=orientation)
+    first, strides = slab.strides(stored.itemsize)
     files = _data_files(header, listed, path)
-    storage, offset = _storage(header, files or [path], 0 if files else header_bytes, shape_zyx, stored, where)
-    grid = replace(_grid_of(header, kept, shape_zyx, where), orientation=_orientation(str(header.get("space", ""))))
-    return LinearSource(where, grid, check_dtype(stored, where), storage, stored, offset)
+    needed = slab.samples * stored.itemsize
+    storage, offset = _storage(header, files or [path], 0 if files else header_bytes, needed, max(strides), where)
+    return LinearSource(
+        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset + first, strides, slab=slab
+    )
 
 
 def _orientation(space: str) -> str:
     """The letters of an anatomical space: "left-posterior-superior" and "LPS" are LPS."""
     letters = "".join(word[:1] for word in space.split("-")[:3]) if "-" in space else space[:3]
     return letters.upper() if letters.upper() in ("RAS", "LAS", "LPS") else ""
+
+
+def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> str:
+    """What the axes are, slowest first: a letter each, see `select`."""
+    kinds = header.get("kinds")
+    if kinds is None:
+        return unnamed_axes(len(axes), subset)
+    letters = {"time": "T", **dict.fromkeys(("domain", "space", "none", "???", "stub"), "Z")}
+    return "".join(letters.get(str(kinds[axis]).lower(), "C") for axis in axes)
 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
@@ -133,11 +151,10 @@ def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) ->
 
 
 def _storage(
-    header: Mapping[str, Any], files: list[Path], begin: int, shape_zyx: Index, stored: np.dtype[Any], where: str
+    header: Mapping[str, Any], files: list[Path], begin: int, needed: int, keep: int, where: str
 ) -> tuple[Storage, int]:
-    """Where the samples are, and the bytes before the first of them."""
-    encoding = str(header["encoding"]).lower()
-    needed = int(np.prod(shape_zyx, dtype=object)) * stored.itemsize
+    """Where the `needed` bytes of samples are, and the bytes before the first of them."""
+    encoding, stored = str(header["encoding"]).lower(), _stored_dtype(header, where)
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     sizes = [require_file(file) for file in files]
     begins = [_skip_lines(file, begin, int(header.get("line skip", header.get("lineskip", 0)))) for file in files]
@@ -148,7 +165,7 @@ def _storage(
     if encoding in DECODERS:
         if skip < 0:
             raise DataError("impossible byte skip", where=where, found=skip, allowed="0 or more, with this encoding")
-        return StreamBytes(files[0], DECODERS[encoding], begins[0], needed // shape_zyx[0]), skip
+        return StreamBytes(files[0], DECODERS[encoding], begins[0], keep), skip
     if encoding in TEXTS:
         return LoadedBytes(lambda: _read_text(files[0], begins[0] + skip, stored, needed), where), 0
     raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *DECODERS, *TEXTS))

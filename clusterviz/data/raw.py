@@ -2,7 +2,8 @@
 
 For `head.raw` the sidecar is `head.raw.yaml`:
 
-    shape: [84, 128, 128]        # samples along z, y, x; x varies fastest in the file
+    shape: [84, 128, 128]        # samples along z, y, x; x varies fastest in the file; also [time, z, y, x] and
+                                 # [time, channel, z, y, x]
     dtype: uint8                 # int8 … int64, uint8 … uint64, float16 … float64
     byte_order: little           # little | big; default little
     header_bytes: 0              # bytes before the first sample; default 0
@@ -21,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
-from clusterviz.data.header import check_dtype, check_shape, check_size, place, triple
+from clusterviz.data.header import check_dtype, check_size, place, triple
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece
 from clusterviz.errors import DataError
@@ -35,7 +37,7 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(path.name + ".yaml")
 
 
-def open_raw(path: Path, array: str | None = None) -> LinearSource:
+def open_raw(path: Path, subset: Subset) -> LinearSource:
     """A raw file with its sidecar.
 
     Raises
@@ -44,7 +46,7 @@ def open_raw(path: Path, array: str | None = None) -> LinearSource:
         No sidecar, an unknown, missing or impossible key in it, or a file of another length.
     """
     size = require_file(path)
-    refuse_array(array, path)
+    refuse_array(subset.array, path)
     sidecar = sidecar_of(path)
     if not sidecar.exists():
         raise DataError(
@@ -52,7 +54,8 @@ def open_raw(path: Path, array: str | None = None) -> LinearSource:
         )
     where, keys = str(sidecar), _read_sidecar(sidecar)
     stored = _stored_dtype(keys, where)
-    shape_zyx = check_shape(_integers(keys["shape"], "shape", where), where)
+    shape = _integers(keys["shape"], "shape", where)
+    slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
     (header_bytes,) = _integers([keys.get("header_bytes", 0)], "header_bytes", where)
     direction = np.asarray(keys.get("direction", np.eye(3).ravel().tolist()), object)
     if direction.size != 9:
@@ -61,11 +64,13 @@ def open_raw(path: Path, array: str | None = None) -> LinearSource:
         )
     columns = np.array([triple(row, where) for row in direction.reshape(3, 3)])
     spacing = triple(keys.get("spacing", (1, 1, 1)), where)
-    grid = place(shape_zyx, columns * np.array(spacing), keys.get("origin", (0, 0, 0)), where)
-    needed = int(np.prod(shape_zyx, dtype=object)) * stored.itemsize
+    grid = place(slab.shape_zyx, columns * np.array(spacing), keys.get("origin", (0, 0, 0)), where)
+    needed = slab.samples * stored.itemsize
     check_size(size, header_bytes + needed, str(path), exact=True)
     storage = FileBytes([Piece(path, header_bytes, needed)])
-    return LinearSource(str(path), grid, check_dtype(stored, where), storage, stored)
+    offset, strides = slab.strides(stored.itemsize)
+    name = str(path) + slab.label
+    return LinearSource(name, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab)
 
 
 def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:

@@ -2,7 +2,8 @@
 
 Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit);
 without either, samples lie 1 apart. Uncompressed stacks in one piece are read box by box, others page by page. Of a
-file with several series, `array` is the number of one.
+file with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time and
+channels; a series of pictures along T alone is a stack along z, unless a time is named.
 """
 
 from __future__ import annotations
@@ -13,22 +14,23 @@ import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.grid import Grid, Triple
-from clusterviz.data.header import check_box, check_dtype, check_shape, check_size, place
+from clusterviz.data.header import check_box, check_dtype, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.source import Index, Source
 from clusterviz.data.storage import FileBytes, Piece
 from clusterviz.errors import DataError
 
 LOST_PAGES = re.compile("page offset|failed to reshape")
-MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 @dataclass(frozen=True)
@@ -40,18 +42,26 @@ class TiffPages:
     dtype: np.dtype[Any]
     file: Any
     pages: Any
+    slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """The samples of the box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
+        shape, index = self.slab.shape, self.slab.index
+        inside = next(axis for axis in range(len(shape) + 1) if prod(shape[:axis]) == len(self.pages))
         for layer, z in zip(voxels, range(begin_zyx[0], end_zyx[0]), strict=True):
-            picture = self._page(z).reshape(self.grid.shape_zyx[1:])
+            before = [z if i is None else i for i in index[:inside]]
+            page = self._page(int(np.ravel_multi_index(before, shape[:inside])) if before else 0).reshape(
+                shape[inside:]
+            )
+            picture = page[tuple(slice(None) if i is None else i for i in index[inside:])]
+            picture = picture[z] if picture.ndim == 3 else picture
             layer[:] = picture[begin_zyx[1] : end_zyx[1], begin_zyx[2] : end_zyx[2]]
         return voxels
 
-    def _page(self, z: int) -> NDArray[Any]:
-        page = self.pages[z]
-        where = f"{self.name}: page {z}"
+    def _page(self, number: int) -> NDArray[Any]:
+        page = self.pages[number]
+        where = f"{self.name}: page {number}"
         if page is None:
             raise DataError("the page is missing", where=where)
         ends = [b + n for b, n in zip(page.dataoffsets, page.databytecounts, strict=False)]
@@ -62,49 +72,63 @@ class TiffPages:
             raise DataError(f"the page cannot be decoded: {error}", where=where) from error
 
 
-def open_tiff(path: Path, array: str | None = None) -> Source:
+def open_tiff(path: Path, subset: Subset) -> Source:
     """A stack of pages, or one picture as a single layer.
 
     Raises
     ------
     DataError
-        Not TIFF, damaged, colours or channels, or no such series.
+        Not TIFF, damaged, no such series, or several channels or time steps and none named.
     """
     import tifffile
 
-    size = require_file(path, MAGIC)
+    size = require_file(path)
     with ExitStack() as closing:
         try:
             with _damage_raised():
                 file: Any = closing.enter_context(tifffile.TiffFile(path))
-                series, number = _choose(file.series, array, path)
+                series, number = _choose(file.series, subset.array, path)
                 shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
-                spacing = _spacing_of(file)
+                spacing, names = _spacing_of(file), _channel_names(file, series)
         except DataError:
             raise
         except Exception as error:  # a damaged file makes tifffile raise many kinds
             raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
         name = f"{path}:{number}" if len(file.series) > 1 else str(path)
         stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
-        grid = place(_shape_of(shape, axes, name), np.diag(spacing), (0, 0, 0), name)
+        slab = select(shape, _letters(shape, axes, subset), subset, name, names)
+        grid, name = place(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), name + slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
-            source = TiffPages(name, grid, dtype, file, series.pages)
+            source = TiffPages(name, grid, dtype, file, series.pages, slab)
             weakref.finalize(source, closing.pop_all().close)
             return source
-        check_size(size, series.dataoffset + int(np.prod(grid.shape_zyx, dtype=object)) * stored.itemsize, name)
-        return LinearSource(name, grid, dtype, FileBytes([Piece(path, 0, size)]), stored, int(series.dataoffset))
+        check_size(size, series.dataoffset + slab.samples * stored.itemsize, name)
+        offset, strides = slab.strides(stored.itemsize)
+        storage = FileBytes([Piece(path, int(series.dataoffset), slab.samples * stored.itemsize)])
+        return LinearSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
 
 
-def _shape_of(shape: tuple[int, ...], axes: str, where: str) -> Index:
-    """The shape (z, y, x) of a stack: three axes at most may be longer than 1, none of them channels."""
-    check_shape([min(shape, default=0), 1, 1], where)
-    long_axes = [(axis, n) for axis, n in zip(axes, shape, strict=True) if n > 1 or axis in "YX"]
-    if len(long_axes) > 3 or any(axis in "SC" for axis, _ in long_axes):
-        raise DataError(
-            "not a scalar volume", where=where, found=f"axes {axes} {shape}", allowed="pages of one channel"
-        )
-    return check_shape([n for _, n in long_axes], where)
+def _letters(shape: tuple[int, ...], axes: str, subset: Subset) -> str:
+    """What the axes are, see `select`: samples of a pixel are channels; neither time nor channel is space."""
+    kept = "".join(axis if n > 1 or axis in "YX" else "Z" for axis, n in zip(axes, shape, strict=True))
+    letters = kept.translate(str.maketrans("S", "C"))
+    stacks = [axis for axis, n in zip(letters, shape, strict=True) if axis not in "TCYX" and n > 1]
+    return letters if stacks or subset.time is not None else letters.replace("T", "Z")
+
+
+def _channel_names(file: Any, series: Any) -> tuple[str, ...]:
+    """What the file calls its channels: OME's names, or the colours of pixels."""
+    if file.is_ome and file.ome_metadata:
+        from xml.etree import ElementTree
+
+        pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+        channels = () if pixels is None else pixels.findall("{*}Channel")
+        names = tuple(channel.attrib.get("Name", "") for channel in channels)
+        return names if all(names) else ()
+    if getattr(series.keyframe.photometric, "name", "") == "RGB":
+        return ("red", "green", "blue", "alpha")[: series.keyframe.samplesperpixel]
+    return ()
 
 
 @contextmanager

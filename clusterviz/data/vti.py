@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_dtype, check_shape, check_size, place
@@ -32,7 +33,7 @@ ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 BLANKS = b" \t\r\n"
 
 
-def open_vti(path: Path, array: str | None = None) -> LinearSource:
+def open_vti(path: Path, subset: Subset) -> LinearSource:
     """One scalar array of a VTK image file.
 
     Raises
@@ -42,10 +43,11 @@ def open_vti(path: Path, array: str | None = None) -> LinearSource:
     """
     size = require_file(path)
     layout = scan_vti(path)
-    chosen = _choose(layout, array, path)
+    chosen = _choose(layout, subset.array, path)
     where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
     stored = _stored_dtype(layout, chosen, where)
     grid = _grid_of(layout, chosen.on_cells, path)
+    select(grid.shape_zyx, "ZYX", subset, where)
     count = int(np.prod(grid.shape_zyx, dtype=object))
     storage, offset = _storage(path, size, layout, chosen, stored, count, where)
     return LinearSource(where, grid, check_dtype(stored, where), storage, stored, offset)

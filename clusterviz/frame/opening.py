@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from clusterviz.data import open_source
+from clusterviz.data import open_volume
 from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.placed import placed
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.errors import InputError
@@ -68,11 +69,11 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
 def _sources(scene: Scene, given: Given) -> list[Source]:
     """The source of each volume."""
     if given is None:
-        return [open_source(volume.path, volume.array) for volume in scene.volumes]
+        return [open_volume(volume) for volume in scene.volumes]
     sources = list(given) if isinstance(given, Sequence) else [given]
     if len(sources) != len(scene.volumes):
         raise InputError("not one for each volume", where="sources", found=len(sources), allowed=len(scene.volumes))
-    return sources
+    return [placed(each, volume) for each, volume in zip(sources, scene.volumes, strict=True)]
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

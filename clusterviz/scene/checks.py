@@ -11,6 +11,9 @@ Points = TypeVar("Points", bound=tuple[tuple[float, ...], ...])
 Vector = tuple[float, float, float]
 Bounds = tuple[float, float, float, float, float, float]
 
+ORTHONORMAL = 1e-3
+"""How far products of the axes of a direction may be from 0 and 1: numbers written with four digits will do."""
+
 PARALLEL = 1e-6
 """Sine of the angle below which `view_up` counts as parallel to the direction of view."""
 
@@ -47,6 +50,27 @@ def check_path(value: str) -> str:
     """A path: neither empty nor with a NUL, which no file system takes."""
     if not value.strip() or "\0" in value:
         raise UnusableError("not a path", "the path of a data file")
+    return value
+
+
+def check_channel(value: Any) -> Any:
+    """A number from 0 on, or a name."""
+    value = plain(value)
+    if value is None or (type(value) is int and value >= 0) or (isinstance(value, str) and value.strip()):
+        return value
+    raise UnusableError("not a channel", "a whole number from 0 on, or a name that the file gives to a channel")
+
+
+def check_direction(value: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
+    """Three axes of length 1 at right angles, as columns; a left-handed set is one too."""
+    columns = list(zip(*value, strict=True))
+    for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        product = sum(p * q for p, q in zip(columns[a], columns[b], strict=True))
+        if not abs(product - (a == b)) <= ORTHONORMAL:
+            allowed = (
+                "3 rows of 3 numbers whose columns are unit vectors at right angles: the axes x, y, z in the world"
+            )
+            raise UnusableError("not orthonormal", allowed)
     return value
 
 

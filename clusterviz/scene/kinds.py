@@ -9,8 +9,10 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 from clusterviz.scene.background import check_background
 from clusterviz.scene.checks import (
     check_box,
+    check_channel,
     check_clim,
     check_cmap,
+    check_direction,
     check_normal,
     check_opacity,
     check_order,
@@ -26,6 +28,8 @@ Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
 Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
 Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
+Channel = Annotated[int | str, BeforeValidator(check_channel)]
+Direction = Annotated[tuple[Vector, Vector, Vector], BeforeValidator(plain), AfterValidator(check_direction)]
 Normal = Annotated[Vector, AfterValidator(check_normal)]
 Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
 Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]

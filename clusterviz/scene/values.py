@@ -24,8 +24,10 @@ from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.kinds import (
     FINITE,
     Background,
+    Channel,
     Clim,
     Cmap,
+    Direction,
     Fraction,
     GradientOpacity,
     Isosurface,
@@ -49,6 +51,23 @@ class Volume(Section):
         description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula field:NAME."
     )
     array: str | None = Field(default=None, description="Which array of the file, for files with several.")
+    time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(plain)] | None = Field(
+        default=None, description="Which time step of the file, from 0, for files with several."
+    )
+    channel: Channel | None = Field(
+        default=None, description="Which channel of the file, by number from 0 or by name, for files with several."
+    )
+    spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)] | None = Field(
+        default=None, description="World units between samples along x, y, z; default: the file's."
+    )
+    origin: Vector | None = Field(
+        default=None, description="World position x, y, z of the first sample; default: the file's."
+    )
+    direction: Direction | None = Field(
+        default=None,
+        description="Where the volume's axes point: 3 x 3, row by row, column a being the unit vector of index axis a "
+        "(x, y, z) in the world; default: the file's.",
+    )
     cmap: Cmap | None = Field(
         default=None,
         description="A colour-map name (viridis, bone, coolwarm, …; _r reverses), control points "

@@ -59,6 +59,19 @@ def test_a_volume_of_nan_has_no_range(cli: Callable[..., Any], tmp_path: Path) -
     assert "range" not in cli("info", str(tmp_path / "a.npy")).out
 
 
+def test_time_steps_and_channels_are_told(cli: Callable[..., Any], tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.arange(3 * 2 * 4, dtype=np.uint8).reshape(3, 2, 2, 2, 1))
+    out = cli("info", str(tmp_path / "a.npy")).out
+    assert "3; this is 0" in out
+    assert "0, 1; this is 0" in out
+    found = json.loads(cli("info", str(tmp_path / "a.npy"), "--time", "2", "--channel", "1", "--json").out)
+    assert (found["time_steps"], found["time"], found["channels"], found["channel"]) == (3, 2, [0, 1], 1)
+    assert (found["minimum"], found["maximum"]) == (20, 23)
+    outcome = cli("info", str(tmp_path / "a.npy"), "--time", "3")
+    assert outcome.status == 2
+    assert "no such time step" in outcome.err
+
+
 def test_a_field_has_no_file(cli: Callable[..., Any]) -> None:
     assert json.loads(cli("info", "field:ramp:8", "--json").out)["shape_zyx"] == [8, 8, 8]
 

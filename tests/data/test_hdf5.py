@@ -49,7 +49,7 @@ def test_what_is_no_volume_is_refused(several: Path) -> None:
     refused(lambda: open_source(f"{several}:/gone"), "no such array", "/gone", "/group/two")
     refused(lambda: open_source(several, "group"), "no such array")
     refused(lambda: open_source(f"{several}:/one", "/mask"), "two arrays")
-    refused(lambda: open_source(several, "vectors"), "4 axes", "/vectors")
+    refused(lambda: open_source(several, "vectors"), "several time steps", "2 time steps", "/vectors")
     refused(lambda: open_source(several, "line"), "1 axes")
     refused(lambda: open_source(several, "colours"), "not a scalar volume")
     refused(lambda: open_source(several, "waves"), "not a scalar volume")

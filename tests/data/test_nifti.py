@@ -9,6 +9,7 @@ import pytest
 from data.checks import check_placed, check_source, cut, refused, values
 
 from clusterviz.data import open_source
+from clusterviz.data.axes import Subset
 
 SHEARED = np.array([[-2, 0.5, 0, 10], [0, 3, 0.1, -20], [0.2, 0, 0.5, 30], [0, 0, 0, 1.0]])
 
@@ -66,13 +67,13 @@ def test_one_time_step_needs_no_name_and_several_do(tmp_path: Path) -> None:
     steps = values("i2", (3, 4, 5, 6))
     one = write(tmp_path / "one.nii", steps[:1])
     check_source(open_source(one), steps[0])
-    check_source(open_source(one, "0"), steps[0])
+    check_source(open_source(one, subset=Subset(time=0)), steps[0])
     for name in ("all.nii", "all.nii.gz"):
         path = write(tmp_path / name, steps)
-        check_source(open_source(path, "0"), steps[0])
-        check_source(open_source(path, "2"), steps[2])
+        check_source(open_source(path, subset=Subset(time=0)), steps[0])
+        check_source(open_source(path, subset=Subset(time=2)), steps[2])
         refused(lambda path=path: open_source(path), "several time steps", "0 to 2")
-        refused(lambda path=path: open_source(path, "3"), "no such time step", "3", "0 to 2")
+        refused(lambda path=path: open_source(path, subset=Subset(time=3)), "no such time step", "3", "0 to 2")
     refused(lambda: open_source(one, "t"), "no such array")
 
 
@@ -88,7 +89,7 @@ def test_colours_and_vectors(tmp_path: Path) -> None:
     refused(
         lambda: open_source(write(tmp_path / "b.nii", values("c8".replace("c8", "f4")).astype("c8"))), "not a scalar"
     )
-    refused(lambda: open_source(write(tmp_path / "c.nii", values("f4", (3, 1, 2, 3, 4)))), "not a scalar volume")
+    refused(lambda: open_source(write(tmp_path / "c.nii", values("f4", (3, 1, 2, 3, 4)))), "several channels")
 
 
 def test_truncated_empty_axis_and_wrong_magic(tmp_path: Path) -> None:

@@ -123,7 +123,9 @@ def test_pictures_and_unit_axes(tmp_path: Path) -> None:
     ("lines", "part"),
     [
         (("type: block",), "type block"),
-        (("dimension: 4", "sizes: 3 7 5 2"), "4 axes"),
+        (("dimension: 4", "sizes: 3 7 5 2"), "several time steps"),
+        (("dimension: 4", "sizes: 3 7 5 2", "kinds: RGB-color domain domain domain"), "several channels"),
+        (("dimension: 4", "sizes: 3 7 5 2", "kinds: domain domain domain domain"), "4 axes"),
         (("sizes: 7 6",), "do not match"),
         (("sizes: 7 0 5",), "no samples"),
         (("encoding: hex",), "unsupported encoding"),

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from data.checks import refused, values
 
-from clusterviz.data import FORMATS, open_source
-
-EXTENSIONS = sorted(FORMATS)
+from clusterviz.data import EXTENSIONS, open_source
 
 
-@pytest.fixture(params=EXTENSIONS)
+@pytest.fixture(params=sorted(EXTENSIONS))
 def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A path with each extension; a raw file's sidecar is there."""
     path = tmp_path / f"a{request.param}"

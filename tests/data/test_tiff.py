@@ -65,9 +65,9 @@ def test_series_are_arrays(tmp_path: Path) -> None:
 
 def test_colours_channels_and_complex_numbers(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 5, 3), np.uint8), photometric="rgb")
-    refused(lambda: open_source(tmp_path / "a.tif"), "not a scalar volume", "YXS")
+    refused(lambda: open_source(tmp_path / "a.tif"), "several channels", "red, green, blue")
     tifffile.imwrite(tmp_path / "b.tif", np.zeros((3, 2, 4, 5), np.uint8), imagej=True, metadata={"axes": "ZCYX"})
-    refused(lambda: open_source(tmp_path / "b.tif"), "not a scalar volume", "ZCYX")
+    refused(lambda: open_source(tmp_path / "b.tif"), "several channels", "channel: 0 to 1")
     tifffile.imwrite(tmp_path / "c.tif", np.zeros((3, 4, 5), np.complex64), photometric="minisblack")
     refused(lambda: open_source(tmp_path / "c.tif"), "not a scalar volume")
 

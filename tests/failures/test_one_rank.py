@@ -23,7 +23,7 @@ def _by_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
 STAGES = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("output", 0, "clusterviz.cli.render:check_writable"),
-    ("open", 1, "clusterviz.frame.opening:open_source"),
+    ("open", 1, "clusterviz.frame.opening:open_volume"),
     ("read", 1, "clusterviz.frame.opening:read_bricks"),
     ("summarise", 1, "clusterviz.frame.opening:summarise"),
     ("plan", 1, "clusterviz.frame.share:make_plan"),

@@ -53,6 +53,16 @@ def test_numpy_numbers_and_arrays_are_taken() -> None:
 
 LEAPING = {"quality": {"leaping": True}}
 BAD = [
+    (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
+    (volume(spacing=[1, 1]), "volumes[0].spacing", "", "a value for this key"),
+    (volume(origin=[1, 1, NAN]), "volumes[0].origin[2]", "NaN", "a finite number"),
+    (volume(direction=[[1, 0, 0], [0, 1, 0]]), "volumes[0].direction", "", "a value for this key"),
+    (volume(direction=[[1, 0, 0], [0, 1, 1], [0, 0, 1]]), "volumes[0].direction", "[[1, 0, 0]", "at right angles"),
+    (volume(direction=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]), "volumes[0].direction", "[[2, 0, 0]", "unit vectors"),
+    (volume(time=-1), "volumes[0].time", "-1", "at least 0"),
+    (volume(time=1.5), "volumes[0].time", "1.5", "whole number"),
+    (volume(channel=-1), "volumes[0].channel", "-1", "a whole number from 0 on, or a name"),
+    (volume(channel=True), "volumes[0].channel", "true", "a whole number from 0 on, or a name"),
     (volume(clim=[2, 1]), "volumes[0].clim", "[2, 1]", "low <= high"),
     (volume(clim=[NAN, 1]), "volumes[0].clim[0]", "NaN", "a finite number"),
     (volume(clim=[0, INF]), "volumes[0].clim[1]", "Infinity", "a finite number"),

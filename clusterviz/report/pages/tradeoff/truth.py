@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data import open_source
+from clusterviz.data import open_volume
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
@@ -150,7 +150,7 @@ def _checked(truth: Truth, renderer: Draw, witness: Draw, small: Scene, step: fl
 
 def _witness(scene: Scene) -> tuple[Draw | None, str]:
     """The float64 reference of the scene as a function of scene and step, or why there is none."""
-    sources = [open_source(volume.path, volume.array) for volume in scene.volumes]
+    sources = [open_volume(volume) for volume in scene.volumes]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MOST_BYTES:
         return None, f"the reference holds no more than {MOST_BYTES >> 30} GiB of voxels in memory"
     grids = [one.grid for one in sources]

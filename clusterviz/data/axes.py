@@ -1,0 +1,137 @@
+"""The axes of a stored array: which three are z, y, x, and which index is taken along time and channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import prod
+
+from clusterviz.data.header import check_shape
+from clusterviz.data.source import Index
+from clusterviz.errors import DataError
+
+LISTED = 12  # names of channels in a message
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Which part of a file is the volume.
+
+    Attributes
+    ----------
+    array : name of the array, for files with several
+    time : number of the time step, from 0
+    channel : number of the channel, from 0, or its name where the file has names
+    first : take time step 0 and channel 0 where there are several and none is named
+    spaced : the spacing is given elsewhere, so that coordinates in the file need not be even
+    """
+
+    array: str | None = None
+    time: int | None = None
+    channel: int | str | None = None
+    first: bool = False
+    spaced: bool = False
+
+
+@dataclass(frozen=True)
+class Hyperslab:
+    """The volume inside of an array with more axes.
+
+    Attributes
+    ----------
+    shape : of the whole array, slowest axis first
+    index : for each axis the index taken along it; None along z, y and x
+    shape_zyx : of the volume
+    time, channel : the index taken along these axes
+    time_steps, channels : how many there are; 1 where the array has no such axis
+    channel_names : as many as there are channels, or none
+    """
+
+    shape: tuple[int, ...]
+    index: tuple[int | None, ...]
+    shape_zyx: Index
+    time: int = 0
+    time_steps: int = 1
+    channel: int = 0
+    channels: int = 1
+    channel_names: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Samples in the whole array."""
+        return prod(self.shape)
+
+    @property
+    def label(self) -> str:
+        """What the volume's name ends with, so that it says which part of the file it is."""
+        parts = [f":time={self.time}"] if self.time_steps > 1 else []
+        if self.channels > 1:
+            parts.append(f":channel={self.channel_names[self.channel] if self.channel_names else self.channel}")
+        return "".join(parts)
+
+    def strides(self, itemsize: int, fortran: bool = False) -> tuple[int, Index]:
+        """Bytes before the volume's first sample, and from one sample to the next along z, y and x."""
+        axes = range(len(self.shape))
+        strides = [itemsize * prod(self.shape[:axis] if fortran else self.shape[axis + 1 :]) for axis in axes]
+        offset = sum(stride * (i or 0) for stride, i in zip(strides, self.index, strict=True))
+        kept = [stride for stride, i in zip(strides, self.index, strict=True) if i is None]
+        z, y, x = [itemsize * self.samples] * (3 - len(kept)) + kept
+        return offset, (z, y, x)
+
+
+def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_names: Sequence[str] = ()) -> Hyperslab:
+    """The volume that `subset` names in an array.
+
+    Parameters
+    ----------
+    shape : slowest axis first
+    axes : a letter an axis: T time, C channel, anything else space, of which the last three are z, y and x; an axis of
+        space with one sample is dropped where there are more than three
+
+    Raises
+    ------
+    DataError
+        No samples, more than three axes of space, several time steps or channels and none named, or no such one.
+    """
+    sizes = [int(n) for n in shape]
+    check_shape([min(sizes, default=0), 1, 1], where)
+    if axes.count("T") > 1 or axes.count("C") > 1:
+        raise DataError("not a scalar volume", where=where, found=f"axes {axes} {tuple(sizes)}", allowed="one channel")
+    time_steps, channels = (sizes[axes.index(letter)] if letter in axes else 1 for letter in "TC")
+    names = tuple(channel_names) if len(channel_names) == channels else ()
+    time = _pick("time", "time step", time_steps, subset.time, subset.first, (), where)
+    channel = _pick("channel", "channel", channels, subset.channel, subset.first, names, where)
+    space = [axis for axis, letter in enumerate(axes) if letter not in "TC"]
+    for axis in [axis for axis in space if sizes[axis] == 1][: max(0, len(space) - 3)]:
+        space.remove(axis)
+    shape_zyx = check_shape([sizes[axis] for axis in space], where)
+    other = {"T": time, "C": channel}
+    index = tuple(None if axis in space else other.get(letter, 0) for axis, letter in enumerate(axes))
+    return Hyperslab(tuple(sizes), index, shape_zyx, time, time_steps, channel, channels, names)
+
+
+def unnamed_axes(dimensions: int, subset: Subset) -> str:
+    """The letters of axes without names: (time, channel, z, y, x); of four axes, time unless a channel is asked for."""
+    if dimensions == 4 and subset.channel is not None and subset.time is None:
+        return "CZYX"
+    return {4: "TZYX", 5: "TCZYX"}.get(dimensions, "Z" * dimensions)
+
+
+def _pick(
+    key: str, noun: str, count: int, wanted: int | str | None, first: bool, names: tuple[str, ...], where: str
+) -> int:
+    """The index that is asked for along one axis."""
+    allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
+    if names:
+        listed = ", ".join(names[:LISTED]) + (", …" if len(names) > LISTED else "")
+        allowed += f", or a name: {listed}"
+    if wanted is None:
+        if count > 1 and not first:
+            raise DataError(f"several {noun}s: name one", where=where, found=f"{count} {noun}s", allowed=allowed)
+        return 0
+    if wanted in names:
+        return names.index(str(wanted))
+    if not str(wanted).isdecimal() or int(wanted) >= count:
+        there = f"{wanted}, and {count} {noun}{'s' if count > 1 else ''}"
+        raise DataError(f"no such {noun}", where=where, found=there, allowed=allowed)
+    return int(wanted)
