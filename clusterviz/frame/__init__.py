@@ -184,7 +184,8 @@ class FrameLoop:
         counts = companion.counted(counts) if companion else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(number, share, partials, counts, accuracy, sharing, self._changes(share))
+        facts = self._opened.facts if self._opened else ()
+        return DrawnFrame(number, share, partials, counts, facts, accuracy, sharing, self._changes(share))
 
     def _changes(self, share: Share) -> tuple[Change, ...]:
         """Settings of a frame that are not used as given; rank 0 warns of each once."""

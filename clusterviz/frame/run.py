@@ -82,6 +82,7 @@ class Run:
 
     def __init__(self, channel: Channel, options: Options) -> None:
         self.channel, self.options, self.frame = channel, options, 0
+        self.warned: set[str] = set()
         self.clock = Clock()
         self.start_frame()
 

@@ -57,7 +57,8 @@ class OpenedVolume:
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
         values = (low, high, percentile_1, percentile_99)
-        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, *values, grid.orientation),)
+        finite = int(summary.histogram.sum())
+        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, *values, finite, grid.orientation),)
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -122,6 +123,7 @@ class DrawnFrame:
     number : of the frame
     partials : of this rank, front to back
     counts : what they cost it
+    facts : of each volume
     accuracy : of settings that were chosen for it; None where the scene names them
     sharing : by the ranks; None where that was not asked for
     changes : settings that are not used as given
@@ -131,6 +133,7 @@ class DrawnFrame:
     share: Share
     partials: list[PartialImage]
     counts: RankFrame
+    facts: tuple[VolumeFacts, ...] = ()
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()

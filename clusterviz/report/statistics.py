@@ -113,6 +113,7 @@ class FrameStatistics:
     accuracy : what was chosen to hold a bound on the error; None where none was asked for
     sharing : by the ranks: mode and groups, and what they were chosen by; None where nobody said
     changes : settings that were asked for and are not used as given
+    warnings : why the picture, or a volume in it, is not seen
     """
 
     per_rank: tuple[RankFrame, ...]
@@ -120,6 +121,7 @@ class FrameStatistics:
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -167,6 +169,7 @@ class FrameStatistics:
         """The frame as it stands in a statistics file."""
         return {
             "number": self.number,
+            "warnings": list(self.warnings),
             "seconds": self.seconds,
             "imbalance": self.imbalance,
             "accuracy": asdict(self.accuracy) if self.accuracy else None,

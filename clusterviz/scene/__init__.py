@@ -13,7 +13,8 @@ colour_spaces  the spaces in which ParaView interpolates
 opacity        numbers, presets and points to control points of opacity
 transfer       the transfer function: colour and opacity of a scalar
 complete       the scene with every open choice made
-camera         the camera that sees everything
+camera         the camera by words, and the one that sees everything
+unseen         why a picture is empty
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ class VolumeFacts:
     shape_zyx : samples along z, y, x
     spacing : world units between samples along x, y, z
     corners : float64 (8, 3), the corners of its box in the world
-    minimum, maximum, percentile_1, percentile_99 : data values; not finite where the volume has no finite sample
+    minimum, maximum, percentile_1, percentile_99 : data values; without meaning where the volume has no finite sample
+    finite : samples that are neither NaN nor infinite
     orientation : see `Grid.orientation`
     """
 
@@ -43,6 +44,7 @@ class VolumeFacts:
     maximum: float
     percentile_1: float
     percentile_99: float
+    finite: int = 1
     orientation: str = ""
 
 

@@ -1,0 +1,111 @@
+"""Why a scene, or a part of it, is not seen: told from what is known anyhow, without a further look at the voxels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import PurePath
+
+import numpy as np
+
+from clusterviz.scene.camera import pixels_of
+from clusterviz.scene.complete import VolumeFacts, transfer_function
+from clusterviz.scene.values import Scene, Volume
+
+SMALL = 2.0
+"""Pixels: what is smaller in width and height is too small to be seen."""
+
+
+def unseen(scene: Scene, facts: Sequence[VolumeFacts], is_blank: bool) -> dict[str, str]:
+    """What a user should know of a picture in which something is missing.
+
+    Parameters
+    ----------
+    scene : completed
+    facts : of each volume
+    is_blank : no pixel of the picture has any opacity
+
+    Returns
+    -------
+    warnings : a line each, by what they are about, so that frames of an animation need not repeat them
+    """
+    if not scene.volumes:
+        return {"volumes": "the scene has no volumes: nothing is drawn"}
+    found: dict[str, str] = {}
+    for number, (volume, fact) in enumerate(zip(scene.volumes, facts, strict=True)):
+        reason = _unseen_volume(volume, fact)
+        if reason:
+            name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
+            found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
+    beyond = _out_of_sight(scene, np.concatenate([fact.corners for fact in facts]))
+    if beyond:
+        found["camera"] = beyond
+    if is_blank and not found:
+        first, fact = scene.volumes[0], facts[0]
+        found["picture"] = (
+            f"the picture is empty: check opacity, clip, blending; data {_span(fact.minimum, fact.maximum)}, "
+            f"clim {_span(*(first.clim or (math.nan, math.nan)))}"
+        )
+    return found
+
+
+def _unseen_volume(volume: Volume, fact: VolumeFacts) -> str:
+    """Why a volume is not seen wherever the camera is; "" if it may be."""
+    z, y, x = fact.shape_zyx
+    if not fact.finite:
+        return f"all {x * y * z} samples are NaN or infinite: nothing is drawn"
+    if min(x, y, z) == 1:
+        thin = ", ".join(axis for axis, n in zip("xyz", (x, y, z), strict=True) if n == 1)
+        return (
+            f"{x} × {y} × {z} samples, one along {thin}, as of a 2-D array: a volume fills the box from its "
+            "first to its last sample, and this one has no depth: nothing is drawn"
+        )
+    data, clim = f"the data's range {_span(fact.minimum, fact.maximum)}", volume.clim
+    found = []
+    values = [surface if isinstance(surface, (int, float)) else surface[0] for surface in volume.isosurfaces]
+    if values and not any(fact.minimum <= value <= fact.maximum for value in values):
+        found.append(f"no isosurface, since {', '.join(f'{value:g}' for value in values)} lies beyond {data}")
+    if volume.blending != "isosurface" and clim is not None:
+        beyond = clim[0] > fact.maximum or clim[1] < fact.minimum
+        where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
+        if not (values and not found) and transfer_function(volume).is_transparent(fact.minimum, fact.maximum).all():
+            found.append(f"{where}: nothing is drawn")
+        elif beyond and isinstance(volume.cmap, str):
+            found.append(f"{where}: all of it has one colour")
+    return "; ".join(found)
+
+
+def _out_of_sight(scene: Scene, corners: np.ndarray) -> str:
+    """Why the camera does not see the box of the scene; "" if it may."""
+    camera, (width, height) = scene.camera, scene.image.size
+    pixels, ahead = pixels_of(camera, corners, scene.image.size)
+    if (ahead <= 0).all():
+        return (
+            f"the camera looks away: from {_point(camera.position)} towards {_point(camera.focal_point)} all of "
+            f"{_box(corners)} lies behind the eye"
+        )
+    if (ahead <= 0).any():
+        return ""
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    if (high <= 0).any() or (low >= (width, height)).any():
+        return (
+            f"the scene lies beside the picture: {_box(corners)} would be at pixels {_span(low[0], high[0])}, "
+            f"{_span(low[1], high[1])} of {width} × {height}"
+        )
+    if (high - low < SMALL).all():
+        far, wide = float(ahead.mean()), float(np.ptp(corners, axis=0).max())
+        across = " × ".join(f"{side:.2g}" for side in high - low)
+        return f"the scene covers {across} pixels: the eye is {far:g} away from a box {wide:g} wide"
+    return ""
+
+
+def _span(low: float, high: float) -> str:
+    return f"{low:g} to {high:g}"
+
+
+def _point(point: Sequence[float] | None) -> str:
+    return f"({', '.join(f'{value:g}' for value in point or ())})"
+
+
+def _box(corners: np.ndarray) -> str:
+    return f"the box {_point(corners.min(axis=0).tolist())} to {_point(corners.max(axis=0).tolist())}"
