@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -96,6 +97,8 @@ def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps
     InputError
         Nothing moves, or it is not said how long.
     """
+    if orbit is not None and not math.isfinite(orbit):
+        raise InputError("not finite", where="--orbit", found=orbit, allowed="degrees, as in 360")
     if orbit is None and keys is None:
         raise InputError("nothing moves", where="animate", allowed="--orbit DEGREES, --path PATH.yaml, or both")
     if frames is None and keys is None:

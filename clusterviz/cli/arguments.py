@@ -39,12 +39,18 @@ def parse_size(text: str) -> tuple[int, int]:
     Raises
     ------
     InputError
-        It is not of that form.
+        It is not of that form, or a side is none, or longer than a picture's can be.
     """
-    found = re.fullmatch(r"(\d{1,5})[xX×](\d{1,5})", text.strip())
-    if not found or not all(int(side) for side in found.groups()):
+    from clusterviz.scene.kinds import LARGEST_SIDE
+
+    found = re.fullmatch(r"(\d{1,20})[xX×](\d{1,20})", text.strip())
+    if not found:
         raise InputError("not a size", where="--size", found=text, allowed="WIDTHxHEIGHT in pixels, as in 800x600")
-    return int(found[1]), int(found[2])
+    width, height = (int(side) for side in found.groups())
+    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
+        what = "too small" if not width or not height else "too large"
+        raise InputError(what, where="--size", found=text, allowed=f"1 to {LARGEST_SIDE} pixels a side")
+    return width, height
 
 
 def parse_device(text: str | None) -> Device:

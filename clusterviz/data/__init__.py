@@ -28,7 +28,7 @@ from pathlib import Path
 
 from clusterviz.data.axes import Subset
 from clusterviz.data.field import open_field
-from clusterviz.data.files import require_file
+from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.hdf5 import open_hdf5
 from clusterviz.data.mrc import open_mrc
 from clusterviz.data.nifti import open_nifti
@@ -101,7 +101,9 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
         return found.open(file, part)
     if file.is_dir() or not file.exists():
         raise DataError("a directory, not a data file" if file.is_dir() else "no such file", where=text)
-    raise DataError("unknown extension", where=text, found=file.suffix or "none", allowed=" ".join(EXTENSIONS))
+    with readable(file):
+        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
+    raise DataError("unknown extension", where=text, found=kind, allowed=", ".join(EXTENSIONS))
 
 
 def format_of(path: Path) -> Format | None:

@@ -10,6 +10,62 @@ from pathlib import Path
 
 from clusterviz.errors import DataError
 
+KINDS = (
+    (b"\x93NUMPY", "a NumPy array (.npy)"),
+    (b"NRRD", "NRRD"),
+    (b"\x89HDF\r\n\x1a\n", "HDF5"),
+    (b"CDF", "netCDF 3"),
+    (b"II*\x00", "TIFF"),
+    (b"MM\x00*", "TIFF"),
+    (b"II+\x00", "TIFF"),
+    (b"MM\x00+", "TIFF"),
+    (b"<VTKFile", "VTK's XML"),
+    (b"# vtk DataFile", "legacy VTK"),
+    (b"ObjectType", "MetaImage"),
+    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG picture"),
+    (b"GIF8", "a GIF picture"),
+    (b"BM", "a BMP picture"),
+    (b"RIFF", "RIFF: a WebP picture, sound or a film"),
+    (b"\x1f\x8b", "packed by gzip"),
+    (b"BZh", "packed by bzip2"),
+    (b"\xfd7zXZ", "packed by xz"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd"),
+    (b"PK\x03\x04", "a ZIP archive (.zip, .npz, .docx)"),
+    (b"%PDF", "PDF"),
+    (b"\x7fELF", "a program"),
+    (b"<?xml", "XML"),
+    (b"<!DOCTYPE html", "a web page"),
+    (b"<html", "a web page"),
+    (b"version https://git-lfs", "a pointer of Git LFS, not the file itself"),
+)
+"""How files begin, and what they are then."""
+START_BYTES = 348  # NIfTI-1's header, which ends with its magic
+
+
+def kind_of(start: bytes) -> str:
+    """What a file is by its first bytes, for an error; the bytes where it is nothing known."""
+    if start[344:347] in (b"n+1", b"ni1") or start[4:7] in (b"n+2", b"ni2"):
+        return "NIfTI"
+    if start[128:132] == b"DICM":
+        return "DICOM"
+    if start[208:211] == b"MAP":
+        return "MRC or CCP4"
+    kind = next((kind for magic, kind in KINDS if start.startswith(magic)), None)
+    if kind:
+        return kind
+    if not any(start):
+        return "zeros"
+    if all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
+        return f"text that begins {' '.join(start[:40].decode().split())!r}"
+    return f"bytes {start[:8].hex(' ')}"
+
+
+def start_of(path: Path) -> bytes:
+    """The first bytes of a file that is there."""
+    with path.open("rb") as file:
+        return file.read(START_BYTES)
+
 
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     """Check that `path` is a readable, non-empty regular file that begins with one of `magic`.
@@ -33,11 +89,12 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
                 raise DataError("not a regular file", where=str(path))
             if status.st_size == 0:
                 raise DataError("the file is empty", where=str(path))
-            start = os.read(descriptor, max((len(m) for m in magic), default=0))
+            start = os.read(descriptor, START_BYTES)
         finally:
             os.close(descriptor)
     if magic and not start.startswith(magic):
-        raise DataError("wrong magic: not a file of this format", where=str(path), found=start, allowed=magic)
+        allowed = ", ".join(dict.fromkeys(kind_of(each) for each in magic))
+        raise DataError("wrong magic: not what its name says", where=str(path), found=kind_of(start), allowed=allowed)
     return status.st_size
 
 

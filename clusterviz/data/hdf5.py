@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box, check_dtype, place, triple
 from clusterviz.data.source import Index
@@ -111,10 +111,9 @@ def open_hdf5(path: Path, subset: Subset) -> Hdf5Source:
     require_file(path)
     with readable(path):
         if not h5py.is_hdf5(path):
-            with path.open("rb") as opened:
-                classic = opened.read(3) == b"CDF"
-            allowed = "netCDF-4; nccopy -k nc4 converts classic netCDF" if classic else None
-            raise DataError("wrong magic: not an HDF5 file", where=str(path), allowed=allowed)
+            kind = kind_of(start_of(path))
+            allowed = "HDF5, or netCDF-4" + ("; nccopy -k nc4 converts classic netCDF" if kind == "netCDF 3" else "")
+            raise DataError("wrong magic: not what its name says", where=str(path), found=kind, allowed=allowed)
         try:
             file = h5py.File(path, "r", locking="best-effort")
         except OSError as error:

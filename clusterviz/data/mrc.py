@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
-from clusterviz.data.files import refuse_array, require_file
+from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_shape, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
@@ -42,8 +42,11 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
     where, packed = str(path), path.name.lower().endswith(".gz")
     size = require_file(path)
     refuse_array(subset.array, path)
-    if not packed:
-        check_size(size, HEADER_BYTES, where)
+    if not packed and size < HEADER_BYTES:
+        found = f"{size} bytes, {kind_of(start_of(path))}"
+        raise DataError(
+            "too short to be an MRC or CCP4 map", where=where, found=found, allowed=f"{HEADER_BYTES} and more"
+        )
     stream = StreamBytes(path, gzip.open)
     storage: Storage = stream if packed else FileBytes([Piece(path, 0, size)])
     header = bytes(storage.read_at(0, HEADER_BYTES))
@@ -77,7 +80,13 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
 def _byte_order(header: bytes, where: str) -> str:
     """'<' or '>' from the machine stamp, or from the mode where the stamp is blank."""
     if header[208:211] != b"MAP":
-        raise DataError("wrong magic: not an MRC or CCP4 map", where=where, found=header[208:212], allowed=b"MAP ")
+        found = f"{kind_of(header)}; at byte 208 {header[208:212]!r}"
+        raise DataError(
+            "wrong magic: not what its name says",
+            where=where,
+            found=found,
+            allowed="an MRC or CCP4 map, with 'MAP ' at byte 208",
+        )
     if header[212] == 0x44:
         return "<"
     if header[212] == 0x11:
@@ -88,7 +97,7 @@ def _byte_order(header: bytes, where: str) -> str:
 def _stored_dtype(words: NDArray[Any], header: bytes, order: str, where: str) -> np.dtype[Any]:
     mode = int(words[3])
     if mode not in MODES:
-        raise DataError("unsupported mode", where=where, found=mode, allowed=MODES)
+        raise DataError("unsupported mode", where=where, found=mode, allowed=", ".join(map(str, MODES)))
     if mode == 0 and words[38] == IMOD_STAMP and not words[39] & 1:
         return np.dtype(np.uint8)
     return np.dtype(order + MODES[mode])

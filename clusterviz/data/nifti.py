@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, select
-from clusterviz.data.files import refuse_array, require_file
+from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_dtype, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
@@ -67,6 +67,7 @@ def _read_header(path: Path) -> tuple[Any, Any]:
         raise
     except Exception as error:  # a damaged header makes nibabel raise many kinds
         text = " ".join(str(error).split())
+        found = None if path.name.lower().endswith(".gz") else kind_of(start_of(path))
         raise DataError(
-            f"wrong magic or damaged header: {text}", where=str(path), allowed="NIfTI-1 or NIfTI-2"
+            f"wrong magic or damaged header: {text}", where=str(path), found=found, allowed="NIfTI-1 or NIfTI-2"
         ) from error

@@ -50,7 +50,9 @@ def open_raw(path: Path, subset: Subset) -> LinearSource:
     sidecar = sidecar_of(path)
     if not sidecar.exists():
         raise DataError(
-            "a raw file needs a sidecar that describes it", where=str(path), allowed=f"{sidecar} with {KEYS}"
+            "a raw file needs a sidecar that describes it",
+            where=str(path),
+            allowed=f"{sidecar} with the keys {', '.join(KEYS)}",
         )
     where, keys = str(sidecar), _read_sidecar(sidecar)
     stored = _stored_dtype(keys, where)
@@ -83,10 +85,10 @@ def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise DataError(f"not YAML: {error}", where=str(sidecar)) from error
     if not isinstance(keys, dict):
-        raise DataError("not a list of keys and values", where=str(sidecar), found=keys, allowed=KEYS)
+        raise DataError("not a list of keys and values", where=str(sidecar), found=keys, allowed=", ".join(KEYS))
     unknown, missing = set(keys) - set(KEYS), {"shape", "dtype"} - set(keys)
     if unknown:
-        raise DataError("unknown key", where=str(sidecar), found=sorted(map(str, unknown)), allowed=KEYS)
+        raise DataError("unknown key", where=str(sidecar), found=sorted(map(str, unknown)), allowed=", ".join(KEYS))
     if missing:
         raise DataError("missing key", where=str(sidecar), found=sorted(keys), allowed=f"also {sorted(missing)}")
     return keys

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from clusterviz.data.files import readable
+from clusterviz.data.files import kind_of, readable, start_of
 from clusterviz.errors import DataError
 
 CHUNK = 1 << 16
@@ -122,7 +122,10 @@ def scan_vti(path: Path) -> VtiLayout:
         except _AppendedReached:
             scan.layout.appended_begin = _after_underscore(file, scan.layout.appended_begin, path)
         except expat.ExpatError as error:
-            raise DataError(f"truncated or damaged XML: {error}", where=str(path)) from error
+            found = kind_of(start_of(path))
+            raise DataError(
+                f"truncated or damaged XML: {error}", where=str(path), found=found, allowed="VTK's XML"
+            ) from error
         finally:
             layout = scan.layout
             scan.parser.StartElementHandler = scan.parser.EndElementHandler = None  # no reference cycle stays

@@ -105,7 +105,9 @@ def choose_device(
         asked, where = _asked_in(os.environ if environment is None else environment), ENVIRONMENT
     if asked is not None:
         if not 0 <= asked < len(devices):
-            raise InputError("no such EGL device", where=where, found=asked, allowed=f"0 to {len(devices) - 1}")
+            raise InputError(
+                "no such EGL device", where=where, found=asked, allowed=f"0 to {len(devices) - 1}" if devices[1:] else 0
+            )
         return asked
     pool = [device for device in devices if not device.software] or list(devices)
     return pool[local_rank % len(pool)].index

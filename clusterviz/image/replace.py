@@ -59,8 +59,18 @@ def _create(target: Path) -> Path:
     try:
         os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     except OSError as error:
-        raise OutputError("no file can be made here", where=str(target.parent), found=_reason(error)) from error
+        raise no_place(target, error) from error
     return temporary
+
+
+def no_place(target: Path, error: OSError) -> OutputError:
+    """Why nothing can be made beside `target`."""
+    folder = target.parent
+    if not folder.exists() and not isinstance(error, NotADirectoryError):
+        return OutputError(f"the folder {folder} is missing", where=str(target), allowed="a folder that is there")
+    if not folder.is_dir():
+        return OutputError(f"{folder} is not a folder", where=str(target), allowed="a file in a folder")
+    return OutputError(f"nothing can be made in {folder}", where=str(target), found=_reason(error))
 
 
 def _flush_to_disk(path: Path) -> None:

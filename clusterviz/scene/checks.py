@@ -172,7 +172,7 @@ def check_attenuation(kind: str, positional: bool, attenuation: Vector) -> None:
 def check_normal(value: Vector) -> Vector:
     """A direction."""
     if not any(value):
-        raise UnusableError("the zero vector has no direction", "a direction")
+        raise UnusableError("the zero vector has no direction", "a direction, such as [0, 0, 1]")
     return value
 
 
@@ -187,7 +187,9 @@ def check_box(value: Bounds) -> Bounds:
 def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:
     """A view needs a direction, and an up that is not along it; what is None is not checked."""
     if view_up is not None and not any(view_up):
-        raise UnusableError("the zero vector has no direction", "a direction", key="view_up", found=list(view_up))
+        raise UnusableError(
+            "the zero vector has no direction", "a direction, such as [0, 0, 1]", key="view_up", found=list(view_up)
+        )
     if position is None or focal_point is None:
         return
     if position == focal_point:

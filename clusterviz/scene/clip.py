@@ -14,7 +14,9 @@ class Clip(Section):
     """What is cut away from all volumes; what is left is what every plane and the box keep."""
 
     planes: tuple[Annotated[tuple[Vector, Normal], BeforeValidator(plain)], ...] = Field(
-        default=(), description="[[[x, y, z], [nx, ny, nz]], …]: a point of each plane, and the way to what is kept."
+        default=(),
+        examples=[[[[0, 0, 0], [1, 0, 0]]]],
+        description="[[[x, y, z], [nx, ny, nz]], …]: a point of each plane, and the way to what is kept.",
     )
     box: Annotated[Box, BeforeValidator(plain)] | None = Field(
         default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of what is kept, in world units."

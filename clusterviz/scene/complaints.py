@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from clusterviz.errors import SceneError
@@ -37,9 +38,8 @@ TYPES = {
     "string_type": ("not a text", "a text (in quotes where it looks like a number or a date)"),
     "bool_type": ("not a switch", "true, false"),
     "finite_number": ("not finite", "a finite number"),
-    "tuple_type": ("not a list", "a list"),
-    "missing": ("missing", "a value for this key"),
 }
+LISTS = {"missing": "missing", "tuple_type": "not a list", "too_short": "too few values", "too_long": "too many values"}
 BOUNDS = {
     "greater_than": ("too small", "more than", "gt"),
     "greater_than_equal": ("too small", "at least", "ge"),
@@ -125,6 +125,8 @@ def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str]) ->
             key, found = (*key, cause.key), None
         found = shown(cause.found) if cause.found is not None else found
         return SceneError(cause.what, where=_place(key, where, options), found=found, allowed=cause.allowed)
+    if kind == "missing" and isinstance(key[-1], int):  # an item, whose list is the input
+        kind, key, found = "too_short", key[:-1], shown(details["input"])
     place = _place(key, where, options)
     if kind == "extra_forbidden":
         return unknown_key(place, key[-1], section_at(key[:-1]))
@@ -143,12 +145,36 @@ def _words(kind: str, key: Key, message: str, context: Mapping[str, Any]) -> tup
         return "not one of the choices", context["expected"].replace("'", "").replace(" or ", ", ")
     if kind == "too_long" and key == ("volumes",):
         return "too many volumes", f"at most {context['max_length']}"
-    if kind in ("too_long", "too_short"):
-        return "a list of the wrong length", f"{context.get('max_length', context.get('min_length'))} values"
+    if kind in LISTS:
+        example = _example(key)
+        most = f"at most {context['max_length']} values" if kind == "too_long" else "a list"
+        most = "a value" if kind == "missing" else most
+        return LISTS[kind], most if example is None else f"{most}, such as {shown(example)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         section = section_at(key)
         return "not a section", f"keys with values: {', '.join(section.model_fields) if section else ''}"
     return message[:1].lower() + message[1:], None
+
+
+def _example(key: Key) -> Any:
+    """What a key, or an item of its list, may hold, from the examples of its field; None where it has none."""
+    words = [part for part in key if isinstance(part, int) or not part.startswith("<")]
+    last = max((place for place, part in enumerate(words) if isinstance(part, str)), default=-1)
+    section = section_at(tuple(words[:last])) if last >= 0 else None
+    field = section.model_fields.get(str(words[last])) if section else None
+    found = (field.examples or _examples_in(field.annotation)) if field else None
+    example: Any = found[0] if found else None
+    for _ in words[last + 1 :]:
+        example = example[0] if isinstance(example, list) else None
+    return example
+
+
+def _examples_in(annotation: Any) -> list[Any] | None:
+    """The examples that come with a type, or with one of those that it is made of."""
+    if isinstance(annotation, FieldInfo):
+        return annotation.examples
+    parts = sorted(get_args(annotation), key=lambda part: not isinstance(part, FieldInfo))
+    return next((found for part in parts if (found := _examples_in(part))), None)
 
 
 def _place(key: Key, where: str, options: Mapping[Key, str]) -> str:

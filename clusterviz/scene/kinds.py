@@ -22,17 +22,28 @@ from clusterviz.scene.checks import (
     plain,
 )
 
+LARGEST_SIDE = 65536
+"""Of a picture, in pixels."""
 FINITE = Field(strict=True, allow_inf_nan=False)
 Number = Annotated[float, FINITE, BeforeValidator(plain)]
 Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
 Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
-Side = Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(plain)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain)]
+Side = Annotated[int, Field(strict=True, ge=1, le=LARGEST_SIDE), BeforeValidator(plain)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain), Field(examples=[[0, 0, 1]])]
 Channel = Annotated[int | str, BeforeValidator(check_channel)]
-Direction = Annotated[tuple[Vector, Vector, Vector], BeforeValidator(plain), AfterValidator(check_direction)]
+Direction = Annotated[
+    tuple[Vector, Vector, Vector],
+    BeforeValidator(plain),
+    AfterValidator(check_direction),
+    Field(examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]]),
+]
 Normal = Annotated[Vector, AfterValidator(check_normal)]
-Box = Annotated[tuple[Number, Number, Number, Number, Number, Number], AfterValidator(check_box)]
-Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim)]
+Box = Annotated[
+    tuple[Number, Number, Number, Number, Number, Number],
+    AfterValidator(check_box),
+    Field(examples=[[0, 10, 0, 10, 0, 5]]),
+]
+Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim), Field(examples=[[20, 200]])]
 ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
 GradientPoint = Annotated[
     tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)], Fraction], BeforeValidator(plain)
@@ -45,6 +56,7 @@ Cmap = Annotated[
     Name | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")],
     Discriminator(form_of),
     BeforeValidator(check_cmap),
+    Field(examples=[[[20, 0, 0, 0], [200, 1, 1, 1]]]),
 ]
 Opacity = Annotated[
     Name
@@ -52,6 +64,7 @@ Opacity = Annotated[
     | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
     Discriminator(form_of),
     BeforeValidator(check_opacity),
+    Field(examples=[[[20, 0], [200, 0.6]]]),
 ]
 Isosurface = Annotated[
     Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
@@ -59,12 +72,16 @@ Isosurface = Annotated[
     BeforeValidator(check_surface),
 ]
 GradientOpacity = Annotated[
-    tuple[GradientPoint, ...], Field(max_length=64), BeforeValidator(plain), AfterValidator(check_order)
+    tuple[GradientPoint, ...],
+    Field(max_length=64, examples=[[[0, 0], [10, 1]]]),
+    BeforeValidator(plain),
+    AfterValidator(check_order),
 ]
 Background = Annotated[
     Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
     Discriminator(form_of),
     BeforeValidator(check_background),
+    Field(examples=[[0.1, 0.2, 0.4]]),
 ]
 
 

@@ -22,7 +22,7 @@ class Light(Section):
     position: Vector | None = Field(default=None, description="From where a scene light shines, in world units.")
     focal_point: Vector = Field(default=(0.0, 0.0, 0.0), description="Towards where.")
     color: Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(plain)] = Field(
-        default=(1.0, 1.0, 1.0), description="[r, g, b] in 0..1."
+        default=(1.0, 1.0, 1.0), examples=[[1, 0.9, 0.8]], description="[r, g, b] in 0..1."
     )
     intensity: NotNegative = Field(default=1.0, description="Times its colour.")
     positional: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
@@ -38,6 +38,7 @@ class Light(Section):
     )
     attenuation: Attenuation = Field(
         default=(1.0, 0.0, 0.0),
+        examples=[[1, 0, 0.1]],
         description="Of a positional light: [a, b, c]; at a distance d, in world units, its light is divided by "
         "a + b d + c d².",
     )

@@ -48,7 +48,9 @@ class Volume(Section):
     """One volume: where its voxels are and how scalars become colour and opacity."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
-        description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula field:NAME."
+        examples=["head.nii.gz"],
+        description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula "
+        "field:NAME.",
     )
     array: str | None = Field(default=None, description="Which array of the file, for files with several.")
     time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(plain)] | None = Field(
@@ -58,7 +60,9 @@ class Volume(Section):
         default=None, description="Which channel of the file, by number from 0 or by name, for files with several."
     )
     spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)] | None = Field(
-        default=None, description="World units between samples along x, y, z; default: the file's."
+        default=None,
+        examples=[[0.5, 0.5, 1.2]],
+        description="World units between samples along x, y, z; default: the file's.",
     )
     origin: Vector | None = Field(
         default=None, description="World position x, y, z of the first sample; default: the file's."
@@ -109,6 +113,7 @@ class Volume(Section):
     )
     isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(plain)] = Field(
         default=(),
+        examples=[[[90, 0.5], 120]],
         description="The data values of surfaces, with cmap's colours, alone or in a composited volume; "
         "[value, opacity] where the opacity is not that of the transfer function.",
     )
@@ -205,7 +210,7 @@ class ImageSettings(Section):
     """How large the picture is and what lies behind everything."""
 
     size: Annotated[tuple[Side, Side], BeforeValidator(plain)] = Field(
-        default=(1024, 768), description="Width and height in pixels."
+        default=(1024, 768), examples=[[800, 600]], description="Width and height in pixels."
     )
     background: Background = Field(
         default="white", description="A CSS colour name or #rrggbb, [r, g, b] in 0..1, or transparent."
@@ -266,10 +271,13 @@ class Scene(Section):
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
         default=(),
+        examples=[[{"path": "head.nii.gz"}]],
         description="What to show; several, each with its own grid and look, are mixed where they overlap.",
     )
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
-        default=(), description="What lights shaded volumes; default: one headlight."
+        default=(),
+        examples=[[{"position": [1, 1, 1]}]],
+        description="What lights shaded volumes; default: one headlight.",
     )
     clip: Clip = Field(default=Clip(), description="What is cut away.")
     camera: Camera = Field(default=Camera(), description="From where.")

@@ -113,7 +113,7 @@ def test_composite(algorithm: str, measured: tuple[Path, np.ndarray[Any, Any]]) 
         (("--size", "5"), "--size: not a size"),
         (("--size", "24x17"), "img_0.rgba: not the size of the picture; found 1564 bytes; allowed 1632"),
         (("--images", "nowhere"), "nowhere/img_0.rgba: cannot be read"),
-        (("--out", "nowhere/o.rgba"), "no file can be made here"),
+        (("--out", "nowhere/o.rgba"), "nowhere is missing"),
     ],
 )
 def test_composite_refuses(

@@ -11,8 +11,15 @@ from failures.jobs import FIELD, SMALL, check_failure, render
 
 from clusterviz.cli import run
 
+PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + bytes(44)
 SCENES = {
     "unknown-key": (f"volumes: [{{path: '{FIELD}', opacty: 1}}]", "unknown key, did you mean opacity?"),
+    "other-section": (f"volumes: [{{path: '{FIELD}'}}]\nstep: 2", "unknown key, did you mean quality.step?"),
+    "no-path": ("volumes: [{}]", 'volumes[0].path: missing; allowed a value, such as "head.nii.gz"'),
+    "no-list": (
+        "volumes: head.npy",
+        'volumes: not a list; found "head.npy"; allowed a list, such as [{"path": "head.nii.gz"}]',
+    ),
     "wrong-type": (f"volumes: [{{path: '{FIELD}'}}]\nquality: {{step: big}}", "quality.step: not a number"),
     "impossible": (f"volumes: [{{path: '{FIELD}'}}]\nquality: {{step: 0}}", "quality.step: too small; found 0"),
     "two-volumes": (
@@ -58,8 +65,28 @@ def test_a_bad_scene(name: str, command: Callable[..., tuple[int, str]], tmp_pat
         (("-D", "quality.step"), "not a key with a value"),
         (("-D", "cluster.compositing=magic"), "not one of the choices"),
         (("--size", "800"), "--size: not a size; found 800; allowed WIDTHxHEIGHT"),
-        (("--size", "0x5"), "--size: not a size"),
-        (("--device", "99"), "no such EGL device; found 99"),
+        (("--size", "0x5"), "--size: too small; found 0x5; allowed 1 to 65536 pixels a side"),
+        (("--size", "100000x100000"), "--size: too large; found 100000x100000; allowed 1 to 65536 pixels a side"),
+        (("-D", "clim=5"), "volumes[0].clim: not a list; found 5; allowed a list, such as [20, 200]"),
+        (("-D", "clim=[5]"), "volumes[0].clim: too few values; found [5]; allowed a list, such as [20, 200]"),
+        (("-D", "clim=[1,2,3]"), "clim: too many values; found [1, 2, 3]; allowed at most 2 values, such as [20, 200]"),
+        (("-D", "opacity=[1]"), "volumes[0].opacity[0]: not a list; found 1; allowed a list, such as [20, 0]"),
+        (("-D", "opacity=[[1]]"), "opacity[0]: too few values; found [1]; allowed a list, such as [20, 0]"),
+        (("-D", "cmap=[[1]]"), "cmap[0]: too few values; found [1]; allowed a list, such as [20, 0, 0, 0]"),
+        (("-D", "gradient_opacity=3"), "not a list; found 3; allowed a list, such as [[0, 0], [10, 1]]"),
+        (("-D", "isosurfaces=3"), "not a list; found 3; allowed a list, such as [[90, 0.5], 120]"),
+        (("-D", "size=4"), "image.size: not a list; found 4; allowed a list, such as [800, 600]"),
+        (("-D", "background=[1]"), "too few values; found [1]; allowed a list, such as [0.1, 0.2, 0.4]"),
+        (("-D", "position=4"), "camera.position: not a list; found 4; allowed a list, such as [0, 0, 1]"),
+        (
+            ("-D", "view_up=[0,0,0]"),
+            "the zero vector has no direction; found [0.0, 0.0, 0.0]; allowed a direction, such as",
+        ),
+        (("-D", "box=[1]"), "clip.box: too few values; found [1]; allowed a list, such as [0, 10, 0, 10, 0, 5]"),
+        (("-D", "planes=[1]"), "clip.planes[0]: not a list; found 1; allowed a list, such as [[0, 0, 0], [1, 0, 0]]"),
+        (("-D", "lights=3"), 'lights: not a list; found 3; allowed a list, such as [{"position": [1, 1, 1]}]'),
+        (("--device", "99"), "no such EGL device; found 99; allowed 0"),
+        (("--device", "gpu"), "--device: not a device; found gpu; allowed cpu"),
     ],
 )
 def test_a_bad_option(
@@ -76,8 +103,22 @@ def test_a_bad_option(
     [
         ("missing.nrrd", None, "no such file"),
         ("empty.npy", b"", "empty"),
-        ("wrong.nii", b"not a header " * 40, "wrong.nii"),
-        ("unknown.xyz", b"1 2 3", "unknown extension"),
+        ("wrong.nii", b"not a header " * 40, "found text that begins 'not a header not"),
+        ("unknown.xyz", b"1 2 3", "unknown extension; found .xyz, text that begins '1 2 3'; allowed .npy, "),
+        ("picture.png", PNG, "unknown extension; found .png, a PNG picture; allowed .npy, "),
+        ("a.npy", PNG, "a.npy: wrong magic: not what its name says; found a PNG picture; allowed a NumPy array (.npy)"),
+        ("a.nrrd", PNG, "found a PNG picture; allowed NRRD"),
+        ("a.nii", PNG, "found a PNG picture; allowed NIfTI-1 or NIfTI-2"),
+        ("a.nii.gz", PNG, "found a PNG picture; allowed packed by gzip"),
+        ("a.tif", PNG, "found a PNG picture; allowed TIFF"),
+        ("a.vti", PNG, "found a PNG picture; allowed VTK's XML"),
+        ("a.mrc", PNG, "found 60 bytes, a PNG picture; allowed 1024 and more"),
+        ("a.h5", b"PK\x03\x04" + bytes(2000), "found a ZIP archive (.zip, .npz, .docx); allowed HDF5"),
+        ("b.mrc", bytes(2000), "found zeros; at byte 208 b"),
+        ("a.tiff", bytes(344) + b"n+1\0" + bytes(8), "found NIfTI; allowed TIFF"),
+        ("b.nrrd", bytes(128) + b"DICM" + bytes(300), "found DICOM; allowed NRRD"),
+        ("c.nrrd", bytes(range(128, 192)) * 9, "found bytes 80 81 82 83 84 85 86 87; allowed NRRD"),
+        ("a.raw", b"1234", "a.raw.yaml with the keys shape, dtype, byte_order, "),
     ],
 )
 def test_bad_data(

@@ -15,12 +15,13 @@ from clusterviz.cli import run
 @pytest.mark.parametrize(
     ("option", "name", "said"),
     [
-        ("-o", "none/a.png", "no file can be made here"),
-        ("-o", "file/a.png", "no file can be made here"),
+        ("-o", "none/a.png", "none is missing; allowed a folder that is there"),
+        ("-o", "file/a.png", "file is not a folder; allowed a file in a folder"),
+        ("-o", "file/none/a.png", "none is not a folder; allowed a file in a folder"),
         ("-o", "folder.png", "found a folder"),
         ("-o", "a.bmp", "unknown extension; found .bmp; allowed .png, .npy, .exr"),
         ("-o", "a", "unknown extension; found none"),
-        ("--stats", "none/s.json", "no file can be made here"),
+        ("--stats", "none/s.json", "none is missing; allowed a folder that is there"),
         ("--stats", "folder.png", "found a folder"),
     ],
 )

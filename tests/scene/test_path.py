@@ -125,7 +125,7 @@ def test_points_move_and_an_orbit_takes_transfer_keys() -> None:
     ("text", "said"),
     [
         ("camera: [{time: 0, positon: [1, 2, 3]}]", "camera[0].positon: unknown key, did you mean position?"),
-        ("camera: [{time: 0, position: [1, 2]}]", "camera[0].position[2]: missing"),
+        ("camera: [{time: 0, position: [1, 2]}]", "camera[0].position: too few values"),
         ("camera: [{position: [1, 2, 3]}]", "camera[0].time: missing"),
         ("camera: [{time: 1}, {time: 1}]", "camera: keys out of order: time 1 after 1"),
         ("camera: [{time: 1, view_angle: 180}]", "camera[0].view_angle: too large; found 180; allowed less than 180"),

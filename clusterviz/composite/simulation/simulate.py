@@ -209,4 +209,4 @@ def _check(name: str, ranks: int, footprints: str) -> None:
     if not 1 <= ranks <= most:
         kind = "sparse" if footprints == "cubes" else "dense"
         text = f"cannot simulate {name} of {kind} images on so many ranks"
-        raise InputError(text, found=ranks, allowed=f"1 to {most}")
+        raise InputError(text, where="ranks", found=ranks, allowed=f"1 to {most}")

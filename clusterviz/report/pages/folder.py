@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from clusterviz.errors import OutputError
+from clusterviz.image.replace import no_place
 
 
 @contextmanager
@@ -58,7 +59,7 @@ def _create(target: Path, known_by: str) -> Path:
     try:
         temporary.mkdir()
     except OSError as error:
-        raise OutputError("no folder can be made here", where=str(target.parent), found=error.strerror) from error
+        raise no_place(target, error) from error
     return temporary
 
 
