@@ -12,8 +12,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import beside
 
+from clusterviz.comm.library import mpirun_folders
+
 # Tests marked `mpi` are started by the first mpirun on the path; the environment need not be activated.
-os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+own_folders = [folder for folder in mpirun_folders() if folder]
+os.environ["PATH"] = os.pathsep.join([*own_folders, os.environ.get("PATH", "")])
 # Tests start hundreds of interpreters; where none may keep what it has compiled, each spends half its time on compiling
 # the package, and pytest's plugins, again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
+from clusterviz.cli.failure import launched_rank
+from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
-from clusterviz.errors import ClustervizError, DeviceError
+from clusterviz.errors import ClustervizError, DeviceError, InputError
 from clusterviz.render.vectors.width import processor_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
 
@@ -25,9 +26,13 @@ GIBIBYTE = 1 << 30
 
 def command(json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False) -> None:
     """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
-    channel = open_channel()
-    report = examine(channel)
-    if channel.rank == 0:
+    channel: Channel
+    try:
+        channel, mismatch = open_channel(), ""
+    except InputError as error:  # a launcher of another MPI: each process is alone
+        channel, mismatch = LoopbackChannel(), str(error)
+    report = examine(channel, mismatch)
+    if (launched_rank() or 0) == 0:
         _print_json(report) if json else _print_tables(report)
     found = complaints(report)
     with agree(channel, 0, "doctor"):
@@ -35,8 +40,8 @@ def command(json: Annotated[bool, typer.Option("--json", help="Print JSON instea
             raise DeviceError("; ".join(found))
 
 
-def examine(channel: Channel) -> MachineReport:
-    """Every rank's machine, on every rank; collective."""
+def examine(channel: Channel, warning: str = "") -> MachineReport:
+    """Every rank's machine, on every rank, with a warning about how they were started; collective."""
     ranks = channel.allgather(_examine_rank(channel))
     return MachineReport(
         clusterviz=version("clusterviz"),
@@ -45,7 +50,7 @@ def examine(channel: Channel) -> MachineReport:
         launcher=launcher(),
         size=channel.size,
         nodes=channel.place().nodes,
-        warning=launch_warning(channel.size) or "",
+        warning=warning,
         ranks=tuple(ranks),
     )
 

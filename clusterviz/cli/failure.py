@@ -67,11 +67,13 @@ def _mine_to_tell(error: BaseException) -> bool:
 
 def _end_other_ranks(error: BaseException, debug: bool) -> None:
     """End the job, if there are other ranks and they do not raise the same; return otherwise."""
-    from clusterviz.comm import abort_on_failure, open_channel
+    from clusterviz.comm import abort_on_failure, opened_channel
 
+    channel = opened_channel()
     try:
-        with abort_on_failure(open_channel(), debug=debug):
-            raise error
+        if channel:
+            with abort_on_failure(channel, debug=debug):
+                raise error
     except (Exception, KeyboardInterrupt) as passed:
         if passed is not error:
             raise

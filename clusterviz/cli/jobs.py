@@ -8,8 +8,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
+from clusterviz.comm.library import mpirun_folders
 from clusterviz.comm.place import launched
 from clusterviz.errors import ClustervizError, InputError
 
@@ -42,14 +42,14 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 
 
 def find_mpirun() -> str:
-    """The mpirun beside this Python, which belongs to its mpi4py, else the first one on the PATH.
+    """The mpirun that belongs to this Python's mpi4py, else the first one on the PATH.
 
     Raises
     ------
     ClustervizError
         There is none.
     """
-    for folder in (str(Path(sys.executable).parent), None):
+    for folder in mpirun_folders():
         found = shutil.which("mpirun", path=folder)
         if found:
             return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, 
 from clusterviz.cli.costs import print_costs
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.tracing import Tracing
-from clusterviz.comm import Channel, agree, launch_warning, limit_threads, open_channel
+from clusterviz.comm import Channel, agree, limit_threads, open_channel
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import check_replaceable, replacing
@@ -67,9 +66,6 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     channel = open_channel(several_threads=several_threads)
     limit_threads(channel.place())
     warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # a user needs no line of code
-    warning = launch_warning(channel.size)
-    if warning:
-        print(f"\nclusterviz: WARNING: {warning}\n", file=sys.stderr, flush=True)
     ready = time.perf_counter()
     return channel, {"interpreter": max(0.0, age - (began - reached)), "imports": began - reached, "mpi": ready - began}
 

@@ -10,10 +10,10 @@ nodes.py     which ranks share a node, or pretend to
 patience.py  waiting without taking the cores of others away
 throttled.py a slow link where there is none
 open.py      which of them a program gets
-place.py     nodes, cores, threads, and launchers that do not match
+place.py     nodes, cores, threads, and what launchers say
 agree.py     one failure, one message, every rank
 agreed.py    the mark of an error that all ranks raise
-library.py   which MPI, and which launcher
+library.py   which MPI, which launcher, and whether they match
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from clusterviz.comm.agreed import mark_agreed
 from clusterviz.comm.channel import Channel, MessageError
 from clusterviz.comm.counters import Counters
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
-from clusterviz.comm.open import as_channel, open_channel
-from clusterviz.comm.place import NodePlace, launch_warning, limit_threads
+from clusterviz.comm.open import as_channel, open_channel, opened_channel
+from clusterviz.comm.place import NodePlace, limit_threads
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.comm.window import SharedWindow, WindowError
 from clusterviz.comm.work_queue import WorkQueue
@@ -42,9 +42,9 @@ __all__ = [
     "abort_on_failure",
     "agree",
     "as_channel",
-    "launch_warning",
     "limit_threads",
     "mark_agreed",
     "open_channel",
+    "opened_channel",
     "run_loopback",
 ]

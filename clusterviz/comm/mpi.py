@@ -1,9 +1,9 @@
 """A channel over MPI: the only module that imports mpi4py.
 
-mpi4py initialises MPI when it is first imported, so the import waits until a channel is asked for. One thread at a
-time talks through a channel; several threads, each through its own, only where MPI was started for that
-(MPI_THREAD_MULTIPLE), which it is if the first channel is asked for with `several_threads`. The communicator is
-duplicated, so that no message meets those of the caller.
+MPI is loaded and started when a channel is first asked for. One thread at a time talks through a channel; several
+threads, each through its own, only where the library is known to keep them apart (`library.is_thread_safe`) and MPI was
+started for that (MPI_THREAD_MULTIPLE), which it is if the first channel is asked for with `several_threads`. The
+communicator is duplicated, so that no message meets those of the caller.
 
 A message longer than a chunk (1 GiB) travels in pieces, because an MPI before version 4 counts bytes in 31 bits. The
 last piece is the first one that is shorter than a chunk (empty, if need be): the receiver needs to know no sizes.
@@ -16,6 +16,7 @@ import os
 import pickle
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
+from clusterviz.comm.library import check_launcher, is_thread_safe
 from clusterviz.comm.mpi_counters import MpiCounters
 from clusterviz.comm.mpi_window import MpiWindow, open_window
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
@@ -50,13 +52,26 @@ class _Receive:
 
 
 def _load_mpi(several_threads: bool = False) -> Any:
-    """The MPI module, initialised no higher than needed where nobody has done so before."""
+    """The MPI module, started for no more threads than needed where nobody has done so before.
+
+    Raises
+    ------
+    InputError
+        A launcher of another MPI started this process, and MPI_Init would not return.
+    """
     if "mpi4py.MPI" not in sys.modules:
         import mpi4py
 
-        mpi4py.rc.thread_level = "multiple" if several_threads else "serialized"
-    from mpi4py import MPI
+        mpi4py.rc.initialize, mpi4py.rc.finalize = False, True
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of another MPI's launcher: `check_launcher` says it better
+        from mpi4py import MPI
 
+        if not MPI.Is_initialized():
+            description = MPI.Get_library_version()
+            check_launcher(description, None)
+            with_threads = several_threads and is_thread_safe(description)
+            MPI.Init_thread(MPI.THREAD_MULTIPLE if with_threads else MPI.THREAD_SERIALIZED)
     return MPI
 
 
@@ -275,7 +290,8 @@ class MpiChannel:
 
     def for_thread(self) -> MpiChannel | None:
         """A duplicate of the communicator, whose messages never meet this one's; freed with it."""
-        if self._beside is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
+        one_thread = self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE
+        if self._beside is None and not self.maximum(one_thread or not is_thread_safe(self._mpi.Get_library_version())):
             self._beside = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
         return self._beside
 

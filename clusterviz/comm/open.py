@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from clusterviz.comm.channel import Channel
+from clusterviz.comm.library import check_launcher
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.comm.place import launched
@@ -23,11 +24,24 @@ def open_channel(*, several_threads: bool = False) -> Channel:
     Parameters
     ----------
     several_threads : whether other threads will talk too, through `for_thread`; the first call starts MPI so
+
+    Raises
+    ------
+    InputError
+        A launcher of another MPI started this process: each of its processes would be alone.
     """
     if not _OPENED:
-        with_mpi = launched() or "mpi4py.MPI" in sys.modules
-        _OPENED.append(MpiChannel(several_threads=several_threads) if with_mpi else LoopbackChannel())
+        channel: Channel = LoopbackChannel()
+        if launched() or "mpi4py.MPI" in sys.modules:
+            channel = MpiChannel(several_threads=several_threads)
+            check_launcher(sys.modules["mpi4py.MPI"].Get_library_version(), channel.size)
+        _OPENED.append(channel)
     return _OPENED[0]
+
+
+def opened_channel() -> Channel | None:
+    """What `open_channel` has opened; None before its first call, and after one that failed."""
+    return _OPENED[0] if _OPENED else None
 
 
 def as_channel(comm_or_channel: Any) -> Channel:

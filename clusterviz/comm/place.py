@@ -102,21 +102,6 @@ def launched(environment: Mapping[str, str] | None = None) -> bool:
     return any(name in variables for name in names) or launched_size(variables) > 1
 
 
-def launch_warning(size: int, environment: Mapping[str, str] | None = None) -> str | None:
-    """A warning where a launcher started several processes but each sees itself alone, else None.
-
-    The launcher then belongs to another MPI than the one that mpi4py loads, and each process would do the whole work.
-    """
-    started = launched_size(environment)
-    if size > 1 or started <= 1:
-        return None
-    return (
-        f"the launcher started at least {started} processes, but this one sees an MPI of size 1: the launcher and "
-        "mpi4py belong to different MPI libraries, and every process now does the whole work. Start with the mpirun "
-        "of the MPI that `clusterviz doctor` names, or install mpi4py for the site's MPI."
-    )
-
-
 def kernel_threads(environment: Mapping[str, str] | None = None) -> int:
     """How many threads compiled kernels may use: what `limit_threads` or the user has set, else all cores granted."""
     variables = os.environ if environment is None else environment

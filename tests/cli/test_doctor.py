@@ -6,6 +6,7 @@ import pytest
 
 from clusterviz.cli.doctor import command, complaints, examine
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.comm.library import check_launcher
 from clusterviz.comm.place import SIZE_VARIABLES
 from clusterviz.errors import DeviceError
 
@@ -67,8 +68,10 @@ def test_no_egl_still_gives_a_table(capsys: pytest.CaptureFixture[str], monkeypa
 def test_launcher_that_started_several_programs_of_one_rank_is_a_loud_failure(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("clusterviz.cli.doctor.open_channel", LoopbackChannel)
-    monkeypatch.setenv(SIZE_VARIABLES[0], "4")
+    def refuse() -> None:
+        check_launcher("Open MPI v4.1.4", 1, {SIZE_VARIABLES[1]: "4"})
+
+    monkeypatch.setattr("clusterviz.cli.doctor.open_channel", refuse)
     monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(DeviceError, match="4 processes"):
         command()

