@@ -57,7 +57,7 @@ def command(
         keys = load_path(path) if path else None
         if orbit is not None and (opened.camera.position, opened.camera.parallel_scale) == (None, None):
             opened = opened.model_copy(update={"camera": opened.camera.model_copy(update={"fit": "orbit"})})
-        count = _frames(orbit, keys, frames, fps)
+        count = _frames(orbit, keys, frames, fps, str(path))
     with agree(channel, 0, "output"):
         files = FrameFiles(output, resume) if channel.rank == 0 else None
         if channel.rank == 0:
@@ -89,7 +89,7 @@ def command(
             print(f"leaping: {movie.leaping}", flush=True)
 
 
-def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float) -> int:
+def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
     """How many frames there are.
 
     Raises
@@ -103,7 +103,7 @@ def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps
         raise InputError("nothing moves", where="animate", allowed="--orbit DEGREES, --path PATH.yaml, or both")
     if frames is None and keys is None:
         raise InputError("missing", where="--frames", allowed="1 or more")
-    return frames or (keys.frames(fps) if keys else 1)
+    return frames or (keys.frames(fps, where) if keys else 1)
 
 
 class _Movie:

@@ -14,9 +14,11 @@ The room, in the order in which a frame uses it:
     summary.py, selection.py  extremes, histogram and exact percentiles of bricks spread over ranks
     samples.py                real volumes out of installable packages, for the demo and the tests
 
-To add a format: one file with `open_<format>`, which raises `DataError` for whatever is wrong; one entry in `FORMATS`;
-one test, in which the shared checks of `tests/data/checks.py` drive it. If the samples lie in one piece, the file ends
-with a `LinearSource`, and there is nothing else to write.
+To add a format: one file with `open_<format>`, which raises `DataError` for whatever is wrong, and compares sizes with
+the file (`check_size`, `check_packed`) before it takes memory; one entry in `FORMATS`; one test, in which the shared
+checks of `tests/data/checks.py` drive it; one line in `tests/fuzz/readers.py`. Anything else that it raises, or a
+library below it, `open_source` turns into a `DataError`. If the samples lie in one piece, the file ends with a
+`LinearSource`, and there is nothing else to write.
 """
 
 from __future__ import annotations
@@ -25,21 +27,27 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from clusterviz.data.axes import Subset
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.grid import Grid
 from clusterviz.data.hdf5 import open_hdf5
+from clusterviz.data.header import check_box
 from clusterviz.data.mrc import open_mrc
 from clusterviz.data.nifti import open_nifti
 from clusterviz.data.npy import open_npy
 from clusterviz.data.nrrd import open_nrrd
 from clusterviz.data.placed import placed
 from clusterviz.data.raw import open_raw
-from clusterviz.data.source import Source
+from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.data.vti import open_vti
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
 
 GZIP = (b"\x1f\x8b",)
@@ -86,7 +94,41 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
     DataError
         Missing, unreadable, damaged, of an unknown extension, or no such array, time step or channel.
     """
-    text, part = str(path), subset or Subset(array)
+    with guard(DataError, path):
+        return GuardedSource(_open(str(path), subset or Subset(array)))
+
+
+@dataclass(frozen=True)
+class GuardedSource:
+    """A source of which every failure is a `DataError`, whatever library is behind it."""
+
+    source: Source
+
+    @property
+    def name(self) -> str:
+        return self.source.name
+
+    @property
+    def grid(self) -> Grid:
+        return self.source.grid
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.source.dtype
+
+    @property
+    def slab(self) -> Hyperslab | None:
+        """Which part of the file it is, where the format says so."""
+        return getattr(self.source, "slab", None)
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """The samples of the box; see `Source.read`."""
+        check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
+        with guard(DataError, self.name):
+            return self.source.read(begin_zyx, end_zyx)
+
+
+def _open(text: str, part: Subset) -> Source:
     if text.startswith("field:"):
         return open_field(text)
     dataset = FILE_AND_DATASET.fullmatch(text)

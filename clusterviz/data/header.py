@@ -13,6 +13,8 @@ from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
 MOST_PARALLEL = 1e-6  # |det| of the unit axes below which a placement counts as singular
+# Bytes that one packed byte can hold at most, by the format of deflate and LZ4, or with room to spare.
+MOST_PACKED = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "TIFF": 1 << 16, "bzip2": 1 << 21}
 
 
 def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
@@ -63,6 +65,23 @@ def check_size(found: int, needed: int, where: str, exact: bool = False) -> None
         )
     if exact and found > needed:
         raise DataError("longer than the header says", where=where, found=f"{found} bytes", allowed=f"{needed}")
+
+
+def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
+    """Compare packed bytes with what the header says that they hold, before memory is taken for it.
+
+    Raises
+    ------
+    DataError
+        Nothing that is packed in this way can hold so much.
+    """
+    if packed * MOST_PACKED[packing] < needed:
+        raise DataError(
+            "truncated, or the header lies about its size",
+            where=where,
+            found=f"{packed} bytes, {packing}",
+            allowed=f"enough to hold {needed} bytes",
+        )
 
 
 def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:

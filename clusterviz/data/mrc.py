@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
-from clusterviz.data.header import check_shape, check_size, place
+from clusterviz.data.header import check_packed, check_shape, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
 from clusterviz.errors import DataError
@@ -71,7 +71,9 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
     row_bytes = sizes[2] * stored.itemsize
     plane_bytes = sizes[1] * row_bytes
     stream.keep = plane_bytes
-    if not packed:
+    if packed:
+        check_packed(size, offset + sizes[0] * plane_bytes, "gzip", where)
+    else:
         check_size(size, offset + sizes[0] * plane_bytes, where)
     z, y, x = ((plane_bytes, row_bytes, stored.itemsize)[file_axes.index(a)] for a in range(3))
     return LinearSource(where, grid, stored.newbyteorder("="), storage, stored, offset, (z, y, x))

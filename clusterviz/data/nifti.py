@@ -16,7 +16,7 @@ import numpy as np
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
-from clusterviz.data.header import check_dtype, check_size, place
+from clusterviz.data.header import check_dtype, check_packed, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
 from clusterviz.errors import DataError
@@ -42,6 +42,7 @@ def open_nifti(path: Path, subset: Subset) -> LinearSource:
     offset, strides = slab.strides(stored.itemsize)
     storage: Storage
     if packed:
+        check_packed(size, proxy.offset + slab.samples * stored.itemsize, "gzip", where)
         storage = StreamBytes(path, gzip.open, keep=max(strides))
     else:
         check_size(size, proxy.offset + slab.samples * stored.itemsize, where)

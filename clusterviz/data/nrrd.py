@@ -21,14 +21,15 @@ import numpy as np
 from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_shape, check_size, place
+from clusterviz.data.header import check_dtype, check_packed, check_shape, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.source import Index
 from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage, StreamBytes
 from clusterviz.data.text import numbers_from_text
 from clusterviz.errors import DataError
 
-DECODERS: dict[str, Callable[[Any], Any]] = {"gzip": gzip.open, "gz": gzip.open, "bzip2": bz2.open, "bz2": bz2.open}
+PACKINGS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
+DECODERS: dict[str, Callable[[Any], Any]] = {"gzip": gzip.open, "bzip2": bz2.open}
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
     **dict.fromkeys(("uchar", "unsigned char", "uint8", "uint8_t"), "u1"),
@@ -43,6 +44,8 @@ TYPES = {
     "double": "f8",
 }
 TEXTS = ("ascii", "text", "txt")
+MOST_HEADER, MOST_FILES = 1 << 20, 1 << 16
+NUMBERED = re.compile(r"([^\s%]*%0?\d?\d?d[^\s%]*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?")
 
 
 def open_nrrd(path: Path, subset: Subset) -> LinearSource:
@@ -98,13 +101,21 @@ def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
 
     lines: list[bytes] = []
     listed: list[str] = []
+    header_bytes = 0
     with readable(path), path.open("rb") as file:
         for line in iter(lambda: file.readline(1 << 16), b""):
             if not line.strip():
                 break
+            header_bytes += len(line)
+            if header_bytes > MOST_HEADER:
+                raise DataError("the header has no end", where=str(path), allowed=f"at most {MOST_HEADER} bytes")
             lines.append(line)
             if re.match(rb"data ?file: *LIST", line):
-                listed = [name.strip() for name in file.read().decode("utf-8", "replace").splitlines() if name.strip()]
+                listed = [
+                    name.strip()
+                    for name in file.read(MOST_HEADER).decode("utf-8", "replace").splitlines()
+                    if name.strip()
+                ]
                 break
         header_bytes = file.tell()
     try:
@@ -133,18 +144,15 @@ def _stored_dtype(header: Mapping[str, Any], where: str) -> np.dtype[Any]:
 def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) -> list[Path]:
     """The files with the data of a detached header, slowest last; none for an attached one."""
     entry = str(header.get("data file", header.get("datafile", "")))
-    pattern = re.fullmatch(r"(\S*%\S*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?", entry)
+    pattern = NUMBERED.fullmatch(entry)
     names = list(listed) if listed else [entry] if entry else []
     if pattern:
         first, last, step = (int(pattern[i]) for i in (2, 3, 4))
-        if step == 0:
-            raise DataError("impossible data file", where=str(path), found=entry, allowed="a step other than 0")
-        try:
-            names = [pattern[1] % number for number in range(first, last + (1 if step > 0 else -1), step)]
-        except (TypeError, ValueError) as error:
-            raise DataError(
-                "impossible data file", where=str(path), found=entry, allowed="name%03d.raw first last step"
-            ) from error
+        numbers = range(first, last + (1 if step > 0 else -1), step or 1)
+        if step == 0 or max(map(abs, (first, last, step))) >> 62 or len(numbers) > MOST_FILES:
+            allowed = f"first, last and a step other than 0 for at most {MOST_FILES} files"
+            raise DataError("impossible data file", where=str(path), found=entry, allowed=allowed)
+        names = [pattern[1] % number for number in numbers]
     if path.suffix.lower() == ".nhdr" and not names:
         raise DataError("a detached header needs a data file", where=str(path), allowed="data file: NAME")
     return [path.parent / name for name in names]
@@ -162,13 +170,16 @@ def _storage(
         return FileBytes(_raw_pieces(files, sizes, begins, skip, needed)), 0
     if len(files) > 1:
         raise DataError("several data files", where=where, found=f"encoding {encoding}", allowed="encoding raw")
-    if encoding in DECODERS:
+    if encoding in PACKINGS:
         if skip < 0:
             raise DataError("impossible byte skip", where=where, found=skip, allowed="0 or more, with this encoding")
-        return StreamBytes(files[0], DECODERS[encoding], begins[0], keep), skip
+        packing = PACKINGS[encoding]
+        check_packed(sizes[0] - begins[0], skip + needed, packing, where)
+        return StreamBytes(files[0], DECODERS[packing], begins[0], keep), skip
     if encoding in TEXTS:
+        check_packed(sizes[0], needed // stored.itemsize, "text", where)
         return LoadedBytes(lambda: _read_text(files[0], begins[0] + skip, stored, needed), where), 0
-    raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *DECODERS, *TEXTS))
+    raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *PACKINGS, *TEXTS))
 
 
 def _raw_pieces(files: list[Path], sizes: list[int], begins: list[int], skip: int, needed: int) -> list[Piece]:
@@ -189,7 +200,8 @@ def _skip_lines(file: Path, begin: int, lines: int) -> int:
     with readable(file), file.open("rb") as opened:
         opened.seek(begin)
         for _ in range(lines):
-            opened.readline()
+            if not opened.readline():
+                raise DataError(f"fewer than {lines} lines to skip", where=str(file))
         return opened.tell()
 
 

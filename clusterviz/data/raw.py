@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
-from clusterviz.data.files import readable, refuse_array, require_file
+from clusterviz.data.files import refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_size, place, triple
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, Piece
@@ -62,7 +62,7 @@ def open_raw(path: Path, subset: Subset) -> LinearSource:
     direction = np.asarray(keys.get("direction", np.eye(3).ravel().tolist()), object)
     if direction.size != 9:
         raise DataError(
-            "impossible direction", where=where, found=keys["direction"], allowed="nine numbers, row by row"
+            "impossible direction", where=where, found=keys.get("direction"), allowed="nine numbers, row by row"
         )
     columns = np.array([triple(row, where) for row in direction.reshape(3, 3)])
     spacing = triple(keys.get("spacing", (1, 1, 1)), where)
@@ -78,12 +78,13 @@ def open_raw(path: Path, subset: Subset) -> LinearSource:
 def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:
     import yaml
 
+    from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
+
     require_file(sidecar)
     try:
-        with readable(sidecar):
-            keys = yaml.safe_load(sidecar.read_text("utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise DataError(f"not YAML: {error}", where=str(sidecar)) from error
+        keys = parse_yaml(read_text(sidecar, DataError))
+    except yaml.YAMLError as error:
+        raise DataError(f"not YAML: {yaml_problem(error)}", where=str(sidecar)) from error
     if not isinstance(keys, dict):
         raise DataError("not a list of keys and values", where=str(sidecar), found=keys, allowed=", ".join(KEYS))
     unknown, missing = set(keys) - set(KEYS), {"shape", "dtype"} - set(keys)

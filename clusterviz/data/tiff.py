@@ -9,7 +9,9 @@ channels; a series of pictures along T alone is a stack along z, unless a time i
 from __future__ import annotations
 
 import logging
+import os
 import re
+import struct
 import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,13 +26,13 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.grid import Grid, Triple
-from clusterviz.data.header import check_box, check_dtype, check_size, place
+from clusterviz.data.header import check_box, check_dtype, check_packed, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.source import Index, Source
 from clusterviz.data.storage import FileBytes, Piece
 from clusterviz.errors import DataError
 
-LOST_PAGES = re.compile("page offset|failed to reshape")
+LOST_PAGES = re.compile("page offset|failed to reshape|circular")
 
 
 @dataclass(frozen=True)
@@ -64,12 +66,22 @@ class TiffPages:
         where = f"{self.name}: page {number}"
         if page is None:
             raise DataError("the page is missing", where=where)
-        ends = [b + n for b, n in zip(page.dataoffsets, page.databytecounts, strict=False)]
-        check_size(self.file.filehandle.size, max(ends, default=0), where)
+        _check_page(page, self.file.filehandle.size, where)
         try:
             return np.asarray(page.asarray())
         except Exception as error:  # each codec has its own kind
             raise DataError(f"the page cannot be decoded: {error}", where=where) from error
+
+
+def _check_page(page: Any, size: int, where: str) -> None:
+    """Whether the strips or tiles of a page are all there, and can hold it."""
+    ends = [b + n for b, n in zip(page.dataoffsets, page.databytecounts, strict=False)]
+    check_size(size, max(ends, default=0), where)
+    parts = int(np.prod(page.chunked, dtype=object))
+    if len(page.dataoffsets) < parts:
+        raise DataError("strips or tiles are missing", where=where, found=len(page.dataoffsets), allowed=parts)
+    packed = min(size, sum(page.databytecounts))
+    check_packed(packed, int(np.prod(page.shape, dtype=object)) * page.dtype.itemsize, "TIFF", where)
 
 
 def open_tiff(path: Path, subset: Subset) -> Source:
@@ -87,6 +99,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         try:
             with _damage_raised():
                 file: Any = closing.enter_context(tifffile.TiffFile(path))
+                _check_pages(file, size)
                 series, number = _choose(file.series, subset.array, path)
                 shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
                 spacing, names = _spacing_of(file), _channel_names(file, series)
@@ -100,6 +113,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         grid, name = place(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), name + slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
+            _check_page(series.keyframe, size, name)
             source = TiffPages(name, grid, dtype, file, series.pages, slab)
             weakref.finalize(source, closing.pop_all().close)
             return source
@@ -107,6 +121,22 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         offset, strides = slab.strides(stored.itemsize)
         storage = FileBytes([Piece(path, int(series.dataoffset), slab.samples * stored.itemsize)])
         return LinearSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+
+
+def _check_pages(file: Any, size: int) -> None:
+    """Follow the chain of pages, which must not come back to itself: tifffile would follow it for ever."""
+    layout, handle, seen = file.tiff, file.filehandle, set()
+    handle.seek(layout.offsetsize if layout.offsetsize == 8 else 4)
+    while True:
+        offset = struct.unpack(layout.offsetformat, handle.read(layout.offsetsize))[0]
+        if not 0 < offset < size:
+            return
+        if offset in seen:
+            raise ValueError("the chain of pages runs in a circle")
+        seen.add(offset)
+        handle.seek(offset)
+        tags = struct.unpack(layout.tagnoformat, handle.read(layout.tagnosize))[0]
+        handle.seek(tags * layout.tagsize, os.SEEK_CUR)
 
 
 def _letters(shape: tuple[int, ...], axes: str, subset: Subset) -> str:

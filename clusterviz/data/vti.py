@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_shape, check_size, place
+from clusterviz.data.header import check_dtype, check_packed, check_shape, check_size, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage
 from clusterviz.data.text import numbers_from_text
@@ -126,6 +126,7 @@ def _storage(
     total = count * stored.itemsize
     if form == "ascii":
         begin, end = chosen.text_begin, chosen.text_end
+        check_packed(end - begin, count, "text", where)
         return LoadedBytes(lambda: numbers_from_text(file.read_at(begin, end - begin), stored, count, where), where), 0
     kind = layout.file.get("header_type", "UInt32")
     if kind not in ("UInt32", "UInt64"):

@@ -13,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.data.header import check_packed
 from clusterviz.data.storage import Storage
 from clusterviz.errors import DataError
+
+PACKINGS = {"vtkZLibDataCompressor": "gzip", "vtkLZ4DataCompressor": "lz4", "vtkLZMADataCompressor": "lzma"}
 
 
 @dataclass(frozen=True)
@@ -103,20 +106,20 @@ def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
     DataError
         Unknown, or its library is not installed.
     """
+    # One byte more than expected is enough to tell a block that is too long.
     if name == "vtkZLibDataCompressor":
-        return lambda packed, _: zlib.decompress(packed)
+        return lambda packed, expected: zlib.decompressobj().decompress(packed, expected + 1)
     if name == "vtkLZMADataCompressor":
         import lzma
 
-        return lambda packed, _: lzma.decompress(packed)
+        return lambda packed, expected: lzma.LZMADecompressor().decompress(packed, expected + 1)
     if name == "vtkLZ4DataCompressor":
         try:
             lz4_block = import_module("lz4.block")
         except ImportError as error:
             raise DataError("LZ4 compression needs the lz4 package", where=where) from error
         return lambda packed, expected: bytes(lz4_block.decompress(packed, uncompressed_size=expected))
-    allowed = "vtkZLibDataCompressor, vtkLZ4DataCompressor, vtkLZMADataCompressor"
-    raise DataError("unsupported compressor", where=where, found=name, allowed=allowed)
+    raise DataError("unsupported compressor", where=where, found=name, allowed=", ".join(PACKINGS))
 
 
 def unpack(
@@ -147,16 +150,20 @@ def unpack(
         _check_total(header(1)[0], total, where)
         return _after_header(file, encoded, begin, text, integer.itemsize)
     blocks, block_bytes, last_bytes = header(3)
+    if not block_bytes:
+        raise DataError("blocks without bytes", where=where)
     full_blocks = blocks - 1 if last_bytes else blocks
     _check_total(full_blocks * block_bytes + last_bytes, total, where)
     packed_sizes = header(3 + blocks)[3:]
+    decompress = decompressor(compressor, where)
+    check_packed(sum(packed_sizes), total, PACKINGS[compressor], where)
     header_bytes = (3 + blocks) * integer.itemsize
     packed: Storage = file
     first = begin + header_bytes
     if text:  # the blocks follow as a text of their own
         packed, first = Base64Bytes(file, begin + 4 * -(-header_bytes // 3), where), 0
     begins = list(accumulate(packed_sizes, initial=first))
-    return BlockBytes(packed, begins, block_bytes, total, decompressor(compressor, where), where), 0
+    return BlockBytes(packed, begins, block_bytes, total, decompress, where), 0
 
 
 def _after_header(file: Storage, encoded: Storage, begin: int, text: bool, header_bytes: int) -> tuple[Storage, int]:

@@ -11,13 +11,13 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from clusterviz.errors import SceneError
+from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complaints import Key, scene_error, shown
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.values import Scene
-from clusterviz.scene.yaml_text import parse_yaml, write_yaml, yaml_problem
+from clusterviz.scene.yaml_text import parse_yaml, read_text, write_yaml, yaml_problem
 
 SUFFIXES = (".yaml", ".yml", ".json")
 """What tells a scene file from a data file."""
@@ -49,8 +49,10 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
     """
     where = os.fspath(path)
     parsed = parse_overrides(overrides)
-    data, options = apply_overrides(_sections(_parse(_read(where), where), where), parsed)
-    return _checked(_absolute(data, Path(where).absolute().parent), where, options)
+    with guard(SceneError, where):
+        data = _sections(_parse(read_text(where, SceneError), where), where)
+        data, options = apply_overrides(data, parsed)
+        return _checked(_absolute(data, Path(where).absolute().parent), where, options)
 
 
 def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
@@ -71,16 +73,6 @@ def scene_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "clusterviz scene"}
 
 
-def _read(where: str) -> str:
-    try:
-        return Path(where).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise SceneError(f"not UTF-8 text, at byte {error.start}", where=where, allowed="a YAML or JSON file") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SceneError(f"cannot read the scene file: {reason}", where=where) from None
-
-
 def _parse(text: str, where: str) -> Any:
     try:
         if where.lower().endswith(".json"):
@@ -91,7 +83,7 @@ def _parse(text: str, where: str) -> Any:
     except json.JSONDecodeError as error:
         problem = f"not JSON: {error.msg} (line {error.lineno}, column {error.colno})"
         raise SceneError(problem, where=where) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise SceneError(str(error), where=where) from None
 
 

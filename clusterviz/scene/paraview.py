@@ -6,14 +6,14 @@ As ParaView does when it applies a preset, the preset's own range is stretched o
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import SceneError
+from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colour_spaces import SPACES, between
+from clusterviz.scene.yaml_text import read_text
 
 Points = NDArray[np.float64]
 PIECES = 256
@@ -39,7 +39,13 @@ def read_preset(path: str, *, where: str = "cmap") -> tuple[Points, Points, tupl
     SceneError
         Not a preset, or one with a colour space, midpoints or a logarithm that clusterviz does not know.
     """
-    preset = _load(path, where)
+    with guard(SceneError, f"{where}: {path}"):
+        return _read(_load(path, where), path, where)
+
+
+def _read(
+    preset: dict[str, Any], path: str, where: str
+) -> tuple[Points, Points, tuple[tuple[float, float], ...] | None]:
     nodes = _table(preset.get("RGBPoints"), 4, "RGBPoints", where)
     low, width = nodes[0, 0], nodes[-1, 0] - nodes[0, 0]
     if not width > 0:
@@ -55,9 +61,7 @@ def read_preset(path: str, *, where: str = "cmap") -> tuple[Points, Points, tupl
 
 def _load(path: str, where: str) -> dict[str, Any]:
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SceneError(f"cannot read the preset: {error.strerror}", where=where, found=path) from None
+        content = json.loads(read_text(path, SceneError, f"{where}: {path}"))
     except ValueError as error:
         raise SceneError(f"the preset is not JSON: {error}", where=where, found=path) from None
     preset = content[0] if isinstance(content, list) and content else content

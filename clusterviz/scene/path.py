@@ -11,7 +11,6 @@ import math
 import os
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -19,18 +18,19 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
-from clusterviz.errors import SceneError
+from clusterviz.errors import SceneError, guard
 from clusterviz.scene.checks import UnusableError, plain
 from clusterviz.scene.complaints import key_text, scene_error, shown, unknown_key
 from clusterviz.scene.kinds import Clim, Cmap, Number, Opacity, Positive, Section, Vector
 from clusterviz.scene.smooth import centripetal, monotone
 from clusterviz.scene.values import Camera, Scene
-from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
+from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
 
 Floats = NDArray[np.float64]
 KeyT = TypeVar("KeyT", bound="Key")
 TURN = 360.0
 POINTS = ("position", "focal_point")
+MOST_FRAMES = 1_000_000
 
 
 class Key(Section):
@@ -76,10 +76,20 @@ class KeyFrames(Section):
         times = [key.time for key in (*self.camera, *self.transfer)]
         return min(times, default=0.0), max(times, default=0.0)
 
-    def frames(self, frames_per_second: float) -> int:
-        """How many frames the keys last, the last one included."""
+    def frames(self, frames_per_second: float, where: str = "path") -> int:
+        """How many frames the keys last, the last one included.
+
+        Raises
+        ------
+        SceneError
+            More than `MOST_FRAMES`; it names `where`.
+        """
         begin, end = self.times
-        return round((end - begin) * frames_per_second) + 1
+        count = (end - begin) * frames_per_second
+        if not count < MOST_FRAMES:
+            found = f"{end - begin:g} s at {frames_per_second:g} frames a second"
+            raise SceneError("too many frames", where=where, found=found, allowed=f"at most {MOST_FRAMES}")
+        return round(count) + 1
 
 
 SECTIONS: dict[str, type[Key]] = {"camera": CameraKey, "transfer": TransferKey}
@@ -94,12 +104,15 @@ def load_path(path: str | os.PathLike[str]) -> KeyFrames:
         The file cannot be read, or holds a key or a value that key frames cannot have.
     """
     where = os.fspath(path)
+    with guard(SceneError, where):
+        return _keys(read_text(where, SceneError), where)
+
+
+def _keys(text: str, where: str) -> KeyFrames:
     try:
-        data = parse_yaml(Path(where).read_text(encoding="utf-8"))
+        data = parse_yaml(text)
     except yaml.YAMLError as error:
         raise SceneError(f"not YAML: {yaml_problem(error)}", where=where) from None
-    except (OSError, ValueError) as error:
-        raise SceneError(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=where) from None
     if not isinstance(data, dict) or not any(data.values()):
         allowed = "keys under camera or transfer"
         raise SceneError("no key frames", where=where, found=shown(data), allowed=allowed)

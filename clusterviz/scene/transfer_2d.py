@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from clusterviz.errors import SceneError
+from clusterviz.errors import SceneError, guard
 from clusterviz.scene.checks import check_path
 from clusterviz.scene.kinds import Clim, Section
 
@@ -90,16 +90,17 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
     SceneError
         The file cannot be read or holds no table.
     """
-    try:
-        facts = os.stat(path)
-        table = _loaded(path, facts.st_mtime_ns, facts.st_size)
-    except OSError as error:
-        raise SceneError(f"cannot read the table: {error.strerror}", where=where, found=path) from None
-    except (ValueError, EOFError) as error:
-        raise SceneError(f"not a .npy file: {error}", where=where, found=path, allowed=SHAPES) from None
+    with guard(SceneError, f"{where}: {path}"):
+        try:
+            facts = os.stat(path)
+            table = _loaded(path, facts.st_mtime_ns, facts.st_size)
+        except OSError as error:
+            raise SceneError(f"cannot read the table: {error.strerror}", where=where, found=path) from None
+        except (ValueError, EOFError) as error:
+            raise SceneError(f"not a .npy file: {error}", where=where, found=path, allowed=SHAPES) from None
     shaped = (table.ndim == 2 or table.shape[2:] == (4,)) and table.size > 0
     if not shaped or max(table.shape[:2]) > LARGEST_SIDE or table.dtype.kind not in "fiu":
-        raise SceneError("not a table", where=where, found=f"{table.dtype} {table.shape}", allowed=SHAPES)
+        raise SceneError("not a table", where=f"{where}: {path}", found=f"{table.dtype} {table.shape}", allowed=SHAPES)
     if not ((table >= 0) & (table <= 1)).all():
         raise SceneError("the table is out of range", where=where, found=path, allowed="0 to 1")
     exact: Floats = table.astype(np.float64)
@@ -109,7 +110,6 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
 @lru_cache(maxsize=2)
 def _loaded(path: str, changed: int, size: int) -> NDArray[Any]:
     """The file's array; read again only where the file has changed."""
-    with open(path, "rb") as file:
-        table = np.lib.format.read_array(file, allow_pickle=False)
+    table = np.array(np.lib.format.open_memmap(path, mode="r"))  # refuses a header that asks for more than there is
     table.setflags(write=False)
-    return np.asarray(table)
+    return table

@@ -1,11 +1,14 @@
-"""YAML in and out, with the two things that scenes need and YAML 1.1 lacks: no key twice, and 1e-3 is a number."""
+"""YAML in and out, with what scenes need and YAML 1.1 lacks: no key twice, 1e-3 is a number, bounds on its size."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import yaml
+
+from clusterviz.errors import InputError
 
 FLOAT = re.compile(
     r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?
@@ -15,10 +18,33 @@ FLOAT = re.compile(
     re.VERBOSE,
 )
 BREAKS = re.compile("[\x85\u2028\u2029]")
+MOST_BYTES = 1 << 20
+MOST_NODES, DEEPEST = 100_000, 50
 
 
 class SceneLoader(yaml.SafeLoader):
-    """The safe loader, for which a key that occurs twice is an error."""
+    """The safe loader, for which a key that occurs twice is an error, and so is a text that stands for too much."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(stream)
+        self._depth = self._nodes = 0
+        self._sizes: dict[int, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A node; an alias counts as all that it stands for."""
+        before, alias = self._nodes, self.check_event(yaml.AliasEvent)
+        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise yaml.composer.ComposerError(None, None, f"nested more than {DEEPEST} deep", mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        self._nodes += self._sizes.get(id(node), MOST_NODES) if alias else 1  # one that holds itself has no end
+        if self._nodes > MOST_NODES:
+            raise yaml.composer.ComposerError(None, None, f"more than {MOST_NODES} values", mark)
+        if not alias:
+            self._sizes[id(node)] = self._nodes - before
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """A mapping, whose keys differ."""
@@ -58,9 +84,38 @@ def parse_yaml(text: str) -> Any:
     Raises
     ------
     yaml.YAMLError
-        The text is not YAML, or a key occurs twice.
+        The text is not YAML, holds what its tag does not allow, stands for too much, or a key occurs twice.
     """
-    return yaml.load(text, SceneLoader)
+    try:
+        return yaml.load(text, SceneLoader)
+    except (ValueError, LookupError, AttributeError, TypeError) as error:  # what PyYAML makes of 2001-99-99, or !!int x
+        raise yaml.YAMLError(f"{type(error).__name__}: {error}") from error
+
+
+def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
+    """The text of a small file.
+
+    Parameters
+    ----------
+    kind : of the error
+    where : what the error names; the file where it is not given
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too long, or is not UTF-8.
+    """
+    where = where or str(path)
+    try:
+        with open(path, "rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise kind("too long", where=where, allowed=f"at most {MOST_BYTES} bytes of YAML or JSON")
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise kind(f"not UTF-8 text, at byte {error.start}", where=where, allowed="a YAML or JSON file") from None
+    except (OSError, ValueError) as error:
+        raise kind(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=where) from None
 
 
 def yaml_problem(error: yaml.YAMLError) -> str:

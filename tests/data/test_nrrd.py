@@ -147,7 +147,7 @@ def test_truncated_wrong_magic_and_no_data_file(tmp_path: Path) -> None:
     refused(lambda: open_source(by_hand(tmp_path / "b.nhdr", b"")), "needs a data file")
     packed = write(tmp_path / "c.nrrd", values("f8", (20, 30, 40)), "gzip")
     refused(lambda: open_source(cut(packed, 900)).read((0, 0, 0), (20, 30, 40)), "truncated|damaged")
-    few = by_hand(tmp_path / "d.nrrd", b"1 2 3", "encoding: ascii")
+    few = by_hand(tmp_path / "d.nrrd", b"1 2 3" + bytes(300).replace(b"\0", b" "), "encoding: ascii")
     refused(lambda: open_source(few).read((0, 0, 0), (1, 1, 1)), "lies about its size", "3 numbers", "210")
     wide = by_hand(tmp_path / "e.nrrd", b"70000 " * 210, "encoding: ascii")
     refused(lambda: open_source(wide).read((0, 0, 0), (1, 1, 1)), "not a number of type int16")

@@ -134,7 +134,7 @@ def test_open_scene_takes_data_by_its_suffix(tmp_path: Path) -> None:
             "a.yaml",
             "volumes[0].cmap: unknown colour map; found virids; allowed viridis",
         ),
-        ("volumes: [{path: a, cmap: nope.json}]", "a.yaml", "cannot read the preset: No such file"),
+        ("volumes: [{path: a, cmap: nope.json}]", "a.yaml", "cannot be read: No such file"),
         ("quality: {stp: 1}", "a.yaml", "quality.stp: unknown key, did you mean step?"),
         ("1: 2", "a.yaml", "a.yaml: "),
     ],
@@ -148,7 +148,7 @@ def test_what_is_not_a_scene_is_refused_by_name(tmp_path: Path, text: str, name:
 
 
 def test_unreadable_scene_files_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"none\.yaml: cannot read the scene file: No such file"):
+    with pytest.raises(SceneError, match=r"none\.yaml: cannot be read: No such file"):
         load_scene(tmp_path / "none.yaml")
     with pytest.raises(SceneError, match="Is a directory"):
         load_scene(tmp_path)
