@@ -7,6 +7,7 @@ Starting, and `--help`, import neither NumPy nor MPI nor OpenGL. How errors end 
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -15,6 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from clusterviz.cli.failure import INTERRUPTED, fail, launched_rank
+from clusterviz.cli.verbosity import Verbosity, set_verbosity
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("clusterviz.cli.render", "Render a scene or a data file into a picture; under mpirun, on all ranks."),
@@ -31,6 +33,28 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Name -> module and help line, in the order of the help page."""
 
+EXAMPLES: dict[str, str] = {
+    "render": "mpirun -n 4 clusterviz render head.nii.gz -o head.png --size 800x600",
+    "animate": "mpirun -n 4 clusterviz animate scene.yaml --orbit 360 --frames 90 -o movie.mp4",
+    "verify": "clusterviz verify scene.yaml --ranks 1,2,4",
+    "tradeoff": "clusterviz tradeoff scene.yaml -o tradeoff",
+    "scale": "clusterviz scale scene.yaml --ranks 1,2,4 -o scaling",
+    "bench": "clusterviz bench raycast scene.yaml --frames 5",
+    "simulate": "clusterviz simulate --ranks 4096 --size 4096x4096 --algorithm radix-k",
+    "info": "clusterviz info head.nii.gz",
+    "schema": "clusterviz schema > scene.schema.json",
+    "samples": "clusterviz samples head",
+    "doctor": "mpirun -n 4 clusterviz doctor",
+}
+"""Name -> one use of it, shown in the help."""
+
+FLAGS = {
+    "--debug": ("--debug",),
+    "--quiet": ("--quiet", "-q"),
+    "--verbose": ("--verbose", "-v"),
+}
+"""Options of all commands, with their other spellings; they may stand anywhere before `--`."""
+
 
 def main() -> None:
     """Run the command line and exit: 0, 2 for bad input, 130 for ctrl-C, 1 for anything else that went wrong."""
@@ -42,13 +66,20 @@ def run(arguments: Sequence[str]) -> int:
 
     Parameters
     ----------
-    arguments : the command line without the program's name; `--debug` may stand anywhere before `--`
+    arguments : the command line without the program's name; `FLAGS` may stand anywhere before `--`
 
     Returns
     -------
     status : what the process should exit with
     """
-    debug, arguments = _without_debug(arguments)
+    if list(arguments) == ["--version"]:
+        from importlib.metadata import version
+
+        print(f"clusterviz {version('clusterviz')}")
+        return 0
+    flags, arguments = _without_flags(arguments)
+    debug = "--debug" in flags
+    set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
     try:
         status = _application(arguments)(
             list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug}
@@ -64,36 +95,44 @@ def _application(arguments: Sequence[str]) -> typer.Typer:
     """The typer application; of the commands, only those that are named in the arguments are imported."""
     application = typer.Typer(
         help="Distributed volume rendering: the same picture on any number of ranks.",
+        epilog="Examples:\n\n" + "\n\n".join(EXAMPLES.values()),
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
     )
+    # A shell that completes a command's options says the line so far in the environment.
+    named = {*arguments, *(os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()}
     application.callback()(_global_options)
     for name, (module, help_line) in COMMANDS.items():
-        found = import_module(module) if name in arguments else None
-        group = getattr(found, "application", None)
+        found = import_module(module) if name in named else None
+        group, example = getattr(found, "application", None), f"Example: {EXAMPLES[name]}"
         if group is not None:
-            application.add_typer(group, name=name, help=help_line)
+            application.add_typer(group, name=name, help=help_line, epilog=example)
         else:
             function: Callable[..., Any] = found.command if found else _not_imported
-            application.command(name, help=None if found else help_line, short_help=help_line)(function)
+            told = {"help": None if found else help_line, "short_help": help_line, "epilog": example}
+            application.command(name, **told)(function)  # type: ignore[arg-type]
     return application
 
 
 def _global_options(
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    quiet: Annotated[bool, typer.Option(*FLAGS["--quiet"], help="Print results, warnings and errors only.")] = False,
+    verbose: Annotated[bool, typer.Option(*FLAGS["--verbose"], help="Print each step as it begins.")] = False,
+    debug: Annotated[bool, typer.Option(*FLAGS["--debug"], help="Show the traceback of an error.")] = False,
 ) -> None:
-    """Declared for the help page; `run` takes it from wherever it stands."""
+    """Declared for the help page; `run` takes them from wherever they stand."""
 
 
 def _not_imported() -> None:
     """Stands for a command that is not the one that is asked for."""
 
 
-def _without_debug(arguments: Sequence[str]) -> tuple[bool, list[str]]:
+def _without_flags(arguments: Sequence[str]) -> tuple[set[str], list[str]]:
+    """Which of `FLAGS` were given, and the arguments without them."""
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
-    kept = [argument for argument in arguments[:end] if argument != "--debug"]
-    return len(kept) < end, [*kept, *arguments[end:]]
+    meant = {spelling: flag for flag, spellings in FLAGS.items() for spelling in spellings}
+    kept = [argument for argument in arguments[:end] if argument not in meant]
+    return {meant[argument] for argument in arguments[:end] if argument in meant}, [*kept, *arguments[end:]]
 
 
 def _usage_status(error: BaseException) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from clusterviz.cli.frames import FrameFiles
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.render import check_reports, slowest_of, start, write_statistics
 from clusterviz.cli.tracing import Tracing
+from clusterviz.cli.verbosity import say
 from clusterviz.cli.writing import WritingThread
 from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError
@@ -84,9 +85,9 @@ def command(
     tracing.write()
     if channel.rank == 0:
         seconds = time.perf_counter() - began
-        print(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}", flush=True)
+        say(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
         if movie.leaping:
-            print(f"leaping: {movie.leaping}", flush=True)
+            say(f"leaping: {movie.leaping}")
 
 
 def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
@@ -126,12 +127,12 @@ class _Movie:
     def _draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
         names = [f"frame {number + 1} of {len(scenes)}" for number in missing]
         with show_progress(names if self._channel.rank == 0 else ()) as progress:
-            started = time.perf_counter()
-            show = _tell if self._channel.rank == 0 else lambda *_: None
-            show(progress, names, 0, 0.0)
+            if names:
+                progress(names[0])
             frames = loop.frames((number, scenes[number]) for number in missing)
-            for done, rendered in enumerate(frames, 1):
-                show(progress, names, done, time.perf_counter() - started)
+            for rendered, following in zip_longest(frames, names[1:]):
+                if following:
+                    progress(following)
                 self._tracing.add(rendered.spans)
                 self.leaping = together((self.leaping, rendered.statistics.leaping))
                 if self._keep and self._channel.rank == 0:
@@ -154,13 +155,3 @@ class _Movie:
         if self._files and self._thread:
             self._thread.finish()
             self._files.finish(frames, frames_per_second)
-
-
-def _tell(progress: Callable[[str], None], names: list[str], done: int, seconds: float) -> None:
-    """Show which frame comes now, and how long the rest will take."""
-    if done == len(names):
-        return
-    if done:
-        left = round(seconds / done * (len(names) - done))
-        names[done] += f", {left // 3600}:{left // 60 % 60:02}:{left % 60:02} left"
-    progress(names[done])

@@ -1,40 +1,126 @@
-"""A progress bar by steps, on a terminal only: logs and pipes stay free of control characters."""
+"""A progress bar on a terminal, after two seconds: logs and pipes stay free of control characters."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import accumulate
 from pathlib import Path
-from typing import TextIO
+from threading import Lock, Timer
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, TextIO
 
 from clusterviz.cli.failure import launched_rank
+from clusterviz.cli.verbosity import Verbosity, verbosity
+
+if TYPE_CHECKING:
+    from clusterviz.frame import Progress
+
+DELAY_SECONDS = 2.0
+"""What is done sooner shows no bar."""
 
 
 @contextmanager
-def show_progress(steps: Sequence[str]) -> Iterator[Callable[[str], None]]:
-    """Give a function that is told each step as it begins; the bar goes away at the end.
+def show_progress(steps: Sequence[str], weights: Sequence[float] = (), *, one: bool = False) -> Iterator[Progress]:
+    """Give a function that is told each step as it begins, and how much of it is done; the bar goes away at the end.
+
+    With `--verbose` each step is a line on stderr instead; with `--quiet` nothing is shown.
 
     Parameters
     ----------
     steps : the names of the steps in their order; none, to show nothing
+    weights : how long each takes, in any unit; by default all take equally long
+    one : the bar is that of one step at a time, not of all
     """
     with ExitStack() as stack:
-        terminal = _terminal(stack) if steps else None
-        if terminal is None:
-            yield lambda step: None
+        if steps and verbosity() is Verbosity.VERBOSE:
+            yield _Lines()
             return
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+        terminal = _terminal(stack) if steps and verbosity() is Verbosity.USUAL else None
+        if terminal is None:
+            yield lambda step, done=0.0: None
+            return
+        bar = _Bar(terminal, steps, [] if one else weights or [1.0] * len(steps))
+        stack.callback(bar.close)
+        yield bar
 
-        console = Console(file=terminal, force_terminal=True)
-        columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-        bar = stack.enter_context(Progress(*columns, console=console, transient=True))
-        # A rank that is killed or aborted never comes back here: it must not leave the terminal without a cursor.
-        console.show_cursor(True)
-        task = bar.add_task("", total=len(steps))
-        yield lambda step: bar.update(task, completed=steps.index(step), description=step)
+
+class _Lines:
+    """Each step as a line with the seconds since the first."""
+
+    def __init__(self) -> None:
+        self._began, self._last = perf_counter(), ""
+
+    def __call__(self, step: str, done: float = 0.0) -> None:
+        if step != self._last:
+            print(f"{perf_counter() - self._began:8.3f} s  {step}", file=sys.stderr, flush=True)
+        self._last = step
+
+
+class _Bar:
+    """A bar that appears late.
+
+    Parameters
+    ----------
+    weights : of the steps; none, where the bar is that of one step at a time
+    """
+
+    def __init__(self, terminal: TextIO, steps: Sequence[str], weights: Sequence[float]) -> None:
+        self._terminal, self._total = terminal, sum(weights)
+        self._places = dict(zip(steps, zip(accumulate(weights, initial=0.0), weights, strict=False), strict=False))
+        self._now: tuple[str, float] = "", 0.0
+        self._lock, self._bar, self._task, self._shown = Lock(), None, None, ""
+        self._closed = False
+        self._timer = Timer(DELAY_SECONDS, self._appear)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def __call__(self, step: str, done: float = 0.0) -> None:
+        with self._lock:
+            self._now = step, done
+            self._update()
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._timer.cancel()
+        with self._lock:
+            self._closed = True
+            if self._bar is not None:
+                self._bar.stop()
+
+    def _appear(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        with self._lock:
+            if self._closed:
+                return
+            console = Console(file=self._terminal, force_terminal=True)
+            columns = [SpinnerColumn(), BarColumn(), TextColumn("{task.description}", markup=False)]
+            columns += [TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
+            # The time that is left is told by all that was done, not by the last seconds.
+            bar: Any = Progress(*columns, console=console, transient=True, speed_estimate_period=1e9)
+            bar.start()
+            # A rank that is killed or aborted never comes back here: it must not leave the terminal without a cursor.
+            console.show_cursor(True)
+            self._bar, self._task = bar, bar.add_task("", total=self._total or None)
+            self._update()
+
+    def _update(self) -> None:
+        (step, done), bar = self._now, self._bar
+        if bar is None:
+            return
+        if self._places:
+            begin, weight = self._places[step]
+            bar.update(self._task, completed=begin + done * weight, description=step)
+            return
+        if step != self._shown:
+            bar.reset(self._task, total=None, description=step)
+        self._shown = step
+        if done:
+            bar.update(self._task, total=1.0, completed=done)
 
 
 def _terminal(stack: ExitStack) -> TextIO | None:

@@ -17,6 +17,7 @@ from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, 
 from clusterviz.cli.costs import print_costs
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.tracing import Tracing
+from clusterviz.cli.verbosity import Verbosity, say, verbosity
 from clusterviz.comm import Channel, agree, limit_threads, open_channel
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
@@ -45,7 +46,7 @@ def command(
         if channel.rank == 0:
             _check_outputs(output, stats, trace)
     tracing = Tracing(channel, trace)
-    with show_progress(STEPS if channel.rank == 0 else ()) as progress:
+    with show_progress(STEPS if channel.rank == 0 else (), one=True) as progress:
         options = Options(drawn_on, check, context.obj["debug"], progress, _writer(output), bool(trace))
         rendered = render_frame(opened, channel, options=options)
     tracing.add(rendered.spans)
@@ -54,9 +55,9 @@ def command(
     with agree(channel, 0, "statistics"):
         if stats and channel.rank == 0:
             write_statistics(stats, rendered.scene.image.size, [rendered.statistics], slowest)
-    if channel.rank == 0:
+    if channel.rank == 0 and verbosity() is not Verbosity.QUIET:
         print_costs(rendered.statistics, slowest)
-        print(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""), flush=True)
+        say(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 
 def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:

@@ -21,6 +21,7 @@ import typer
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
+from clusterviz.cli.verbosity import say
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.place import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
@@ -81,10 +82,10 @@ def command(
     report = make_report(Path(scene).name, shown, frames, threads, found, machine)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
-    print("\n".join(report.verdict))
+    say("\n".join(report.verdict))
     for failed in found.failed:
-        print(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
-    print(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}", flush=True)
+        say(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
+    say(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}")
 
 
 def threads_per_rank(counts: Sequence[int]) -> str:

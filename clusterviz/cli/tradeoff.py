@@ -18,6 +18,7 @@ import typer
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
+from clusterviz.cli.verbosity import say
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.errors import SceneError
 from clusterviz.report.pages.folder import check_folder, replacing_folder
@@ -62,8 +63,8 @@ def command(
         report = survey.run(Path(scene).name, opened, MpirunJob(ranks, Path(folder)), progress)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
-    print("\n".join(report.verdict))
-    print(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}", flush=True)
+    say("\n".join(report.verdict))
+    say(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
 
 
 @dataclass(frozen=True)

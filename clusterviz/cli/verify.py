@@ -1,18 +1,22 @@
 """`clusterviz verify`: one scene on several rank counts, with several algorithms and brick sizes, must be one picture.
 
-Each configuration is a job of its own, as a user would start it. Every picture is compared with the first one. The same
-is then done with a nearly transparent scene of constant opacity, in which no slab of a ray hides another: one that two
-ranks own, or none, changes the number of samples and shows in the picture. Last, the picture is compared with the
-float64 reference, at a small size.
+Each configuration is a job of its own, as a user would start it. By default they are the few in which every setting
+occurs, with as many pairs of settings as these few can have; a fault rarely needs more than a pair. Every picture is
+compared with the first one. The same is then done with a nearly transparent scene of constant opacity, in which no slab
+of a ray hides another: one that two ranks own, or none, changes the number of samples and shows in the picture. Last,
+the picture is compared with the float64 reference, at a small size.
 """
 
 from __future__ import annotations
 
+import itertools
 import json as json_text
+import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated, get_args
 
 import numpy as np
@@ -21,8 +25,12 @@ import typer
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts, parse_names
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
+from clusterviz.cli.verbosity import Verbosity, verbosity
 from clusterviz.cli.witness import Witness, compare_with_reference
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
+from clusterviz.comm.place import granted_cores
+from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
+from clusterviz.data import open_source
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image
 from clusterviz.image.files import Pixels
@@ -33,6 +41,9 @@ TRANSPORTS = [name for name in get_args(Cluster.model_fields["transport"].annota
 USUAL = "serial,tree,direct-send,binary-swap"
 MODES = [name for name in get_args(Cluster.model_fields["mode"].annotation) if name not in ("auto", "sort-last")]
 TILINGS = list(get_args(Cluster.model_fields["tiling"].annotation))
+DISTRIBUTIONS = [name for name in get_args(Cluster.model_fields["distribution"].annotation) if name != "auto"]
+BOXES = ("coherent", "dynamic")
+"""Distributions by which a rank has one box, and so one partial image, as most algorithms need it."""
 PRETENDED_RANKS_PER_NODE = 2
 """What a node has while the hierarchical transport is checked, so that one machine has several."""
 FAINT = "1e-6"
@@ -51,13 +62,25 @@ class Configuration:
     transport: str = "messages"
     mode: str = "sort-last"
     tiling: str = "auto"
+    distribution: str = "coherent"
 
     @property
     def way(self) -> str:
-        """How the screen is shared, where it is; else the algorithm over messages, or else the transport."""
+        """How the screen is shared, where it is; else the algorithm over messages, or the transport; who has what."""
         if self.mode != "sort-last":
             return f"{self.mode}, {self.tiling}"
-        return self.algorithm if self.transport == "messages" else self.transport
+        how = self.algorithm if self.transport == "messages" else self.transport
+        return how if self.distribution == "coherent" else f"{how}, {self.distribution}"
+
+    @property
+    def settings(self) -> frozenset[tuple[str, object]]:
+        """What it tries; one rank tries no way to share the work."""
+        found: dict[str, object] = {"ranks": self.ranks, "brick": self.brick}
+        if self.ranks > 1 and self.mode == "sort-last":
+            found |= {"compositing": (self.algorithm, self.transport), "distribution": self.distribution}
+        elif self.ranks > 1:
+            found |= {"screen": (self.mode, self.tiling)}
+        return frozenset(found.items())
 
     def __str__(self) -> str:
         return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.way}, brick {self.brick}"
@@ -97,7 +120,15 @@ def command(
         str, typer.Option(metavar="M,M,…", help="Ways to share the screen, beside sort-last.")
     ] = "sort-first,hybrid",
     tilings: Annotated[str, typer.Option(metavar="T,T,…", help="Tilings of each of them.")] = "auto",
-    bricks: Annotated[str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's.")] = None,
+    distributions: Annotated[str, typer.Option(metavar="D,D,…", help="Ways to deal bricks to ranks.")] = ",".join(
+        DISTRIBUTIONS
+    ),
+    bricks: Annotated[
+        str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's, and a smaller one.")
+    ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Every combination, not only the few in which each setting occurs.")
+    ] = False,
     define: Define = None,
     size: Size = None,
     tolerance: Annotated[float, typer.Option(min=0, help="Largest difference between two pictures.")] = 1e-5,
@@ -112,25 +143,41 @@ def command(
     configurations = _configurations(
         parse_counts(ranks, 1, "--ranks"),
         ALGORITHMS if algorithms == "all" else parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
-        parse_counts(bricks, 2, "--bricks") if bricks else [opened.cluster.brick],
+        parse_counts(bricks, 2, "--bricks") if bricks else _usual_bricks(opened),
         parse_names(transports, TRANSPORTS, "--transports"),
         [
             (mode, tiling)
             for mode in (parse_names(modes, MODES, "--modes") if modes else ())
             for tiling in parse_names(tilings, TILINGS, "--tilings")
         ],
+        parse_names(distributions, DISTRIBUTIONS, "--distributions"),
     )
     if opened.quality.leaping:
         # A shared screen is refused: it could not be drawn, not even by users.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
     faint_volumes = len(opened.volumes) if ownership else 0
-    results = run_all(scene, overrides, configurations, tolerance, faint_volumes, splits)
+    chosen = configurations if every else covering(configurations)
+    announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
+    announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
+    results = run_all(scene, overrides, chosen, tolerance, faint_volumes, splits, announce)
     witness = compare_with_reference(opened) if reference and opened.volumes else None
-    _print_json(results, witness) if json else _print_table(results, witness, opened)
+    if json:
+        _print_json(results, witness)
+    elif verbosity() is not Verbosity.QUIET:
+        _print_table(results, witness)
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
     if wrong:
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
+
+
+def _announce(text: str) -> None:
+    """What is going to be done, beside the results."""
+    print(f"verify: {text}", file=sys.stderr, flush=True)
+
+
+def _silent(text: str) -> None:
+    """The same where nobody wants to know."""
 
 
 def _configurations(
@@ -139,6 +186,7 @@ def _configurations(
     bricks: Sequence[int],
     transports: Sequence[str],
     shared: Sequence[tuple[str, str]] = (),
+    distributions: Sequence[str] = ("coherent",),
 ) -> list[Configuration]:
     """All combinations that differ: one rank has nothing to composite, one node no hierarchy, two ranks no groups."""
     result = []
@@ -148,14 +196,54 @@ def _configurations(
             ways += [("auto", name) for name in transports if name == "shared"]
             if count > PRETENDED_RANKS_PER_NODE:
                 ways += [("auto", name) for name in transports if name == "hierarchical"]
-            alone = [(algorithms[0], "messages")]
-            result += [Configuration(count, name, brick, how) for name, how in (ways if count > 1 else alone)]
+            if count == 1:
+                result.append(Configuration(1, algorithms[0], brick))
+            else:
+                result += [
+                    Configuration(count, name, brick, how, distribution=who)
+                    for (name, how), who in itertools.product(ways, distributions)
+                    if who in BOXES or name in (*SEVERAL_IMAGES, "auto")
+                ]
             result += [
                 Configuration(count, "auto", brick, "auto", mode, tiling)
                 for mode, tiling in shared
                 if count > (2 if mode == "hybrid" else 1)
             ]
     return result
+
+
+def covering(configurations: Sequence[Configuration]) -> list[Configuration]:
+    """A few in which each setting of all occurs: the first of each brick size, then those that try most for their cost.
+
+    The next is always the one with most settings that none before it has, and of these the one with most new pairs of
+    settings for its ranks; then the one with the smaller bricks, of which more are dealt.
+    """
+    chosen = list({each.brick: each for each in reversed(configurations)}.values())[::-1]
+    missing = frozenset[tuple[str, object]]().union(*(each.settings for each in configurations))
+    missing -= frozenset[tuple[str, object]]().union(*(each.settings for each in chosen))
+    pairs = {pair for each in chosen for pair in _pairs(each)}
+
+    def worth(each: Configuration) -> tuple[float, ...]:
+        return len(each.settings & missing), len(_pairs(each) - pairs) / each.ranks, -each.brick
+
+    while missing:
+        best = max(configurations, key=worth)
+        chosen.append(best)
+        missing -= best.settings
+        pairs |= _pairs(best)
+    return chosen
+
+
+def _pairs(configuration: Configuration) -> set[frozenset[tuple[str, object]]]:
+    return {frozenset(pair) for pair in itertools.combinations(configuration.settings, 2)}
+
+
+def _usual_bricks(scene: Scene) -> list[int]:
+    """The scene's size, and one of which the volume has several for each rank."""
+    if not scene.volumes:
+        return [scene.cluster.brick]
+    side = max(open_source(scene.volumes[0].path, scene.volumes[0].array).grid.shape_zyx)
+    return list(dict.fromkeys((scene.cluster.brick, max(2, min(side // 5, scene.cluster.brick * 3 // 4)))))
 
 
 def run_all(
@@ -165,6 +253,7 @@ def run_all(
     tolerance: float,
     faint_volumes: int,
     splits: bool = False,
+    announce: Callable[[str], None] = _silent,
 ) -> list[Result]:
     """Run every configuration, and compare each with the first.
 
@@ -176,21 +265,28 @@ def run_all(
     faint_volumes : how many the scene has, to do the same with all of them nearly transparent, once for each number of
         ranks, brick size and way to share the screen; 0: that is left out
     splits : slabs are cut at the faces of bricks: pictures are compared with the first one of their own brick size
+    announce : told how many jobs there are, and, after the first, how long the rest is likely to take
     """
     look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
     faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
     faint = [*overrides, *faint, "quality.early_termination=0"]
-    kinds = {(c.ranks, c.brick, c.mode, c.tiling): c for c in configurations[::-1]}
+    kinds = {(c.ranks, c.brick, c.mode, c.tiling, c.distribution): c for c in configurations[::-1]}
     owners = list(kinds.values())[::-1] if faint_volumes else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
-    with tempfile.TemporaryDirectory(prefix="clusterviz-verify-") as folder, show_progress(steps) as progress:
+    # Ranks that share a core take turns.
+    costs = [max(1.0, configuration.ranks / len(granted_cores())) for _, configuration, _ in jobs]
+    announce(f"{len(jobs)} renders, on {', '.join(map(str, sorted({c.ranks for _, c, _ in jobs})))} ranks")
+    began = perf_counter()
+    with tempfile.TemporaryDirectory(prefix="clusterviz-verify-") as folder, show_progress(steps, costs) as progress:
         firsts: dict[tuple[str, int], Pixels] = {}
         counts: dict[int, int] = {}
         for step, (check, configuration, settings) in zip(steps, jobs, strict=True):
             progress(step)
             picture, samples = _render(scene, settings, configuration, Path(folder))
+            if step == steps[0]:
+                announce(f"about {(perf_counter() - began) / costs[0] * sum(costs[1:]):.0f} s to go")
             # Slabs that are cut at the faces of bricks make a picture for each brick size.
             first = firsts.setdefault((check, configuration.brick if splits else 0), picture)
             if check == "picture":
@@ -212,6 +308,7 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
         f"cluster.brick={configuration.brick}",
         f"cluster.mode={configuration.mode}",
         f"cluster.tiling={configuration.tiling}",
+        f"cluster.distribution={configuration.distribution if configuration.mode == 'sort-last' else 'auto'}",
         "cluster.groups=null",
     ]
     defines = [word for setting in settings for word in ("-D", setting)]
@@ -253,21 +350,17 @@ def _print_json(results: list[Result], witness: Witness | None) -> None:
     print(json_text.dumps(report, indent=2))
 
 
-def _print_table(results: list[Result], witness: Witness | None, scene: Scene) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for name in ("check", "ranks", "compositing", "brick", "max", "rms", "samples", ""):
-        table.add_column(name, no_wrap=True)
+def _print_table(results: list[Result], witness: Witness | None) -> None:
+    rows = [("check", "ranks", "compositing", "brick", "max", "rms", "samples", "")]
     for result in results:
         where = "ok" if not result.problem else "WRONG"
         if result.first_wrong_pixel:
             where += " at row {}, column {}".format(*result.first_wrong_pixel)
         c = result.configuration
         numbers = (f"{result.max:.2e}", f"{result.rms:.2e}", f"{result.samples:,}")
-        table.add_row(result.check, str(c.ranks), c.way, str(c.brick), *numbers, where)
-    console = Console(highlight=False)
-    console.print(table)
+        rows.append((result.check, str(c.ranks), c.way, str(c.brick), *numbers, where))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(f"{text:{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
     if witness:
-        console.print(f"\n{witness}", markup=False)
+        print(f"\n{witness}")

@@ -36,7 +36,7 @@ from clusterviz.frame.dealing import deal
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
-from clusterviz.frame.run import STEPS, Options, Rendered, Run
+from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
 from clusterviz.frame.settling import Settling, with_pixel
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.small_picture import SmallPicture
@@ -48,7 +48,7 @@ from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
 
-__all__ = ["STEPS", "FrameLoop", "Options", "Rendered", "Run", "prepare", "render_frame"]
+__all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
 
 
 def render_frame(scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> Rendered:

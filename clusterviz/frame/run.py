@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,15 @@ from clusterviz.report.trace import Span
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]
+
+
+class Progress(Protocol):
+    """Called with the name of each step as it begins, and again as parts of it are done."""
+
+    def __call__(self, step: str, done: float = 0.0) -> None:
+        """`done` is the part of the step that is done, in [0, 1]."""
+
+
 STEPS = (
     *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
     *("kernels", "composite", "check", "write"),
@@ -58,7 +68,7 @@ class Options:
     device : EGL device index, instead of the round robin over the node's GPUs; or "cpu", without OpenGL
     check : composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
-    progress : called on every rank with the name of each step as it begins
+    progress : called on every rank with the name of each step as it begins, and of drawing as it goes on
     write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"
     trace : keep spans of what is done
     overlap : of many frames, composite each while the next one is drawn, where MPI lets two threads talk
@@ -69,7 +79,7 @@ class Options:
     device: Device = None
     check: bool = False
     debug: bool = False
-    progress: Callable[[str], None] = lambda step: None
+    progress: Progress = lambda step, done=0.0: None
     write: Callable[[Image, Scene, int], None] = lambda image, scene, number: None
     trace: bool = False
     overlap: bool = True
@@ -114,7 +124,7 @@ class Run:
         """Frames that nobody will see: all that they do counts as one stage, and their bricks are kept for the next."""
         clock, options = self.clock, self.options
         self.clock = Clock()
-        self.options = replace(options, check=False, progress=lambda step: None, keep_bricks=True)
+        self.options = replace(options, check=False, progress=lambda step, done=0.0: None, keep_bricks=True)
         try:
             with clock.stage(stage):
                 yield

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from types import ModuleType
 from typing import Annotated, Any
 
@@ -95,6 +97,25 @@ def test_help_lists_every_command(cli: Callable[..., Any]) -> None:
     outcome = cli("--help")
     assert outcome.status == 0
     assert all(name in outcome.out for name in cli_room.COMMANDS)
+    assert all(example in outcome.out for example in cli_room.EXAMPLES.values())
+
+
+@pytest.mark.parametrize("name", cli_room.COMMANDS)
+def test_help_shows_an_example(cli: Callable[..., Any], name: str) -> None:
+    text = " ".join(cli(name, "--help").out.split())
+    assert f"Example: {cli_room.EXAMPLES[name]}" in text
+    assert f"clusterviz {name}" in cli_room.EXAMPLES[name]
+
+
+def test_the_version(cli: Callable[..., Any]) -> None:
+    assert cli("--version").out == f"clusterviz {version('clusterviz')}\n"
+
+
+def test_a_shell_is_told_the_options_of_the_command_that_it_completes() -> None:
+    words = {"_CLUSTERVIZ_COMPLETE": "complete_bash", "COMP_WORDS": "clusterviz info --br", "COMP_CWORD": "2"}
+    command = [sys.executable, "-c", "from clusterviz.cli import run; run([])"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=os.environ | words)
+    assert done.stdout.split() == ["--brick"]
 
 
 @pytest.mark.parametrize(

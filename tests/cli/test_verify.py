@@ -23,7 +23,9 @@ WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
 @pytest.mark.gl
 def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
     options = ("--ranks", "1,3", "--algorithms", "direct-send", "--transports", "messages,hierarchical")
-    outcome = cli("verify", *SCENE, *options, "--bricks", "7,8", "--modes", "", "--json")
+    outcome = cli(
+        "verify", *SCENE, *options, "--bricks", "7,8", "--modes", "", "--distributions", "coherent", "--all", "--json"
+    )
     assert (outcome.status, outcome.err) == (0, "")
     report = json.loads(outcome.out)
     results = report["results"]
@@ -38,7 +40,8 @@ def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
 @pytest.mark.fresh
 @pytest.mark.gl
 def test_pictures_of_a_shared_screen_agree(cli: Callable[..., Any]) -> None:
-    options = ("--ranks", "3", "--algorithms", "serial", "--transports", "messages", "--tilings", "scheduled")
+    options = ("--ranks", "3", "--bricks", "64", "--algorithms", "serial", "--transports", "messages")
+    options += ("--distributions", "coherent", "--tilings", "scheduled")
     outcome = cli("verify", *SCENE, *options, "--no-ownership", "--no-reference", "--json")
     assert (outcome.status, outcome.err) == (0, "")
     results = json.loads(outcome.out)["results"]
@@ -63,6 +66,10 @@ def test_a_brick_that_two_ranks_own_or_none(how: str, cli: Callable[..., Any], m
         "1,2",
         "--algorithms",
         "serial",
+        "--bricks",
+        "8",
+        "--distributions",
+        "coherent",
         "--no-reference",
         "--modes",
         "",
@@ -83,7 +90,8 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> dict[int, tuple[Any, int]]:
 
 
 def run_faked(cli: Callable[..., Any]) -> Any:
-    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", "--modes", "", "--no-reference")
+    alone = ("--transports", "messages", "--distributions", "coherent", "--bricks", "64", "--modes", "")
+    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", *alone, "--no-reference")
 
 
 def test_one_wrong_pixel_is_named(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
@@ -109,6 +117,26 @@ def test_ways_that_a_scene_refuses_are_left_out(cli: Callable[..., Any], picture
     outcome = cli("verify", *SCENE, *options, "-D", "quality.leaping=true")
     assert (outcome.status, outcome.err) == (0, "")
     assert {each["configuration"]["mode"] for each in json.loads(outcome.out)["results"]} == {"sort-last"}
+
+
+def test_every_setting_occurs_in_the_few_that_are_tried() -> None:
+    ways = ["serial", "tree", "direct-send"], [64, 8], ["messages", "shared", "hierarchical"], [("hybrid", "auto")]
+    every = verify._configurations([1, 2, 3, 7], *ways, verify.DISTRIBUTIONS)
+    few = verify.covering(every)
+    assert {setting for each in few for setting in each.settings} == {s for each in every for s in each.settings}
+    assert [(each.ranks, each.brick) for each in few[:2]] == [(1, 64), (1, 8)]
+    assert sum(each.ranks for each in few) < sum(each.ranks for each in every) / 10
+    assert verify.covering(few) == few
+
+
+def test_what_is_going_to_be_done_is_said_and_left_out_when_quiet(
+    cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]
+) -> None:
+    assert run_faked(cli).err.startswith(
+        "verify: 3 of 3 combinations (--all: every one)\nverify: 6 renders, on 1, 2, 3 "
+    )
+    quiet = cli("verify", "-q", *SCENE, "--ranks", "1,2", "--no-reference")
+    assert (quiet.status, quiet.out, quiet.err) == (0, "", "")
 
 
 def test_one_rank_needs_one_algorithm() -> None:
@@ -144,7 +172,7 @@ def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], monkeypatch: pytest.Mo
 
 @pytest.mark.fresh
 def test_a_job_that_fails_says_why(cli: Callable[..., Any], tmp_path: Path) -> None:
-    outcome = cli("verify", str(tmp_path / "none.npy"), "--ranks", "2")
+    outcome = cli("verify", str(tmp_path / "none.npy"), "--ranks", "2", "--bricks", "64", "--json")
     assert outcome.status == 2
     assert "on 2 ranks: " in outcome.err
     assert "none.npy: no such file" in outcome.err
