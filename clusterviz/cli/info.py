@@ -78,7 +78,7 @@ def examine(source: Source, brick: int) -> dict[str, Any]:
 
 
 def format_name(name: str) -> str:
-    """The format of a volume by its name: npy, nifti, …; field for a formula."""
+    """The format of a volume by its name: npy, nifti, …; field for a formula, slices for a folder."""
     from clusterviz.data import EXTENSIONS
 
     lower = name.lower()
@@ -86,11 +86,13 @@ def format_name(name: str) -> str:
         return "field"
     known = sorted(EXTENSIONS, key=len, reverse=True)
     extension = next((e for e in known if lower.endswith(e) or f"{e}:" in lower), None)
-    return EXTENSIONS[extension].name if extension else "unknown"
+    return EXTENSIONS[extension].name if extension else "slices"
 
 
-def _other_axes(source: Source) -> dict[str, Any]:
+def _other_axes(source: Any) -> dict[str, Any]:
     """Time steps and channels of the file, and which of them was read."""
+    while hasattr(source, "source"):  # under a guard or another grid
+        source = source.source
     slab = getattr(source, "slab", None)
     found: dict[str, Any] = {}
     if slab is not None and slab.time_steps > 1:

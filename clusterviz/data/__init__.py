@@ -6,7 +6,8 @@ The room, in the order in which a frame uses it:
     files.py, header.py       checks that every format shares: the file is there, the header is possible
     storage.py, linear.py     bytes by offset (file, several files, compressed stream), and boxes out of them
     axes.py                   which part of a file is the volume: array, time step, channel
-    npy, raw, nrrd, nifti, vti, tiff, mrc, hdf5     one file a format: `open_<format>(path, subset) -> Source`
+    npy, npz, raw, nrrd, nifti, vti, vtk, tiff, mrc, hdf5, picture     one file a format
+    folder.py                 a folder of slices as one volume
     vti_layout, vti_blocks, text                    how VTK writes XML and packs blocks; numbers written as text
     field.py, memory.py       volumes by formula, and NumPy arrays
     placed.py                 a source with the scene's spacing, origin and direction
@@ -35,18 +36,22 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.folder import open_folder
 from clusterviz.data.grid import Grid
 from clusterviz.data.hdf5 import open_hdf5
 from clusterviz.data.header import check_box
 from clusterviz.data.mrc import open_mrc
 from clusterviz.data.nifti import open_nifti
 from clusterviz.data.npy import open_npy
+from clusterviz.data.npz import open_npz
 from clusterviz.data.nrrd import open_nrrd
+from clusterviz.data.picture import PICTURES, open_picture
 from clusterviz.data.placed import placed
 from clusterviz.data.raw import open_raw
 from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.data.vti import open_vti
+from clusterviz.data.vtk import open_vtk
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
 
@@ -65,16 +70,19 @@ class Format:
 
 FORMATS = (
     Format("npy", (".npy",), (b"\x93NUMPY",), open_npy),
+    Format("npz", (".npz",), (b"PK",), open_npz),
     Format("raw", (".raw", ".den", ".dat", ".bin"), (), open_raw),
     Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), open_nrrd),
     Format("nifti", (".nii",), (), open_nifti),
     Format("nifti", (".nii.gz",), GZIP, open_nifti),
     Format("vti", (".vti",), (), open_vti),
+    Format("vtk", (".vtk",), (b"# vtk DataFile",), open_vtk),
     Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), open_tiff),
     Format("mrc", (".mrc", ".map", ".ccp4"), (), open_mrc),
     Format("mrc", (".mrc.gz", ".map.gz"), GZIP, open_mrc),
     Format("hdf5", (".h5", ".hdf5", ".he5"), (), open_hdf5),
     Format("netcdf", (".nc", ".nc4"), (), open_hdf5),
+    Format("picture", PICTURES, (), open_picture),
 )
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -85,7 +93,7 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
     Parameters
     ----------
-    path : a file of a format in `FORMATS`, `file.h5:/path/to/dataset`, or `field:NAME[:SIZE]`
+    path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, or `field:NAME[:SIZE]`
     array : which array, for files with several; short for `Subset(array=array)`
     subset : which array, time step and channel
 
@@ -137,12 +145,14 @@ def _open(text: str, part: Subset) -> Source:
             raise DataError("two arrays are named", where=text, found=part.array, allowed="one of them")
         text, part = dataset[1], replace(part, array=dataset[2])
     file = Path(text)
+    if file.is_dir():
+        return open_folder(file, part)
     found = format_of(file)
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
-    if file.is_dir() or not file.exists():
-        raise DataError("a directory, not a data file" if file.is_dir() else "no such file", where=text)
+    if not file.exists():
+        raise DataError("no such file", where=text)
     with readable(file):
         kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
     raise DataError("unknown extension", where=text, found=kind, allowed=", ".join(EXTENSIONS))

@@ -7,6 +7,7 @@ is no spacing in the file: samples lie 1 apart, the first at the origin, unless 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +32,7 @@ def open_npy(path: Path, subset: Subset) -> LinearSource:
     refuse_array(subset.array, path)
     where = str(path)
     with readable(path), path.open("rb") as file:
-        try:
-            version = np.lib.format.read_magic(file)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, fortran, stored = read(file)
-        except ValueError as error:
-            raise DataError(f"the header cannot be read: {error}", where=where) from error
+        shape, fortran, stored = read_header(file, where)
         begin = file.tell()
     dtype = check_dtype(stored, where)
     slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
@@ -45,3 +41,14 @@ def open_npy(path: Path, subset: Subset) -> LinearSource:
     storage = FileBytes([Piece(path, begin, needed)])
     offset, strides = slab.strides(stored.itemsize, fortran)
     return LinearSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+
+
+def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether in Fortran order, and stored dtype, from a file at the begin of a .npy file."""
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, stored = read(file)
+    except Exception as error:  # NumPy's parser raises many kinds
+        raise DataError(f"the header cannot be read: {error}", where=where) from error
+    return shape, fortran, stored

@@ -134,6 +134,35 @@ class StreamBytes:
             self._first += len(self._chunks.popleft())
 
 
+class Inflated:
+    """A stream of decoded bytes over a file of deflated ones.
+
+    Parameters
+    ----------
+    file : positioned at the first byte
+    window : what `zlib.decompressobj` takes: −15 for deflate without a header, 47 for zlib or gzip
+    checksum : how many bytes are decoded, and their CRC-32, where the stream itself has none
+    """
+
+    def __init__(self, file: Any, window: int, checksum: tuple[int, int] | None = None) -> None:
+        self._file, self._decoder, self._checksum = file, zlib.decompressobj(window), checksum
+        self._count = self._crc = 0
+
+    def read(self, count: int) -> bytes:
+        """At most `count` bytes; none at the end."""
+        while not self._decoder.eof:
+            packed = self._decoder.unconsumed_tail or self._file.read(CHUNK)
+            decoded = self._decoder.decompress(packed, count)
+            if decoded:
+                self._count, self._crc = self._count + len(decoded), zlib.crc32(decoded, self._crc)
+                if self._checksum and self._count >= self._checksum[0] and (self._count, self._crc) != self._checksum:
+                    raise zlib.error("wrong checksum")
+                return decoded
+            if not packed:
+                raise EOFError("the file ends early")
+        return b""
+
+
 class LoadedBytes:
     """Bytes made whole on first use, for encodings without offsets (numbers written as text)."""
 

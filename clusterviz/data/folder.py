@@ -1,0 +1,102 @@
+"""A folder of slices: one TIFF, PNG, … a layer, in the order of the numbers in their names.
+
+All slices must have one size and type. The spacing within a slice is the first one's; that between slices is 1 unless
+the scene says otherwise. Hidden files are passed over, and files that are no pictures.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.axes import Hyperslab, Subset
+from clusterviz.data.files import readable
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_box
+from clusterviz.data.picture import PICTURES, open_picture
+from clusterviz.data.source import Index, Source
+from clusterviz.data.tiff import open_tiff
+from clusterviz.errors import DataError
+
+SLICES: dict[str, Callable[[Path, Subset], Source]] = {
+    **dict.fromkeys((".tif", ".tiff"), open_tiff),
+    **dict.fromkeys(PICTURES, open_picture),
+}
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """Slices, opened when they are read."""
+
+    name: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    files: tuple[Path, ...]
+    subset: Subset
+    slab: Hyperslab | None
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """The samples of the box; see `Source.read`."""
+        voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
+        (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
+        for layer, file in zip(voxels, self.files[z:z_end], strict=True):
+            opened = _open_slice(file, self.subset)
+            found, wanted = (opened.grid.shape_zyx[1:], opened.dtype), (self.grid.shape_zyx[1:], self.dtype)
+            if found != wanted:
+                raise DataError(
+                    "not of one size and type with the first slice",
+                    where=str(file),
+                    found=_described(*found),
+                    allowed=_described(*wanted),
+                )
+            layer[:] = opened.read((0, y, x), (1, y_end, x_end))[0]
+        return voxels
+
+
+def open_folder(path: Path, subset: Subset) -> FolderSource:
+    """The slices in a folder as one volume.
+
+    Raises
+    ------
+    DataError
+        No slices, slices of several kinds, or a first one that is no slice.
+    """
+    where = str(path)
+    with readable(path):
+        files = [file for file in path.iterdir() if not file.name.startswith(".") and file.suffix.lower() in SLICES]
+    kinds = Counter(file.suffix.lower() for file in files)
+    if len(kinds) != 1:
+        found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        what = "a directory with slices of several kinds" if kinds else "a directory without slices"
+        raise DataError(what, where=where, found=found or None, allowed=f"files of one kind: {' '.join(SLICES)}")
+    files.sort(key=_by_numbers)
+    first = _open_slice(files[0], subset)
+    _, y, x = first.grid.shape_zyx
+    spacing = (*first.grid.spacing[:2], 1.0)
+    grid = replace(first.grid, shape_zyx=(len(files), y, x), spacing=spacing)
+    slab = getattr(first, "slab", None)
+    return FolderSource(where + (slab.label if slab else ""), grid, first.dtype, tuple(files), subset, slab)
+
+
+def _open_slice(file: Path, subset: Subset) -> Source:
+    opened = SLICES[file.suffix.lower()](file, subset)
+    if opened.grid.shape_zyx[0] != 1:
+        raise DataError("not a slice", where=str(file), found=f"{opened.grid.shape_zyx[0]} layers", allowed="one layer")
+    return opened
+
+
+def _by_numbers(file: Path) -> list[tuple[int, str]]:
+    """The key that sorts slice_9 before slice_10."""
+    parts = re.split(r"(\d+)", file.name)
+    return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]
+
+
+def _described(shape: Index | tuple[int, ...], dtype: np.dtype[Any]) -> str:
+    return f"{shape[-1]} x {shape[-2]} {dtype}"

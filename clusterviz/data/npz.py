@@ -1,0 +1,107 @@
+"""NumPy's archives (.npz): ZIP files of .npy files. Stored arrays are read box by box, compressed ones in file order.
+
+An archive with a single array, or a single one of three axes or more, needs no name. Axes as in .npy.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.axes import Subset, select, unnamed_axes
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.linear import LinearSource
+from clusterviz.data.npy import read_header
+from clusterviz.data.storage import FileBytes, Inflated, Piece, Storage, StreamBytes
+from clusterviz.errors import DataError
+
+MOST_ARRAYS = 1 << 12
+LOCAL_HEADER = 30  # bytes, after which name and extra field follow
+RAW_DEFLATE = -15
+
+
+@dataclass(frozen=True)
+class _Member:
+    """One array of an archive; `header_bytes` of its .npy file lie before the samples."""
+
+    entry: zipfile.ZipInfo
+    shape: tuple[int, ...]
+    fortran: bool
+    stored: np.dtype[Any]
+    header_bytes: int
+
+
+def open_npz(path: Path, subset: Subset) -> LinearSource:
+    """One array of a .npz archive.
+
+    Raises
+    ------
+    DataError
+        Not a ZIP file, damaged or truncated, encrypted, no such array, several and none named, or not a scalar volume.
+    """
+    size = require_file(path)
+    try:
+        with readable(path), zipfile.ZipFile(path) as archive:
+            name, member = _choose(_members(archive, path), subset.array, path)
+            begin = _data_begin(archive, member.entry)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error) as error:
+        raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
+    entry, stored, where = member.entry, member.stored, f"{path}:{name}"
+    dtype = check_dtype(stored, where)
+    slab = select(member.shape, unnamed_axes(len(member.shape), subset), subset, where)
+    check_size(entry.file_size, member.header_bytes + slab.samples * stored.itemsize, where, exact=True)
+    check_size(size, begin + entry.compress_size, where)
+    offset, strides = slab.strides(stored.itemsize, member.fortran)
+    storage: Storage
+    if entry.compress_type == zipfile.ZIP_STORED:
+        check_size(entry.compress_size, entry.file_size, where)
+        storage = FileBytes([Piece(path, begin, entry.file_size)])
+    elif entry.compress_type == zipfile.ZIP_DEFLATED:
+        check_packed(entry.compress_size, entry.file_size, "gzip", where)
+        checksum = entry.file_size, entry.CRC
+        storage = StreamBytes(path, lambda file: Inflated(file, RAW_DEFLATE, checksum), begin, max(strides))
+    else:
+        raise DataError("unsupported compression", where=where, found=entry.compress_type, allowed="none or deflate")
+    offset += member.header_bytes
+    return LinearSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+
+
+def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, _Member]:
+    entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+    if len(entries) > MOST_ARRAYS:
+        raise DataError("too many arrays", where=str(path), found=len(entries), allowed=f"at most {MOST_ARRAYS}")
+    members = {}
+    for entry in entries:
+        with archive.open(entry) as stream:
+            name = entry.filename.removesuffix(".npy")
+            shape, fortran, stored = read_header(stream, f"{path}:{name}")
+            members[name] = _Member(entry, shape, fortran, stored, stream.tell())
+    return members
+
+
+def _choose(members: dict[str, _Member], array: str | None, path: Path) -> tuple[str, _Member]:
+    listed = ", ".join(f"{name} {member.shape}" for name, member in members.items()) or "none: the archive holds none"
+    if array is not None:
+        if array not in members:
+            raise DataError("no such array", where=str(path), found=array, allowed=listed)
+        return array, members[array]
+    volumes = {name: member for name, member in members.items() if len(member.shape) >= 3}
+    only = members if len(members) == 1 else volumes
+    if len(only) != 1:
+        raise DataError("several arrays: name one" if only else "no volume", where=str(path), allowed=listed)
+    return next(iter(only.items()))
+
+
+def _data_begin(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
+    """Where in the file the bytes of a member begin: its own header repeats the name, with another extra field."""
+    file: Any = archive.fp
+    file.seek(entry.header_offset)
+    name_bytes, extra_bytes = struct.unpack("<26x2H", file.read(LOCAL_HEADER))
+    return int(entry.header_offset + LOCAL_HEADER + name_bytes + extra_bytes)
