@@ -145,7 +145,8 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             // A dispatch ends with windows only; where it ends in a gap, the next one begins with that one's window.
             if (iterations >= ITERATIONS && k < last) until = k = begin;
         }
-        if (place.brick == OUTSIDE || is_done(sum)) k = ray.slabs;
+        if (is_done(sum)) k = ray.slabs;
+        else if (place.brick == OUTSIDE) k = last; // which may be this box's again, by rounding
         if (k >= until) break;
         int slabs = stretched(k, min(min(place.slabs, first + slabs_in_window - k), last - k));
         run_iterations = 2;

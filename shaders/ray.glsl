@@ -67,17 +67,33 @@ bool owned(ivec3 cell) {
     return all(greaterThanEqual(cell, box_begin)) && all(lessThan(cell, box_end));
 }
 
-// The first slab that this box owns, or the number of slabs where it owns none. The estimate is within two of the truth; the test is exact.
+// Whether a cell lies in front of a face by which a ray comes into the box.
+bool is_before(Ray ray, ivec3 cell) {
+    for (int axis = 0; axis < 3; ++axis)
+        if (ray.slab[axis] >= 0.0LF ? cell[axis] < box_begin[axis] : cell[axis] >= box_end[axis]) return true;
+    return false;
+}
+
+// The first slab that this box owns, or the number of slabs where it owns none. Midpoints run one way along each axis; the estimate is nearly
+// always within two of the truth, but where midpoints are closer than rounding, as those of rays that all but run along a face, it may be anywhere.
 int first_owned(Ray ray) {
+    if (ray.slabs == 0) return 0;
+    int last = ray.slabs - 1;
     double enter = 0.0LF;
     for (int axis = 0; axis < 3; ++axis) {
         if (ray.slab[axis] == 0.0LF) continue;
         double face = ray.slab[axis] > 0.0LF ? double(box_begin[axis]) : double(box_end[axis]);
         enter = max(enter, (face - ray.first[axis]) / ray.slab[axis]);
     }
-    if (enter > double(ray.slabs)) return ray.slabs;
-    int guess = max(0, int(floor(enter)) - 1);
-    for (int k = guess; k < min(guess + 5, ray.slabs); ++k)
-        if (owned(cell_of(midpoint(ray, k)))) return k;
-    return ray.slabs;
+    int guess = int(min(enter, double(last))), low = guess - 2, high = min(guess + 2, last);
+    if (low < 0 || !is_before(ray, cell_of(midpoint(ray, low)))) low = -1;
+    if (high < last && is_before(ray, cell_of(midpoint(ray, high)))) high = last;
+    while (high - low > 1) {
+        int middle = (low + high) >> 1;
+        if (is_before(ray, cell_of(midpoint(ray, middle)))) low = middle;
+        else high = middle;
+    }
+    // The last slab's midpoint is not on the lattice.
+    if (owned(cell_of(midpoint(ray, high)))) return high;
+    return owned(cell_of(ray.last)) ? last : ray.slabs;
 }

@@ -142,7 +142,7 @@ class March:
         with code.when(code.any(mine)):
             slab = _float(rays.slab)
             window = self._places.window(rays.entered, mine)
-            place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
+            place = self._places.of(window, rays.entered, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen, kept = mine & place.visible, packet.look
             spot = self._places.spot(place, window)
             if self._bodies:
@@ -172,7 +172,7 @@ class March:
         with code.loop(lambda: code.any(in_window())):
             here, stopped = in_window(), Variable(code.same(I32, 0))
             along = code.select(here, at.now - first, 0).to(F32)
-            place = self._places.of(window, along, slab, per_slab)
+            place = self._places.of(window, midpoint(code, rays, at.now), along, slab, per_slab)
             step = code.least(place.slabs, behind - at.now)
             if ahead:
                 step = ahead.reached(at.now, step, code.fma(1.0 - kept[3].now, sums[3].now, kept[3].now))
@@ -245,7 +245,7 @@ class March:
         with code.when(code.any(mine)):
             slab = _float(rays.slab)
             window = self._places.window(rays.last, mine)
-            place = self._places.of(window, code.same(F32, 0.0), slab, _inverse(code, slab))
+            place = self._places.of(window, rays.last, code.same(F32, 0.0), slab, _inverse(code, slab))
             seen = mine & place.visible
             self._tell(packet, rays.slabs - 1)
             if self._bodies:

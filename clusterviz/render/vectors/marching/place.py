@@ -29,15 +29,12 @@ class Window:
     beyond : float32, from that cell's corner to the midpoint
     brick : the number of the cell's brick along x, y, z, int32
     local : of the cell in that brick; whole numbers as float32, as all that follow
-    least, most : the first and last cell of the box of bricks, as seen from the cell
     """
 
     cell: Vector
     beyond: Vector
     brick: Vector
     local: Vector
-    least: Vector
-    most: Vector
 
 
 @dataclass(frozen=True)
@@ -79,40 +76,34 @@ class Places:
         # Where groups are of one size, leaps go on into other bricks.
         self._farthest = code.select((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0), FARTHEST, self._brick)
         self._slack = code.splat(job["slack"])
+        self._ends = [(job.part("box_begin", k).to(F64), (job.part("box_end", k) - 1).to(F64)) for k in range(3)]
 
     def window(self, position: Vector, here: Value) -> Window:
         """Of a midpoint; somewhere in the box for rays that are not here, so that what they read is near."""
         code, job = self._code, self._job
-        ends = [
-            (begin * self._brick, code.least((begin + count) * self._brick, job.part("cells", axis)) - 1)
-            for axis, (begin, count) in enumerate(zip(self._begin, self._count, strict=True))
-        ]
-        cell = _each(lambda at, end: code.select(here, at, code.splat(end[0])), cell_of(code, job, position), ends)
+        begins = [job.part("box_begin", axis) for axis in range(3)]
+        cell = _each(lambda at, begin: code.select(here, at, begin), cell_of(code, job, position), begins)
         beyond = _each(lambda at, whole: code.select(here, (at - whole.to(F64)).to(F32), 0.0), position, cell)
         # Integer division is slow where there is no hardware for it; this is exact, as in march.glsl.
         brick = _each(lambda at, _: ((at.to(F64) + 0.5) * job["per_brick"]).to(I32), cell, cell)
         local = _each(lambda at, number: (at - number * self._brick).to(F32), cell, brick)
-        least = _each(lambda end, at: (end[0] - at).to(F32), ends, cell)
-        most = _each(lambda end, at: (end[1] - at).to(F32), ends, cell)
-        return Window(cell, beyond, brick, local, least, most)
+        return Window(cell, beyond, brick, local)
 
-    def of(self, window: Window, along: Value, slab: Vector, per_slab: Vector) -> Place:
-        """The place of a midpoint that the box owns.
-
-        It is found as samples find their cells, in float32: what is sampled is what was looked up, to the last bit.
+    def of(self, window: Window, midpoint: Vector, along: Value, slab: Vector, per_slab: Vector) -> Place:
+        """The place of a slab that the box owns.
 
         Parameters
         ----------
+        midpoint : of the slab, float64
         along : how many slabs behind the window's begin, float32
         slab : float32, from one midpoint to the next
         per_slab : float32, one over its size
         """
         code = self._code
-        position = _each(lambda at, by: code.fma(along, by, at), window.beyond, slab)
-        whole = _each(lambda at, _: code.call("floor", at), position, position)
         # Rays that have left the box are told of some cell of it.
-        ends = zip(whole, window.least, window.most, strict=True)
-        cell = vector_of([code.within(at, low, high) for at, low, high in ends])
+        inside = vector_of([code.within(at, *ends) for at, ends in zip(midpoint, self._ends, strict=True)])
+        cell = _each(lambda at, by: (at.to(I32) - by).to(F32), inside, window.cell)
+        position = _each(lambda at, by: code.fma(along, by, at), window.beyond, slab)
         beyond = _each(lambda at, by: at - by, position, cell)
         from_brick = _each(lambda at, by: at + by, window.local, cell)
         number = _each(lambda at, _: code.call("floor", (at + 0.5) * self._per_brick), from_brick, cell)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from clusterviz.kernels.code import Code
+from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, F64, I32, Operand, Value, Vector
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.jitter import shift_of
@@ -132,10 +133,7 @@ def owned(job: Job, cell: Vector) -> Value:
 
 
 def owned_range(code: Code, job: Job, rays: Rays, end: Value) -> tuple[Value, Value]:
-    """The slabs [first, behind) below `end` that the box owns: midpoints run one way, so they are a range.
-
-    The estimates are within two of the truth; the test is exact.
-    """
+    """The slabs [first, behind) below `end` that the box owns: midpoints run one way along each axis."""
     enter, leave = code.same(F64, 0.0), end.to(F64)
     for axis in range(3):
         by, at = rays.slab[axis], rays.first[axis]
@@ -145,19 +143,39 @@ def owned_range(code: Code, job: Job, rays: Rays, end: Value) -> tuple[Value, Va
         near, far = ((face - at) / safe for face in (low, high))
         enter = code.select(still, enter, code.most(enter, code.least(near, far)))
         leave = code.select(still, leave, code.least(leave, code.most(near, far)))
-    most = end.to(F64)
-    first = code.within(enter, 0.0, most).to(I32) - 1
-    begin, behind = end, end
-    for candidate in range(4, -1, -1):
-        slab = code.most(first + candidate, 0)
-        begin = code.select(_is_owned(code, job, rays, slab, end), slab, begin)
-    past = code.within(leave, 0.0, most).to(I32) + 1
-    behind = begin
-    for candidate in range(4, -1, -1):
-        slab = code.most(past - candidate, 0)
-        behind = code.select(_is_owned(code, job, rays, slab, end), slab + 1, behind)
+    begin = _first(code, rays, enter, end, lambda position: ~_before_or_behind(code, job, rays, position)[0])
+    behind = _first(code, rays, leave, end, lambda position: _before_or_behind(code, job, rays, position)[1])
     return begin, code.most(begin, behind)
 
 
-def _is_owned(code: Code, job: Job, rays: Rays, slab: Value, end: Value) -> Value:
-    return owned(job, cell_of(code, job, midpoint(code, rays, slab))) & (slab < end)
+def _before_or_behind(code: Code, job: Job, rays: Rays, position: Vector) -> tuple[Value, Value]:
+    """Whether midpoints lie in front of a face of the box by which rays come in, and behind one by which they leave."""
+    before = behind = None
+    for axis, at in enumerate(cell_of(code, job, position)):
+        low, high, rises = at < job.part("box_begin", axis), at >= job.part("box_end", axis), rays.slab[axis] >= 0.0
+        first, last = code.select(rises, low, high), code.select(rises, high, low)
+        before = first if before is None else before | first
+        behind = last if behind is None else behind | last
+    assert before is not None
+    assert behind is not None
+    return before, behind
+
+
+def _first(code: Code, rays: Rays, guess: Value, end: Value, holds: Callable[[Vector], Value]) -> Value:
+    """The first slab below `end` from which on something holds of midpoints, else `end`.
+
+    The guess is nearly always within two of it; where midpoints are closer than rounding, as those of rays that all but
+    run along a face, it may be anywhere.
+    """
+    near = code.within(guess, 0.0, end.to(F64)).to(I32)
+    low, high = Variable(near - 2), Variable(code.least(near + 2, end))
+    below = code.most(low.now, 0)
+    low.set(code.select((low.now < 0) | holds(midpoint(code, rays, below)), -1, low.now))
+    high.set(code.select((high.now < end) & ~holds(midpoint(code, rays, high.now)), end, high.now))
+    with code.loop(lambda: code.any(high.now - low.now > 1)):
+        middle = (low.now + high.now).shifted(1)
+        found = holds(midpoint(code, rays, code.most(middle, 0)))
+        # Where nothing is left to halve, the middle is `low`.
+        high.set(code.select(found & (middle > low.now), middle, high.now))
+        low.set(code.select(found, low.now, middle))
+    return high.now
