@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("clusterviz.cli.simulate", "Count and predict compositing on up to 65,536 ranks, without MPI."),
     "info": ("clusterviz.cli.info", "Show what a data file holds."),
     "schema": ("clusterviz.cli.schema", "Print the JSON Schema of scene files."),
+    "cmaps": ("clusterviz.cli.cmaps", "List colour maps."),
     "samples": ("clusterviz.cli.samples", "List real data that can be fetched, or fetch one and print its path."),
     "doctor": ("clusterviz.cli.doctor", "Show what every rank has to work with, and what is wrong with it."),
 }
@@ -43,6 +44,7 @@ EXAMPLES: dict[str, str] = {
     "simulate": "clusterviz simulate --ranks 4096 --size 4096x4096 --algorithm radix-k",
     "info": "clusterviz info head.nii.gz",
     "schema": "clusterviz schema > scene.schema.json",
+    "cmaps": "clusterviz cmaps --kind diverging",
     "samples": "clusterviz samples head",
     "doctor": "mpirun -n 4 clusterviz doctor",
 }

@@ -46,6 +46,14 @@ def form_of(value: Any) -> str:
     return "<points>" if _is_sequence(value) else "<number>"
 
 
+def form_of_map(value: Any) -> str:
+    """The same for a colour map, whose colours may come without values."""
+    form = form_of(value)
+    if form == "<points>" and value and all(_is_sequence(row) and len(row) == 3 for row in value):
+        return "<colours>"
+    return form
+
+
 def check_path(value: str) -> str:
     """A path: neither empty nor with a NUL, which no file system takes."""
     if not value.strip() or "\0" in value:
@@ -97,11 +105,18 @@ def check_order(points: Points) -> Points:
 
 
 def check_cmap(value: Any) -> Any:
-    """A name, a file or points; what the points hold is checked by their own type."""
+    """A name, a file, colours or points, checked by their own types; matplotlib's colour maps become such."""
     value = plain(value)
+    if callable(value) and (hasattr(value, "color_stops") or hasattr(value, "N")):
+        from clusterviz.scene.colormaps import colours_of
+
+        return colours_of(value)
     if value is None or _is_sequence(value) or (isinstance(value, str) and value.strip()):
         return value
-    raise UnusableError("not a colour map", "a colour-map name, [[value, r, g, b], …], or a ParaView preset (.json)")
+    allowed = (
+        "a name that `clusterviz cmaps` lists, [[value, r, g, b], …], [[r, g, b], …], or a ParaView preset (.json)"
+    )
+    raise UnusableError("not a colour map", allowed)
 
 
 def check_opacity(value: Any) -> Any:

@@ -19,6 +19,7 @@ from clusterviz.scene.checks import (
     check_points,
     check_surface,
     form_of,
+    form_of_map,
     plain,
 )
 
@@ -44,6 +45,7 @@ Box = Annotated[
     Field(examples=[[0, 10, 0, 10, 0, 5]]),
 ]
 Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim), Field(examples=[[20, 200]])]
+Colour = Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(plain)]
 ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
 GradientPoint = Annotated[
     tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)], Fraction], BeforeValidator(plain)
@@ -53,8 +55,10 @@ OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
 # A value of several types says by its form which one is meant, so that an error speaks of that one only.
 Name = Annotated[str, Tag("<name>")]
 Cmap = Annotated[
-    Name | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")],
-    Discriminator(form_of),
+    Name
+    | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")]
+    | Annotated[tuple[Colour, ...], Tag("<colours>")],
+    Discriminator(form_of_map),
     BeforeValidator(check_cmap),
     Field(examples=[[[20, 0, 0, 0], [200, 1, 1, 1]]]),
 ]

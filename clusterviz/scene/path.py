@@ -232,8 +232,10 @@ def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any
     flat = monotone(times, table.reshape(len(each), -1), time)
     if table.ndim == 3:
         rows = flat.reshape(table.shape[1:])
-        # Values that come near each other must not pass each other.
-        rows[:, 0] = np.maximum.accumulate(rows[:, 0])
+        if table.shape[2:] != (
+            3,
+        ):  # values, which must not pass each other where they come near; colours alone have none
+            rows[:, 0] = np.maximum.accumulate(rows[:, 0])
         return tuple(tuple(float(value) for value in row) for row in rows)
     return tuple(float(value) for value in flat) if table.ndim == 2 else float(flat[0])
 

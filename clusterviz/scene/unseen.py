@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from clusterviz.scene.camera import pixels_of
+from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import VolumeFacts, transfer_function
 from clusterviz.scene.values import Scene, Volume
 
@@ -70,7 +71,7 @@ def _unseen_volume(volume: Volume, fact: VolumeFacts) -> str:
         where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
         if not (values and not found) and transfer_function(volume).is_transparent(fact.minimum, fact.maximum).all():
             found.append(f"{where}: nothing is drawn")
-        elif beyond and isinstance(volume.cmap, str):
+        elif beyond and follows_clim(volume.cmap or ""):
             found.append(f"{where}: all of it has one colour")
     return "; ".join(found)
 

@@ -74,8 +74,9 @@ class Volume(Section):
     )
     cmap: Cmap | None = Field(
         default=None,
-        description="A colour-map name (viridis, bone, coolwarm, …; _r reverses), control points "
-        "[[value, r, g, b], …] in data values and 0..1, or a ParaView preset file (.json).",
+        description="A colour-map name (viridis, bone, …: `clusterviz cmaps` lists them; _r reverses), control points "
+        "[[value, r, g, b], …] in data values and 0..1, colours [[r, g, b], …] evenly over clim, or a ParaView preset "
+        "file (.json).",
     )
     clim: Clim | None = Field(
         default=None,

@@ -6,14 +6,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cmap
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
 from clusterviz.errors import SceneError
+from clusterviz.scene import Scene, Volume
 from clusterviz.scene.colormaps import colour_points, named_points
 from clusterviz.scene.colour_spaces import between, lab_from_rgb, rgb_from_lab
 from clusterviz.scene.paraview import read_preset
+from clusterviz.scene.settings import with_settings
 from clusterviz.scene.transfer import interpolate
 
 COOL = [0.0, 0.23137254902, 0.298039215686, 0.752941176471]
@@ -45,6 +49,45 @@ def test_names_with_r_are_reversed() -> None:
     np.testing.assert_allclose(sampled("viridis_r"), sampled("viridis")[::-1], atol=1e-12)
 
 
+TWO = ListedColormap(["red", "blue"], "two")
+
+
+@pytest.mark.parametrize(
+    ("colormap", "expected"),
+    [
+        (matplotlib.colormaps["viridis"], "viridis"),
+        (matplotlib.colormaps["magma_r"], "magma_r"),
+        (matplotlib.colormaps["tab10"], "tab10"),
+        (cmap.Colormap("coolwarm"), "matplotlib:coolwarm"),
+        (matplotlib.colormaps["viridis"].resampled(5), None),
+        (LinearSegmentedColormap.from_list("mine", ["red", "yellow", "blue"]), None),
+        (LinearSegmentedColormap.from_list("bone", ["red", "blue"]), None),
+        (TWO, None),
+        (cmap.Colormap([(0, "black"), (0.2, "red"), (1, "white")]), None),
+    ],
+)
+def test_colour_maps_of_matplotlib_are_taken(colormap: Any, expected: str | None) -> None:
+    volume = Volume(path="a.npy", cmap=colormap)
+    assert volume.cmap is not None
+    assert expected is None or volume.cmap == expected
+    count = getattr(colormap, "N", 64)
+    middles = (np.arange(count) + 0.5) / count
+    found = interpolate(20 + 200 * middles, *colour_points(volume.cmap, (20.0, 220.0)))
+    np.testing.assert_allclose(found, colormap(middles)[:, :3], atol=0.02)
+    with_settings(Scene(volumes=(Volume(path="a.npy"),)), {"cmap": colormap})
+
+
+def test_flat_colours_stay_flat() -> None:
+    values, colours = colour_points(Volume(path="a.npy", cmap=TWO).cmap or "", (0.0, 10.0))
+    assert interpolate(np.array([0, 4.98, 5.02, 10.0]), values, colours).tolist() == [[1, 0, 0]] * 2 + [[0, 0, 1]] * 2
+
+
+def test_colours_without_values_lie_evenly_over_clim() -> None:
+    values, colours = colour_points(Volume(path="a.npy", cmap=[[0, 0, 0], [1, 0, 0], [1, 1, 1]]).cmap or "", (2.0, 6.0))
+    assert values.tolist() == [2, 4, 6]
+    assert colours.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 1]]
+
+
 def test_a_named_map_spreads_over_clim() -> None:
     values, colours = colour_points("gray", (20.0, 220.0))
     assert values.tolist() == [20, 220]
@@ -58,9 +101,11 @@ def test_points_stay_where_they_are() -> None:
 
 
 def test_an_unknown_name_gets_near_ones() -> None:
-    with pytest.raises(SceneError, match="unknown colour map; found virdis; allowed viridis"):
+    with pytest.raises(
+        SceneError, match=r"unknown colour map; found virdis; allowed a name that .* lists, for example viridis"
+    ):
         colour_points("virdis", (0.0, 1.0))
-    with pytest.raises(SceneError, match="allowed a name such as viridis"):
+    with pytest.raises(SceneError, match="for example viridis, bone, gray"):
         colour_points("\n", (0.0, 1.0))
 
 

@@ -132,7 +132,7 @@ def test_open_scene_takes_data_by_its_suffix(tmp_path: Path) -> None:
         (
             "volumes: [{path: a, cmap: virids}]",
             "a.yaml",
-            "volumes[0].cmap: unknown colour map; found virids; allowed viridis",
+            "volumes[0].cmap: unknown colour map; found virids; allowed a name that",
         ),
         ("volumes: [{path: a, cmap: nope.json}]", "a.yaml", "cannot be read: No such file"),
         ("quality: {stp: 1}", "a.yaml", "quality.stp: unknown key, did you mean step?"),
