@@ -6,7 +6,8 @@ The room, in the order in which a frame uses it:
     files.py, header.py       checks that every format shares: the file is there, the header is possible
     storage.py, linear.py     bytes by offset (file, several files, compressed stream), and boxes out of them
     axes.py                   which part of a file is the volume: array, time step, channel
-    npy, npz, raw, nrrd, nifti, vti, vtk, tiff, mrc, hdf5, picture     one file a format
+    npy, npz, raw, nrrd, metaimage, nifti, vti, vtk, tiff, mrc, hdf5, picture     one file a format
+    detached.py               data in files beside the header: numbered names, equal shares
     folder.py                 a folder of slices as one volume
     vti_layout, vti_blocks, text                    how VTK writes XML and packs blocks; numbers written as text
     field.py, memory.py       volumes by formula, and NumPy arrays
@@ -40,6 +41,7 @@ from clusterviz.data.folder import open_folder
 from clusterviz.data.grid import Grid
 from clusterviz.data.hdf5 import open_hdf5
 from clusterviz.data.header import check_box
+from clusterviz.data.metaimage import open_metaimage
 from clusterviz.data.mrc import open_mrc
 from clusterviz.data.nifti import open_nifti
 from clusterviz.data.npy import open_npy
@@ -73,6 +75,7 @@ FORMATS = (
     Format("npz", (".npz",), (b"PK",), open_npz),
     Format("raw", (".raw", ".den", ".dat", ".bin"), (), open_raw),
     Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), open_nrrd),
+    Format("metaimage", (".mha", ".mhd"), (), open_metaimage),
     Format("nifti", (".nii",), (), open_nifti),
     Format("nifti", (".nii.gz",), GZIP, open_nifti),
     Format("vti", (".vti",), (), open_vti),

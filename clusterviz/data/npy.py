@@ -49,6 +49,6 @@ def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, stored = read(file)
-    except Exception as error:  # NumPy's parser raises many kinds
+    except ValueError as error:
         raise DataError(f"the header cannot be read: {error}", where=where) from error
     return shape, fortran, stored

@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
+from clusterviz.data.detached import numbered_names, raw_pieces
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_packed, check_shape, check_size, place
+from clusterviz.data.header import check_dtype, check_packed, check_shape, place
 from clusterviz.data.linear import LinearSource
 from clusterviz.data.source import Index
-from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage, StreamBytes
+from clusterviz.data.storage import FileBytes, LoadedBytes, Storage, StreamBytes
 from clusterviz.data.text import numbers_from_text
 from clusterviz.errors import DataError
 
@@ -44,8 +45,7 @@ TYPES = {
     "double": "f8",
 }
 TEXTS = ("ascii", "text", "txt")
-MOST_HEADER, MOST_FILES = 1 << 20, 1 << 16
-NUMBERED = re.compile(r"([^\s%]*%0?\d?\d?d[^\s%]*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?")
+MOST_HEADER = 1 << 20
 
 
 def open_nrrd(path: Path, subset: Subset) -> LinearSource:
@@ -92,7 +92,8 @@ def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> 
     if kinds is None:
         return unnamed_axes(len(axes), subset)
     letters = {"time": "T", **dict.fromkeys(("domain", "space", "none", "???", "stub"), "Z")}
-    return "".join(letters.get(str(kinds[axis]).lower(), "C") for axis in axes)
+    found = "".join(letters.get(str(kinds[axis]).lower(), "C") for axis in axes)
+    return "TZZZ" if found == "ZZZZ" else found  # as ITK writes time
 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
@@ -144,15 +145,7 @@ def _stored_dtype(header: Mapping[str, Any], where: str) -> np.dtype[Any]:
 def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) -> list[Path]:
     """The files with the data of a detached header, slowest last; none for an attached one."""
     entry = str(header.get("data file", header.get("datafile", "")))
-    pattern = NUMBERED.fullmatch(entry)
-    names = list(listed) if listed else [entry] if entry else []
-    if pattern:
-        first, last, step = (int(pattern[i]) for i in (2, 3, 4))
-        numbers = range(first, last + (1 if step > 0 else -1), step or 1)
-        if step == 0 or max(map(abs, (first, last, step))) >> 62 or len(numbers) > MOST_FILES:
-            allowed = f"first, last and a step other than 0 for at most {MOST_FILES} files"
-            raise DataError("impossible data file", where=str(path), found=entry, allowed=allowed)
-        names = [pattern[1] % number for number in numbers]
+    names = list(listed) if listed else numbered_names(entry, str(path)) if entry else []
     if path.suffix.lower() == ".nhdr" and not names:
         raise DataError("a detached header needs a data file", where=str(path), allowed="data file: NAME")
     return [path.parent / name for name in names]
@@ -167,7 +160,7 @@ def _storage(
     sizes = [require_file(file) for file in files]
     begins = [_skip_lines(file, begin, int(header.get("line skip", header.get("lineskip", 0)))) for file in files]
     if encoding == "raw":
-        return FileBytes(_raw_pieces(files, sizes, begins, skip, needed)), 0
+        return FileBytes(raw_pieces(files, sizes, begins, skip, needed)), 0
     if len(files) > 1:
         raise DataError("several data files", where=where, found=f"encoding {encoding}", allowed="encoding raw")
     if encoding in PACKINGS:
@@ -180,18 +173,6 @@ def _storage(
         check_packed(sizes[0], needed // stored.itemsize, "text", where)
         return LoadedBytes(lambda: _read_text(files[0], begins[0] + skip, stored, needed), where), 0
     raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *PACKINGS, *TEXTS))
-
-
-def _raw_pieces(files: list[Path], sizes: list[int], begins: list[int], skip: int, needed: int) -> list[Piece]:
-    """One piece a file; each must hold exactly its share, the samples being dealt evenly."""
-    share = needed // len(files)
-    pieces = []
-    for file, size, begin in zip(files, sizes, begins, strict=True):
-        start = size - share if skip == -1 else begin + skip
-        check_size(size, start + share if start >= 0 else share, str(file), exact=True)
-        pieces.append(Piece(file, start, share))
-    check_size(share * len(files), needed, str(files[0]))
-    return pieces
 
 
 def _skip_lines(file: Path, begin: int, lines: int) -> int:
@@ -219,6 +200,8 @@ def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, w
         return _grid_of_spacings(header, kept, shape_zyx, where)
     rows = np.asarray(directions, float)[list(kept)]
     origin = np.asarray(header.get("space origin", np.zeros(rows.shape[1])), float)
+    if rows.shape[1] == 4:  # the fourth is time
+        rows, origin = rows[:, :3], origin[:3]
     steps = np.zeros((3, 3))
     if rows.shape[1] > 3 or len(rows) > 3:
         raise DataError("not a volume in 3-D space", where=where, found=f"space directions {rows.tolist()}")

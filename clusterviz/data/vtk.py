@@ -138,7 +138,7 @@ class _Scan:
         if kind.lower() == "string":
             check_packed(self.size - begin, count, "text", self.where)
             for _ in range(count):
-                self.file.readline(MOST_LINE)
+                self.skip_string()
             return
         if self.binary:
             bits = 1 if kind.lower() == "bit" else 8 * np.dtype(self.type_of(kind)).itemsize
@@ -152,6 +152,17 @@ class _Scan:
             if not words and self.file.tell() >= self.size:
                 raise DataError(f"the file ends {count} numbers early", where=self.where)
             count -= len(words)
+
+    def skip_string(self) -> None:
+        """Go past a line, or past a binary length and as many bytes: two bits tell how long the length is."""
+        if not self.binary:
+            self.file.readline(MOST_LINE)
+            return
+        first = self.file.read(1)
+        further = {3: 0, 2: 1, 1: 3, 0: 7}[first[0] >> 6] if first else 0
+        length = int.from_bytes(bytes([first[0] & 63 if first else 0]) + self.file.read(further), "big")
+        check_size(self.size, self.file.tell() + length, self.where)
+        self.file.seek(length, 1)
 
     def type_of(self, kind: str) -> str:
         if kind.lower() not in TYPES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,6 +41,12 @@ def _nrrd(path: Path) -> None:
     nrrd.write(str(path), array, {"encoding": "gzip", "kinds": kinds}, index_order="C")
 
 
+def _metaimage(path: Path) -> None:
+    head = "NDims = 4\nDimSize = 6 5 4 3\nElementNumberOfChannels = 2\nCompressedData = True\n"
+    content = f"{head}ElementType = MET_SHORT\nElementDataFile = LOCAL\n".encode()
+    path.write_bytes(content + zlib.compress(np.moveaxis(ARRAY, 1, -1).tobytes()))
+
+
 def _nifti(path: Path) -> None:
     nibabel.save(nibabel.Nifti1Image(np.moveaxis(ARRAY, 1, 0).T, np.eye(4), dtype="<i2"), path)
 
@@ -72,6 +79,7 @@ WRITERS: list[tuple[str, Callable[[Path], None]]] = [
     ("b.npy", _fortran),
     ("a.raw", _raw),
     ("a.nrrd", _nrrd),
+    ("a.mha", _metaimage),
     ("a.nii", _nifti),
     ("a.nii.gz", _nifti),
     ("a.tif", _imagej),

@@ -10,6 +10,7 @@ import pytest
 from data.checks import check_placed, check_source, cut, refused, values
 
 from clusterviz.data import open_source
+from clusterviz.data.axes import Subset
 
 DTYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
 
@@ -119,13 +120,23 @@ def test_pictures_and_unit_axes(tmp_path: Path) -> None:
     assert open_source(one).grid.spacing == (2, 3, 4)
 
 
+def test_time_in_a_space_of_four_dimensions_as_itk_writes_it(tmp_path: Path) -> None:
+    array = values("<i2", (2, 5, 6, 7))
+    directions = "space directions: (2,0,0,0) (0,3,0,0) (0,0,4,0) (0,0,0,1)"
+    lines = ("dimension: 4", "sizes: 7 6 5 2", "space dimension: 4", directions, "space origin: (1,2,3,0)")
+    path = by_hand(tmp_path / "a.nrrd", array.tobytes(), *lines, "kinds: domain domain domain domain")
+    source = open_source(path, subset=Subset(time=1))
+    check_source(source, array[1])
+    check_placed(source, np.array([[2, 0, 0, 1], [0, 3, 0, 2], [0, 0, 4, 3], [0, 0, 0, 1.0]]))
+
+
 @pytest.mark.parametrize(
     ("lines", "part"),
     [
         (("type: block",), "type block"),
         (("dimension: 4", "sizes: 3 7 5 2"), "several time steps"),
         (("dimension: 4", "sizes: 3 7 5 2", "kinds: RGB-color domain domain domain"), "several channels"),
-        (("dimension: 4", "sizes: 3 7 5 2", "kinds: domain domain domain domain"), "4 axes"),
+        (("dimension: 5", "sizes: 3 7 5 2 2", "kinds: domain domain domain domain domain"), "5 axes"),
         (("sizes: 7 6",), "do not match"),
         (("sizes: 7 0 5",), "no samples"),
         (("encoding: hex",), "unsupported encoding"),

@@ -49,7 +49,8 @@ def test_arrays_of_every_kind_and_what_stands_between_them(tmp_path: Path, form:
     path = write(
         tmp_path / "a.vtk",
         form,
-        *("FIELD FieldData 1", "TimeValue 1 1 double", np.array([0.5])),
+        *("FIELD FieldData 2", "TimeValue 1 1 double", np.array([0.5])),
+        *("who 1 2 string", "x%20y\nz" if form == "ASCII" else np.frombuffer(b"\xc3x y\xc1z", "u1")),
         *("CELL_DATA 120", "SCALARS cells unsigned_char 1", "LOOKUP_TABLE default", cells),
         *("POINT_DATA 210", "SCALARS one float 1", "LOOKUP_TABLE ramp", one),
         *("LOOKUP_TABLE ramp 2", np.zeros(8, "u1") if form == "BINARY" else np.zeros(8)),

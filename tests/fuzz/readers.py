@@ -16,8 +16,10 @@ import nibabel
 import nrrd
 import numpy as np
 import tifffile
+from PIL import Image
 
 from clusterviz.data import open_source
+from clusterviz.data.axes import Subset
 from clusterviz.scene import load_scene
 from clusterviz.scene.path import load_path
 from clusterviz.scene.transfer_2d import read_table
@@ -26,9 +28,9 @@ SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)
 MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packed
 
 
-def read_data(path: Path) -> None:
+def read_data(path: Path, subset: Subset | None = None) -> None:
     """All samples; of a volume that is too large to be true, which is allowed to HDF5 alone, both ends."""
-    source = open_source(path)
+    source = open_source(path, subset=subset)
     z, y, x = source.grid.shape_zyx
     if z * y * x * source.dtype.itemsize <= MOST_BYTES:
         source.read((0, 0, 0), (z, y, x))
@@ -117,6 +119,42 @@ def _vti(form: str, compressor: str = "") -> Callable[[Path], object]:
     return lambda path: path.write_bytes(VTI % (compressor.encode(), form.encode(), inline) + appended + b"</VTKFile>")
 
 
+def _vtk(binary: bool) -> Callable[[Path], object]:
+    text = " ".join(str(n) for n in SAMPLES.flat).encode()
+    return lambda path: path.write_bytes(
+        VTK % (b"BINARY" if binary else b"ASCII") + (SAMPLES.astype(">i2").tobytes() if binary else text) + b"\n"
+    )
+
+
+def _metaimage(**fields: str) -> Callable[[Path], object]:
+    text = META + "".join(f"{key} = {value}\n" for key, value in fields.items()) + "ElementDataFile = "
+    if fields.get("CompressedData"):
+        return lambda path: path.write_bytes(f"{text}LOCAL\n".encode() + zlib.compress(SAMPLES.tobytes()))
+
+    def make(path: Path) -> None:
+        for z, layer in enumerate(SAMPLES):
+            path.with_name(f"s{z:02d}.raw").write_bytes(layer.tobytes())
+        path.write_text(f"{text}s%02d.raw 0 3 1\n")
+
+    return make
+
+
+def _netcdf(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset("t", data=SAMPLES, chunks=(2, 3, 4), compression="gzip")
+        data.attrs.update(_FillValue=np.int16(7), scale_factor=0.5, valid_range=np.array([1, 90], "i2"))
+        for axis, name in enumerate(("time", "lat", "lon")):
+            file[name] = np.arange(SAMPLES.shape[axis]) * 2.0
+            file[name].make_scale(name)
+            data.dims[axis].attach_scale(file[name])
+        file["time"].attrs["units"] = "days since 2000-01-01"
+
+
+def _slices(path: Path) -> None:
+    for z, layer in enumerate(SAMPLES):
+        Image.fromarray(layer.astype("u1")).save(path.with_name(f"s{z}.png"))
+
+
 def _hdf5(**options: Any) -> Callable[[Path], object]:
     def make(path: Path) -> None:
         with h5py.File(path, "w") as file:
@@ -152,6 +190,25 @@ encoding: raw
 data file: s%02d.raw 0 3 1
 
 """
+VTK = b"""# vtk DataFile Version 3.0
+a title
+%s
+DATASET STRUCTURED_POINTS
+DIMENSIONS 6 5 4
+SPACING 1 1 2
+ORIGIN 0 0 0
+POINT_DATA 120
+SCALARS s short 1
+LOOKUP_TABLE default
+"""
+META = """ObjectType = Image
+NDims = 3
+TransformMatrix = 1 0 0 0 1 0 0 0 1
+Offset = 1 2 3
+ElementSpacing = 1 1 2
+DimSize = 6 5 4
+ElementType = MET_SHORT
+"""
 VTI = b"""<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt32" compressor="%s">
 <ImageData WholeExtent="0 5 0 4 0 3" Origin="0 0 0" Spacing="1 1 2"><Piece Extent="0 5 0 4 0 3">
@@ -180,10 +237,12 @@ transfer:
   - {time: 0, cmap: bone, clim: [0, 1], opacity: [[0, 0], [1, 1]]}
   - {time: 2, clim: [0, 2], opacity: [[0, 0.5], [1, 1]]}
 """
-SPARSE = {".h5"}
+SPARSE = {".h5", ".nc"}
 
 READERS = {
     "npy": Reader("a.npy", lambda path: np.save(path, SAMPLES)),
+    "npz": Reader("a.npz", lambda path: np.savez(path, one=SAMPLES)),
+    "npz-packed": Reader("a.npz", lambda path: np.savez_compressed(path, one=SAMPLES)),
     "raw": Reader("a.raw", _raw, damaged="a.raw.yaml"),
     "nrrd": Reader("a.nrrd", _nrrd("raw")),
     "nrrd-gzip": Reader("a.nrrd", _nrrd("gzip")),
@@ -198,12 +257,18 @@ READERS = {
     "tiff-zlib": Reader("a.tif", _tiff(compression="zlib", rowsperstrip=2)),
     "tiff-imagej": Reader("a.tif", _tiff(imagej=True, resolution=(4, 2), metadata={"spacing": 3.5, "axes": "ZYX"})),
     "tiff-ome": Reader("a.ome.tif", _tiff(ome=True, metadata={"axes": "ZYX", "PhysicalSizeX": 0.1})),
+    "metaimage-zlib": Reader("a.mha", _metaimage(CompressedData="True")),
+    "metaimage-files": Reader("a.mhd", _metaimage()),
+    "vtk-ascii": Reader("a.vtk", _vtk(False)),
+    "vtk-binary": Reader("a.vtk", _vtk(True)),
+    "slices": Reader("s0.png", _slices, lambda path: read_data(path.parent), damaged="s2.png"),
     "vti-ascii": Reader("a.vti", _vti("ascii")),
     "vti-binary": Reader("a.vti", _vti("binary", "vtkZLibDataCompressor")),
     "vti-raw": Reader("a.vti", _vti("appended")),
     "vti-appended": Reader("a.vti", _vti("appended", "vtkZLibDataCompressor")),
     "hdf5": Reader("a.h5", _hdf5()),
     "hdf5-chunked": Reader("a.h5", _hdf5(chunks=(2, 3, 4), compression="gzip", shuffle=True, fletcher32=True)),
+    "netcdf": Reader("a.nc", _netcdf, lambda path: read_data(path, Subset(time=1))),
     "scene-yaml": Reader("a.yaml", _text(SCENE), load_scene),
     "scene-json": Reader("a.json", lambda path: path.write_text(json.dumps(_yaml(SCENE))), load_scene),
     "path": Reader("a.yaml", _text(KEYS), read_keys),
