@@ -31,7 +31,7 @@ def test_every_rank_hears_of_every_step_in_order() -> None:
 
     def render(channel: Any) -> None:
         steps = heard.setdefault(channel.rank, [])
-        render_frame(SCENE, channel, options=Options(check=True, progress=steps.append))
+        render_frame(SCENE, channel, options=Options(check=True, progress=lambda step, done=0.0: steps.append(step)))
 
     run_loopback(3, render)
     for steps in heard.values():
@@ -281,12 +281,37 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     scenes, right = scenes_of({})[:3], Raycaster.draw
     calls: list[int] = []
 
-    def fail_later(caster: Raycaster, plan: Any, pieces: Any) -> Any:
+    def fail_later(caster: Raycaster, plan: Any, pieces: Any, tell: Any) -> Any:
         calls.append(1)
         if len(calls) == 3:
             raise ValueError("odd")
-        return right(caster, plan, pieces)
+        return right(caster, plan, pieces, tell)
 
     monkeypatch.setattr(Raycaster, "draw", fail_later)
     with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):
         draw_all(scenes, LoopbackChannel())
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("device", "step"), [("cpu", 0.002), (0, 0.1)])
+def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large picture is drawn in bands by OpenGL, which change nothing in it."""
+    raycast, caster = (import_module(f"clusterviz.render.{name}") for name in ("raycast", "vectors.caster"))
+    settings = ["image.size=[90, 70]", f"quality.step={step}", "cluster.brick=8"]
+    scene = scene_of_data("field:marschner-lobb:20", settings)
+    told: list[float] = []
+
+    def tell(step: str, done: float = 0.0) -> None:
+        told.extend([done] if step == "render" and done else [])
+
+    at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device)).image
+    monkeypatch.setattr(caster, "TELL_SECONDS", 0.0)
+    monkeypatch.setattr(raycast, "TELL_SECONDS", 0.0)
+    monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 8)
+    monkeypatch.setattr(raycast, "FIRST_BAND_PIXELS", 1 << 10)
+    in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell)).image
+    assert in_parts is not None
+    assert np.array_equal(in_parts, at_once)
+    assert len(told) > 1
+    assert told == sorted(told)
+    assert 0 < told[0] < told[-1] <= 1

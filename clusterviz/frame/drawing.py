@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import replace
+from functools import partial
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
@@ -95,7 +96,7 @@ class Drawing:
             if self._caster is None or share.plan is None:
                 return [], RankFrame({})
             began, processor = perf_counter(), process_time()
-            drawn = self._caster.draw(share.plan, pieces)
+            drawn = self._caster.draw(share.plan, pieces, partial(run.options.progress, "render"))
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - processor)
             self.work = [(each.partial.rect, each.work) for each in drawn]
             for each in drawn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,28 @@ from clusterviz.plan.plan import Plan
 from clusterviz.report.leaping import Leaping
 
 SQUARE = 8  # pixels along the side of what samples are counted by
+Tell = Callable[[float], None]
+"""Told what part of the drawing is done, in [0, 1]."""
+TELL_SECONDS = 0.25
+"""How often it is told, where the device can be asked so often."""
+
+
+def untold(done: float) -> None:
+    """Where nobody wants to know."""
+
+
+@dataclass(frozen=True)
+class PartOf:
+    """Tells of one of several equal parts as part of the whole; of nothing, where it is not known how many they are."""
+
+    tell: Tell
+    number: int
+    count: int
+
+    def __call__(self, done: float) -> None:
+        """So much of this part is done."""
+        if self.count:
+            self.tell(min(1.0, (self.number + done) / self.count))
 
 
 @dataclass(frozen=True)

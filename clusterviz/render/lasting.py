@@ -16,7 +16,7 @@ from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_processor
-from clusterviz.render.drawn import Drawn
+from clusterviz.render.drawn import Drawn, Tell, untold
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import Stored
@@ -92,9 +92,9 @@ class LastingCaster:
         """Bricks that are here, read back."""
         return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
-        """Draw a frame's pieces of this rank; blank ones where it never had a brick."""
-        return [Drawn(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces)
+    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[Drawn]:
+        """Draw a frame's pieces of this rank; blank ones where it never had a brick. See `VectorCaster.draw`."""
+        return [Drawn(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces, tell)
 
     @property
     def held(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import length_hint
 from time import perf_counter
 from typing import Any
 
@@ -24,7 +25,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.dispatch import Buffers, March
-from clusterviz.render.drawn import SQUARE, Drawn, footprint
+from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.frame_block import ONLY, frame_block
 from clusterviz.render.ingredients import joined_segments, mixture_blocks, mixture_tables
 from clusterviz.render.layers import layers_of
@@ -37,6 +38,8 @@ from clusterviz.render.variant import Variant, variant_of
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
+MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
+"""Of a larger picture it is told as it is drawn, in bands; the first shows how long they take."""
 Index = tuple[int, int, int]
 
 
@@ -110,12 +113,13 @@ class Raycaster:
         """Give up bricks that are there."""
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[Drawn]:
         """Draw one frame's pieces: the bricks that they show are there.
 
         Parameters
         ----------
         pieces : the next is asked for when the one before is drawn
+        tell : told what part of them is drawn, where it is known how many they are
 
         Returns
         -------
@@ -144,15 +148,18 @@ class Raycaster:
                 buffers.make(plan.look.grading.block()).bind_to_uniform_block(5)
                 if plan.look.grading.table is not None:
                     buffers.table(plan.look.grading.table).use(1)
-            return self._draw_pieces(plan, pieces)
+            return self._draw_pieces(plan, pieces, tell)
 
-    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
+    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], tell: Tell) -> list[Drawn]:
         """Windows of the same bricks share their tables."""
         drawn: list[Drawn] = []
+        count = length_hint(pieces)
         with ExitStack() as last:
             tables: _Tables | None = None
-            for piece in pieces:
+            for number, piece in enumerate(pieces):
                 started, rect, layers = perf_counter(), footprint(plan, piece), layers_of(plan, piece)
+                part = PartOf(tell, number, count)
+                part(0.0)
                 if not layers or not rect.pixels:
                     drawn.append(Drawn(blank()))
                 elif len(layers) > 1:
@@ -161,8 +168,24 @@ class Raycaster:
                     if tables is None or not piece.shows_bricks_of(tables.piece):
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                    drawn.append(self._draw_piece(plan, rect, _only(tables), started, ONLY if tables.alone else 1))
+                    drawn.append(self._draw_bands(plan, rect, tables, started, part))
         return drawn
+
+    def _draw_bands(self, plan: Plan, rect: Rect, tables: _Tables, started: float, tell: Tell) -> Drawn:
+        """A large picture from top to bottom, each band as high as is likely to be drawn within `TELL_SECONDS`."""
+        drawn: list[Drawn] = []
+        top, rows = rect.y_begin, rect.height
+        if rect.pixels > MOST_PIXELS_AT_ONCE:
+            rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
+        while top < rect.y_end:
+            began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
+            drawn.append(self._draw_piece(plan, band, _only(tables), started, ONLY if tables.alone else 1))
+            started = perf_counter()
+            tell((band.y_end - rect.y_begin) / rect.height)
+            top, rows = band.y_end, max(TILE, int(rows * TELL_SECONDS / (started - began)) // TILE * TILE)
+        rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
+        seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
+        return Drawn(PartialImage(rect, rgba), sum(each.samples for each in drawn), tables.bricks, *seconds, work)
 
     def _draw_layers(self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float) -> Drawn:
         """Layers that no ray reaches are left out, and where their bricks are not stored yet, they are not."""

@@ -15,6 +15,7 @@ from collections.abc import Iterable, MutableMapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
+from operator import length_hint
 from time import perf_counter
 from typing import Any
 
@@ -27,7 +28,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import group_doublings
-from clusterviz.render.drawn import SQUARE, Drawn, footprint
+from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.storage import slot_of
@@ -140,12 +141,13 @@ class VectorCaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece]) -> list[Drawn]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[Drawn]:
         """Draw one frame's pieces: the bricks that they show are there.
 
         Parameters
         ----------
         pieces : the next is asked for when the one before is drawn
+        tell : told what part of them is drawn, where it is known how many they are
 
         Returns
         -------
@@ -154,13 +156,15 @@ class VectorCaster:
         drawn: list[Drawn] = []
         shown: _Shown | None = None
         self._last_frame.next_frame()
-        for piece in pieces:
+        count = length_hint(pieces)
+        for number, piece in enumerate(pieces):
             started, rect = perf_counter(), footprint(plan, piece)
             # Windows of the same bricks share their tables.
             if shown is None or not piece.shows_bricks_of(shown.piece):
                 shown = self._shown_by(plan, piece)
             blank_piece = shown.bricks == 0 or rect.pixels == 0
-            drawn.append(Drawn(blank()) if blank_piece else self._draw_piece(plan, rect, shown, started))
+            part = PartOf(tell, number, count)
+            drawn.append(Drawn(blank()) if blank_piece else self._draw_piece(plan, rect, shown, started, part))
         return drawn
 
     def release(self) -> None:
@@ -196,7 +200,7 @@ class VectorCaster:
             tables = tables_of(plan, self.pool.numbered(box, bricks), leaps, pieces[0])
         return _Shown(piece, len(bricks), bricks.tobytes(), box, tables, volumes)
 
-    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float) -> Drawn:
+    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float, tell: Tell) -> Drawn:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         job = job_of(plan, (shown.box, shown.bricks), rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
@@ -204,18 +208,24 @@ class VectorCaster:
         if plan.march.leaping is not None:
             memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.leaping)
-        self._run(job, wide=shown.wide)
+        self._run(job, shown.wide, tell)
         leaping = leaping_of(job, memory["starts"][: rect.height, : rect.width]) if memory else None
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
         return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leaping)
 
-    def _run(self, job: NDArray[np.void], wide: bool) -> None:
-        """Let all threads draw tiles until there are none."""
+    def _run(self, job: NDArray[np.void], wide: bool, tell: Tell) -> None:
+        """Let all threads draw tiles until there are none; this one waits, so that it can be interrupted."""
         address, cast = job.__array_interface__["data"][0], compiled(replace(self._kernel, wide=wide))
-        others = [_pool(os.getpid()).submit(cast, address) for _ in range(self._threads - 1)]
-        cast(address)
-        wait(others)
+        threads = [_pool(os.getpid()).submit(cast, address) for _ in range(self._threads)]
+        tiles = int(job["tiles"][0])
+        try:
+            while wait(threads, TELL_SECONDS).not_done:
+                tell(min(1.0, int(job["counter"][0]) / tiles))
+        finally:
+            # After an interrupt there are no more tiles; those that are being drawn write to memory of this frame.
+            job["counter"] = tiles
+            wait(threads)
 
     def _leaps_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
         """They last until the transfer function changes."""
