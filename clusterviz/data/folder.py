@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset
-from clusterviz.data.files import readable
+from clusterviz.data.files import kind_of, readable, start_of
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box
 from clusterviz.data.picture import PICTURES, open_picture
@@ -25,6 +25,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.errors import DataError
 
+LOOKED_AT = 8  # files of a folder without slices, to see whether they are DICOM
 SLICES: dict[str, Callable[[Path, Subset], Source]] = {
     **dict.fromkeys((".tif", ".tiff"), open_tiff),
     **dict.fromkeys(PICTURES, open_picture),
@@ -70,7 +71,10 @@ def open_folder(path: Path, subset: Subset) -> FolderSource:
     """
     where = str(path)
     with readable(path):
-        files = [file for file in path.iterdir() if not file.name.startswith(".") and file.suffix.lower() in SLICES]
+        held = [file for file in path.iterdir() if not file.name.startswith(".")]
+        files = [file for file in held if file.suffix.lower() in SLICES]
+        if not files and any(file.is_file() and kind_of(start_of(file)) == "DICOM" for file in held[:LOOKED_AT]):
+            raise DataError("a DICOM series", where=where, allowed="one file: dcm2niix makes .nii.gz of a series")
     kinds = Counter(file.suffix.lower() for file in files)
     if len(kinds) != 1:
         found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())

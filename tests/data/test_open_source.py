@@ -10,6 +10,7 @@ import pytest
 from data.checks import refused, values
 
 from clusterviz.data import EXTENSIONS, open_source
+from clusterviz.data.raw import KEYS
 
 
 @pytest.fixture(params=sorted(EXTENSIONS))
@@ -62,6 +63,12 @@ def test_unknown_extensions_are_answered_with_the_known_ones(tmp_path: Path) -> 
         refused(lambda name=name: open_source(tmp_path / name), "unknown extension", r"\.npy", r"\.nii\.gz", r"\.vti")
     refused(lambda: open_source(tmp_path / "gone.xyz"), "no such file")
     refused(lambda: open_source(tmp_path), "a directory")
+
+
+def test_the_page_on_formats_has_every_extension_and_key_of_the_sidecar() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "data-formats.md").read_text()
+    for word in (*EXTENSIONS, *KEYS):
+        assert f"`{word}`" in page
 
 
 def test_extensions_in_capitals_and_names_with_dots(tmp_path: Path) -> None:
