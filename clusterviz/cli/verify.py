@@ -29,10 +29,10 @@ from clusterviz.cli.verbosity import Verbosity, verbosity
 from clusterviz.cli.witness import Witness, compare_with_reference
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
 from clusterviz.comm.place import granted_cores
-from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
 from clusterviz.data import open_source
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image
+from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
 from clusterviz.scene import Cluster, Scene, open_scene
 
@@ -42,8 +42,6 @@ USUAL = "serial,tree,direct-send,binary-swap"
 MODES = [name for name in get_args(Cluster.model_fields["mode"].annotation) if name not in ("auto", "sort-last")]
 TILINGS = list(get_args(Cluster.model_fields["tiling"].annotation))
 DISTRIBUTIONS = [name for name in get_args(Cluster.model_fields["distribution"].annotation) if name != "auto"]
-BOXES = ("coherent", "dynamic")
-"""Distributions by which a rank has one box, and so one partial image, as most algorithms need it."""
 PRETENDED_RANKS_PER_NODE = 2
 """What a node has while the hierarchical transport is checked, so that one machine has several."""
 FAINT = "1e-6"
@@ -160,7 +158,7 @@ def command(
     chosen = configurations if every else covering(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
-    results = run_all(scene, overrides, chosen, tolerance, faint_volumes, splits, announce)
+    results = run_all(scene, overrides, chosen, tolerance, faint_volumes, splits, announce, _is_counted(opened))
     witness = compare_with_reference(opened) if reference and opened.volumes else None
     if json:
         _print_json(results, witness)
@@ -169,6 +167,13 @@ def command(
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
     if wrong:
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
+
+
+def _is_counted(scene: Scene) -> bool:
+    """Whether a picture takes the same samples whoever draws it: no ray ends, or begins, by what others have drawn."""
+    quality = scene.quality
+    changing = quality.leaping or quality.early_termination > 0 or quality.max_error is not None
+    return not changing and all(volume.blending == "composite" for volume in scene.volumes)
 
 
 def _announce(text: str) -> None:
@@ -202,7 +207,6 @@ def _configurations(
                 result += [
                     Configuration(count, name, brick, how, distribution=who)
                     for (name, how), who in itertools.product(ways, distributions)
-                    if who in BOXES or name in (*SEVERAL_IMAGES, "auto")
                 ]
             result += [
                 Configuration(count, "auto", brick, "auto", mode, tiling)
@@ -254,6 +258,7 @@ def run_all(
     faint_volumes: int,
     splits: bool = False,
     announce: Callable[[str], None] = _silent,
+    counted: bool = False,
 ) -> list[Result]:
     """Run every configuration, and compare each with the first.
 
@@ -266,6 +271,7 @@ def run_all(
         ranks, brick size and way to share the screen; 0: that is left out
     splits : slabs are cut at the faces of bricks: pictures are compared with the first one of their own brick size
     announce : told how many jobs there are, and, after the first, how long the rest is likely to take
+    counted : pictures of equal bricks take equally many samples, too, as nearly transparent ones always do
     """
     look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
     faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
@@ -281,7 +287,7 @@ def run_all(
     began = perf_counter()
     with tempfile.TemporaryDirectory(prefix="clusterviz-verify-") as folder, show_progress(steps, costs) as progress:
         firsts: dict[tuple[str, int], Pixels] = {}
-        counts: dict[int, int] = {}
+        counts: dict[tuple[str, int], int] = {}
         for step, (check, configuration, settings) in zip(steps, jobs, strict=True):
             progress(step)
             picture, samples = _render(scene, settings, configuration, Path(folder))
@@ -289,11 +295,12 @@ def run_all(
                 announce(f"about {(perf_counter() - began) / costs[0] * sum(costs[1:]):.0f} s to go")
             # Slabs that are cut at the faces of bricks make a picture for each brick size.
             first = firsts.setdefault((check, configuration.brick if splits else 0), picture)
+            # What is left out because nothing is visible, or valid, in it depends on the brick size.
+            count = counts.setdefault((check, configuration.brick), samples)
             if check == "picture":
-                results.append(_judge_picture(configuration, picture, first, tolerance, samples))
+                count = count if counted else samples
+                results.append(_judge_picture(configuration, picture, first, tolerance, samples, count))
             else:
-                # Bricks without any finite voxel are left out, and how many there are depends on the brick size.
-                count = counts.setdefault(configuration.brick, samples)
                 results.append(_judge_ownership(configuration, picture, first, samples, count))
     return results
 
@@ -321,11 +328,11 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
 
 
 def _judge_picture(
-    configuration: Configuration, picture: Pixels, first: Pixels, tolerance: float, samples: int
+    configuration: Configuration, picture: Pixels, first: Pixels, tolerance: float, samples: int, expected: int
 ) -> Result:
     difference = compare(picture, first, tolerance)
     found = (difference.max, difference.rms, tolerance, difference.first_wrong_pixel)
-    return Result("picture", configuration, *found, samples, str(difference) if difference.count else "")
+    return Result("picture", configuration, *found, samples, _problem(difference, samples, expected))
 
 
 def _judge_ownership(
@@ -334,11 +341,15 @@ def _judge_ownership(
     """Faint pictures are compared in units of their brightest pixel, samples by number."""
     scale = float(np.abs(first).max()) or 1.0
     difference = compare(picture / scale, first / scale, FAINT_TOLERANCE)
+    found = (difference.max, difference.rms, FAINT_TOLERANCE, difference.first_wrong_pixel)
+    return Result("ownership", configuration, *found, samples, _problem(difference, samples, expected))
+
+
+def _problem(difference: Difference, samples: int, expected: int) -> str:
     problems = [str(difference)] if difference.count else []
     if samples != expected:
         problems.append(f"{samples} samples instead of {expected}")
-    found = (difference.max, difference.rms, FAINT_TOLERANCE, difference.first_wrong_pixel)
-    return Result("ownership", configuration, *found, samples, "; ".join(problems))
+    return "; ".join(problems)
 
 
 def _print_json(results: list[Result], witness: Witness | None) -> None:

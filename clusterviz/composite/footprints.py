@@ -75,15 +75,36 @@ class Footprints:
         return len(self.order) < sum(1 for _ in groupby(self.layers, key=lambda layer: layer.rank))
 
     def in_best_order(self, nodes: Sequence[Sequence[int]]) -> Footprints:
-        """The same, or where the operator needs no order, with the images of a rank and of a node side by side.
+        """The same, with the images of each rank side by side where that changes no pixel.
 
-        Then any algorithm takes several images a rank, and each node has one layer for the others.
+        Then any algorithm takes several images a rank. Images that do not overlap may change places. Where the operator
+        needs no order, those of a node are side by side, too, and each node has one layer for the others.
         """
-        if self.operator not in ORDER_FREE or len(self.layers) < 3:
+        if len(self.layers) < 3 or (self.operator not in ORDER_FREE and not self.several):
             return self
-        place = {rank: number for number, rank in enumerate(rank for ranks in nodes for rank in ranks)}
+        if self.operator in ORDER_FREE:
+            place = {rank: number for number, rank in enumerate(rank for ranks in nodes for rank in ranks)}
+        else:
+            place = {rank: number for number, rank in enumerate(self._ranks_in_order())}
+            if len(place) < len(self.order):
+                return self
         layers = tuple(sorted(self.layers, key=lambda layer: place[layer.rank]))
         return replace(self, layers=layers, order=_order(layers))
+
+    def _ranks_in_order(self) -> list[int]:
+        """Ranks from front to back, each as a whole; fewer than there are where some lie in front of each other."""
+        sides = np.array([(r.x_begin, r.y_begin, r.x_end, r.y_end) for r in (each.rect for each in self.layers)])
+        ranks = np.array([self.order.index(each.rank) for each in self.layers])
+        begin, end = sides[:, None, :2], sides[:, None, 2:]
+        meet = ((begin < end.swapaxes(0, 1)) & (begin.swapaxes(0, 1) < end)).all(axis=2)
+        front, behind = np.nonzero(np.triu(meet & (ranks[:, None] != ranks), 1))
+        in_front = np.zeros((len(self.order), len(self.order)), bool)
+        in_front[ranks[front], ranks[behind]] = True
+        left, found = list(range(len(self.order))), list[int]()
+        while free := [rank for rank in left if not in_front[left, rank].any()]:
+            found.append(self.order[free[0]])
+            left.remove(free[0])
+        return found
 
     def patch(self, layer: Footprint) -> Patch:
         """An image as a patch of the whole canvas."""

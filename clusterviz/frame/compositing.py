@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from time import perf_counter
@@ -28,6 +29,7 @@ from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
 from clusterviz.render.projection import finish_projection
+from clusterviz.report.changes import Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.report.trace import composition_spans
 
@@ -69,6 +71,7 @@ class Compositing:
             composed, counters = compositor.composite(partials, share.order)
             image = self._finished(share, composed)
             counts = self._counted(began, counters, counts)
+            self._tell(share.scene.cluster.compositing, counters)
             if not self._several:
                 self.close()
         if run.options.check:
@@ -107,6 +110,16 @@ class Compositing:
         clock.add("collect", counters.seconds_collect)
         sent = {name: getattr(total, name) for name in ("bytes_raw", "bytes_sent", "messages_sent")}
         return replace(counts, **sent, compositing=compositing)
+
+    def _tell(self, asked: str, counters: CompositeCounters) -> None:
+        """Rank 0 warns, once in a run, where another algorithm ran than the one that was asked for."""
+        used, run = counters.algorithm, self._run
+        if asked in ("auto", used) or counters.transport == "shared" or "compositing" in run.warned:
+            return
+        run.warned.add("compositing")
+        if run.channel.rank == 0:
+            reason = "images of other ranks lie between those of a rank"
+            warnings.warn(str(Change("cluster.compositing", asked, used, reason)), stacklevel=2)
 
     def close(self) -> None:
         """Give shared memory back; collective."""

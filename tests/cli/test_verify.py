@@ -40,8 +40,9 @@ def test_pictures_that_agree(cli: Callable[..., Any]) -> None:
 @pytest.mark.fresh
 @pytest.mark.gl
 def test_pictures_of_a_shared_screen_agree(cli: Callable[..., Any]) -> None:
+    """Where the scene itself names a distribution, too, which a shared screen refuses."""
     options = ("--ranks", "3", "--bricks", "64", "--algorithms", "serial", "--transports", "messages")
-    options += ("--distributions", "coherent", "--tilings", "scheduled")
+    options += ("--distributions", "coherent", "--tilings", "scheduled", "-D", "cluster.distribution=dynamic")
     outcome = cli("verify", *SCENE, *options, "--no-ownership", "--no-reference", "--json")
     assert (outcome.status, outcome.err) == (0, "")
     results = json.loads(outcome.out)["results"]
@@ -89,9 +90,9 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> dict[int, tuple[Any, int]]:
     return made
 
 
-def run_faked(cli: Callable[..., Any]) -> Any:
+def run_faked(cli: Callable[..., Any], *more: str) -> Any:
     alone = ("--transports", "messages", "--distributions", "coherent", "--bricks", "64", "--modes", "")
-    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", *alone, "--no-reference")
+    return cli("verify", *SCENE, "--ranks", "1,2,3", "--algorithms", "tree", *alone, "--no-reference", *more)
 
 
 def test_one_wrong_pixel_is_named(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
@@ -108,7 +109,10 @@ def test_one_sample_too_many_is_named(cli: Callable[..., Any], pictures: dict[in
     pictures[2] = (pictures[2][0], 101)
     outcome = run_faked(cli)
     assert outcome.status == 1
-    assert outcome.err.count("ownership, 2 ranks, tree, brick 64: 101 samples instead of 100") == 1
+    for check in ("picture", "ownership"):
+        assert outcome.err.count(f"{check}, 2 ranks, tree, brick 64: 101 samples instead of 100") == 1
+    # Rays that end where little light is left do so by what their own rank has drawn.
+    assert "picture" not in run_faked(cli, "-D", "quality.early_termination=0.01").err.split("disagree")[1]
 
 
 def test_ways_that_a_scene_refuses_are_left_out(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:

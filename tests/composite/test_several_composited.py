@@ -7,11 +7,8 @@ import pytest
 from composite.images import over_all, random_partial, random_rect
 
 from clusterviz.comm import LoopbackChannel, run_loopback
-from clusterviz.comm.agree import is_agreed
 from clusterviz.composite import ALGORITHMS, Compositor, collect, composite
 from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
-from clusterviz.errors import InputError
-from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
 SIZE = (31, 23)
@@ -76,12 +73,23 @@ def test_a_box_around_two_images_hides_nothing_between_them(algorithm: str, root
 
 
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS.keys() - SEVERAL_IMAGES))
-def test_an_algorithm_of_one_image_a_rank_refuses_several(algorithm: str) -> None:
-    image = PartialImage(Rect(0, 0, 2, 2), np.zeros((2, 2, 4), np.float32))
+def test_an_algorithm_of_one_image_a_rank_runs_where_images_may_be_brought_side_by_side(algorithm: str) -> None:
+    """Else direct send does: where each of two ranks has images in front of the other's."""
+    rng = np.random.default_rng(17)
+    left, right, whole = Rect(0, 0, 9, SIZE[1]), Rect(9, 0, *SIZE), Rect(0, 0, *SIZE)
+    # Of ranks 0, 1, 2, 0, 1: rank 0's second image lies beside rank 1's first.
+    for rects, ran in (
+        ((whole, left, left, right, left), algorithm),
+        ((whole, left, left, whole, left), "direct-send"),
+    ):
+        layers = [random_partial(rng, rect, np.float32) for rect in rects]
+        order = [0, 1, 2, 0, 1] if ran == "direct-send" else [0, 1, 1, 0, 2]
 
-    def run(channel: LoopbackChannel) -> None:
-        with pytest.raises(InputError, match=r"takes one partial image a rank.*direct-send, serial, slic") as caught:
-            composite([image, image], [0, 1, 0, 1], channel, algorithm)
-        assert is_agreed(caught.value)
+        def run(channel: LoopbackChannel, layers: list = layers, order: list = order) -> tuple:
+            mine = [layer for layer, rank in zip(layers, order, strict=True) if rank == channel.rank]
+            piece, counters = composite(mine, order, channel, algorithm)
+            return collect(piece, SIZE, channel), counters.algorithm
 
-    run_loopback(2, run)
+        picture, used = run_loopback(3, run)[0]
+        assert used == ran
+        assert np.abs(picture - over_all(layers, range(5), SIZE)).max() < 1e-6

@@ -118,6 +118,19 @@ def test_ranges_for_which_bytes_become_floats_change_no_frame(monkeypatch: pytes
     assert so_far(frames, "bricks_received") > 10
 
 
+@pytest.mark.parametrize("ranks", [3, 4])
+def test_swaps_fall_back_where_bricks_of_others_lie_between(ranks: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes = views(8)
+    swapped = moving(scenes, compositing="binary-swap")
+    at_random(monkeypatch)
+    with pytest.warns(UserWarning, match="direct-send is used instead of binary-swap") as told:
+        frames = run_loopback(ranks, lambda channel: draw_all(swapped, channel))[0]
+    assert len([each for each in told if "binary-swap" in str(each.message)]) == 1
+    check(frames, scenes)
+    ran = {str(frame.statistics.per_rank[0].compositing["algorithm"]) for frame in frames}
+    assert "direct-send" in ran
+
+
 @pytest.mark.mpi(ranks=[3, 5, 7], timeout=120)
 def test_bricks_move_over_mpi(mpi_ranks: int) -> None:
     channel = MpiChannel()

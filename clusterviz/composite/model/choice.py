@@ -129,12 +129,11 @@ def _refuse(wanted: Wanted, possible: list[str]) -> NoReturn:
 
 
 def _algorithms(wanted: str, ranks: int, several: bool) -> list[str]:
-    """The algorithms to choose from: the one that is wanted, or those that are the fastest somewhere."""
+    """The algorithms to choose from: the one that is wanted, or those that are the fastest somewhere.
+
+    Where images of other ranks lie between those of a rank, direct send does what most others cannot.
+    """
     if wanted != "auto":
         check_algorithm(wanted)
-        if several and wanted not in SEVERAL_IMAGES:
-            text = "this algorithm takes one partial image a rank"
-            allowed = ", ".join([*sorted(SEVERAL_IMAGES), "auto"])
-            raise InputError(text, where="cluster.compositing", found=wanted, allowed=allowed)
-        return [wanted]
+        return ["direct-send"] if several and wanted not in SEVERAL_IMAGES else [wanted]
     return ["direct-send"] if several else candidates(ranks)
