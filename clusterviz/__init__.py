@@ -3,7 +3,7 @@
     import clusterviz
     image = clusterviz.render("head.nii.gz", size=(800, 600))      # float32 (600, 800, 4), on rank 0
     if image is not None:
-        clusterviz.write_image("head.png", image, background=(1, 1, 1))
+        image.save("head.png")
 
 The map of the house, in the order in which a frame passes through it (docs/flow.md walks along):
 
@@ -37,16 +37,32 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Unpack
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from clusterviz.data.grid import Grid
     from clusterviz.data.source import Source
     from clusterviz.image import compare, read_image, write_image
+    from clusterviz.image.picture import Image
     from clusterviz.scene import Camera, Scene, Volume, load_scene
+    from clusterviz.scene.settings import Settings
 
-__all__ = ["Camera", "Grid", "Scene", "Volume", "compare", "load_scene", "read_image", "render", "write_image"]
+    __version__: str
+
+__all__ = [
+    "Camera",
+    "Grid",
+    "Image",
+    "Scene",
+    "Volume",
+    "__version__",
+    "compare",
+    "load_scene",
+    "read_image",
+    "render",
+    "write_image",
+]
 
 REACHED = perf_counter()
 """When Python came here: what lies before it is the interpreter's own start."""
@@ -54,6 +70,7 @@ REACHED = perf_counter()
 _HOMES = {
     "Camera": "clusterviz.scene",
     "Grid": "clusterviz.data.grid",
+    "Image": "clusterviz.image.picture",
     "Scene": "clusterviz.scene",
     "Volume": "clusterviz.scene",
     "compare": "clusterviz.image",
@@ -71,8 +88,8 @@ def render(
     *,
     grid: Grid | Sequence[Grid] | None = None,
     comm: Any = None,
-    **settings: Any,
-) -> NDArray[np.float32] | None:
+    **settings: Unpack[Settings],
+) -> Image | None:
     """Render one picture, on all ranks together, or in this process alone where there is no mpirun.
 
     Parameters
@@ -85,11 +102,13 @@ def render(
     comm : the mpi4py communicator of the ranks; by default all processes of the job
     **settings : any key of a scene by its last name: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5,
         position=(5, 0, 0), background="black", brick=32; `clusterviz schema` lists them. What is said of a volume is
-        said of the first; of another by its whole key, as in **{"volumes.1.cmap": "hot"}
+        said of the first; of another by its whole key, as in **{"volumes.1.cmap": "hot"}. A section as a whole is a
+        dict or a value: camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0))
 
     Returns
     -------
-    image : float32 (h, w, 4), premultiplied, before the background, on rank 0; None on the others
+    image : on rank 0, None on the others: an array, float32 (h, w, 4), premultiplied, before the background, with
+        `show()` and `save("picture.png")`, which put it over the scene's background
 
     Raises
     ------
@@ -100,6 +119,8 @@ def render(
     from clusterviz.comm import agree, limit_threads, open_channel
     from clusterviz.comm.mpi import MpiChannel
     from clusterviz.frame import render_frame
+    from clusterviz.image.picture import Image
+    from clusterviz.scene import background_rgb
     from clusterviz.scene.settings import with_settings
 
     channel = open_channel() if comm is None else MpiChannel(comm)
@@ -109,7 +130,10 @@ def render(
         with agree(channel, 0, "scene"):
             opened, source = _scene_and_source(scene, grid)
             opened = with_settings(opened, settings)
-        return render_frame(opened, channel, source).image
+        rendered = render_frame(opened, channel, source)
+        if rendered.image is None:
+            return None
+        return Image(rendered.image, background_rgb(rendered.scene.image.background))
     finally:
         if isinstance(channel, MpiChannel) and comm is not None:
             channel.close()
@@ -155,6 +179,10 @@ def _several(given: Sequence[Any], grids: Any) -> tuple[Scene, list[Source]]:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("clusterviz")
     if name not in _HOMES:
         raise AttributeError(f"module 'clusterviz' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)
@@ -163,4 +191,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

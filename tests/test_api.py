@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import ast
+import io
+import pickle
+import pydoc
 import re
 import subprocess
 import sys
+from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import clusterviz
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
-from clusterviz.errors import DataError, InputError, SceneError
+from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
-from clusterviz.scene.complaints import KEYS
-from clusterviz.scene.settings import with_settings
+from clusterviz.image.finish import finish
+from clusterviz.scene.complaints import KEYS, SECTIONS
+from clusterviz.scene.kinds import Section
+from clusterviz.scene.light import Light
+from clusterviz.scene.settings import Settings, with_settings
+from clusterviz.scene.transfer_2d import Transfer2d
 
 ROOT = Path(__file__).parents[1]
 VOXELS = np.random.default_rng(0).random((12, 13, 14), np.float32)
@@ -27,8 +39,11 @@ SMALL: dict[str, Any] = {"size": (24, 18), "brick": 8}
 def test_every_name_is_there_and_they_are_few() -> None:
     assert len(clusterviz.__all__) <= 12
     for name in clusterviz.__all__:
-        assert callable(getattr(clusterviz, name))
         assert name in dir(clusterviz)
+        assert getattr(clusterviz, name) is not None
+    assert {name for name in dir(clusterviz) if not name.startswith("_")} <= set(clusterviz.__all__)
+    assert clusterviz.__version__ == version("clusterviz")
+    assert (Path(clusterviz.__file__).parent / "py.typed").is_file()
     with pytest.raises(AttributeError, match="nonsense"):
         clusterviz.nonsense  # noqa: B018
 
@@ -120,11 +135,119 @@ def test_settings_are_keys_of_the_scene() -> None:
     assert np.array_equal(picture, render_frame(changed, LoopbackChannel()).image)  # type: ignore[arg-type]
 
 
-SECTIONS = ("volumes", "camera", "clip", "image", "quality", "cluster")
+def test_a_picture_is_an_array_that_shows_and_saves_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = clusterviz.render("field:gaussian:8", size=(6, 4), opacity=0.5, background=(1.0, 0.0, 0.0))
+    assert image is not None
+    pixels = np.asarray(image)
+    assert (type(pixels), pixels.dtype, image.shape) == (np.ndarray, np.float32, (4, 6, 4))
+    assert (pixels[..., :3].max(axis=-1) <= pixels[..., 3] + 1e-6).all()  # premultiplied
+    crop = image[1:3, 2:5]
+    assert isinstance(crop, clusterviz.Image)
+    assert crop.background == (1.0, 0.0, 0.0)
+    for plain in (image[..., 3], image[0], image * 2, image + image):
+        assert type(plain) is np.ndarray
+    assert isinstance(image.max(), np.float32)
+    for again in (pickle.loads(pickle.dumps(image)), image.copy()):
+        assert again.background == image.background
+        assert np.array_equal(again, image)
+
+    seen: list[Any] = []
+    monkeypatch.setattr("PIL.ImageShow.show", lambda picture: seen.append(np.asarray(picture)) or True)
+    image.show()
+    image.save(tmp_path / "a.png")
+    clusterviz.write_image(tmp_path / "b.png", image, (1.0, 0.0, 0.0))
+    png = image._repr_png_()
+    assert png is not None
+    expected = finish(pixels, (1.0, 0.0, 0.0))
+    for file in (tmp_path / "a.png", tmp_path / "b.png", io.BytesIO(png)):
+        with Pillow.open(file) as opened:
+            seen.append(np.asarray(opened))
+    assert len(seen) == 4
+    assert all(np.array_equal(each, expected) for each in seen)
+
+    monkeypatch.setattr("PIL.ImageShow.show", lambda _: False)
+    with pytest.raises(OutputError, match="no program shows pictures"):
+        image.show()
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: clusterviz.Camera(positon=(1, 2, 3)), "Camera: positon: unknown key, did you mean position?"),
+        (lambda: clusterviz.Camera(position=(1, 2)), "Camera: position: too few values; found [1, 2]"),
+        (lambda: clusterviz.Volume(), "Volume: path: missing"),
+        (lambda: clusterviz.Scene(camera={"positon": 1}), "Scene: camera.positon: unknown key, did you mean position?"),
+        (lambda: clusterviz.Scene(volumes=[{"path": "a", "clim": 1}]), "Scene: volumes[0].clim: not a list"),
+    ],
+)
+def test_a_wrong_section_is_an_error_of_ours(make: Callable[[], object], text: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(text)):
+        make()
+
+
+@pytest.mark.parametrize("kind", [clusterviz.Volume, clusterviz.Camera, clusterviz.Scene])
+def test_the_help_of_a_section_lists_its_keys_on_two_screens(kind: Any) -> None:
+    text = pydoc.render_doc(kind, renderer=pydoc.plaintext)
+    lines = text.splitlines()
+    assert sum(1 + len(line) // 120 for line in lines) <= 100
+    assert all(f" {name} : " in text for name in kind.model_fields)
+    assert "model_validate" not in text
+
+
+def _words(kind: Any) -> list[str]:
+    """The type of a scene's key as `Settings` writes it: sequences for tuples, mappings for sections."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _words(parts[0])
+    if origin in (Union, UnionType):
+        return [word for part in parts for word in _words(part)]
+    if origin is Literal:
+        return [f"Literal[{', '.join(map(repr, parts))}]"]
+    if origin is tuple:
+        inner = [word for part in parts if part is not ... for word in _words(part)]
+        return ["Rows" if {"Numbers", "Rows"} & set(inner) else "Numbers"]
+    if isinstance(kind, type) and issubclass(kind, Section):
+        return [kind.__name__, "Mapping[str, Any]"]
+    return [{type(None): "None"}.get(kind, kind.__name__)]
+
+
+def test_the_types_of_settings_are_those_of_the_scene() -> None:
+    expected: dict[str, str] = {}
+    for section in (*(section for _, section in SECTIONS), Light, Transfer2d, clusterviz.Scene):
+        for name, kind in get_type_hints(section, include_extras=True).items():
+            if name in section.model_fields:
+                expected.setdefault(name, " | ".join(dict.fromkeys(_words(kind))))
+    expected |= {
+        "cmap": "str | Rows | Callable[..., Any] | None",
+        "isosurfaces": "Sequence[float | Sequence[float]] | NDArray[Any]",
+        "volumes": "Sequence[Volume | Mapping[str, Any]]",
+        "lights": "Sequence[Light | Mapping[str, Any]]",
+    }
+    found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
+    assert found == expected
+
+
+@pytest.mark.fresh
+def test_a_type_checker_finds_a_wrong_setting(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(
+        "import clusterviz\n"
+        "image = clusterviz.render('a.npy', size=(8, 6), clim=[0, 1], camera=clusterviz.Camera(view_angle=20.0))\n"
+        "if image is not None:\n    image.save('a.png')\n    print(image.shape, clusterviz.__version__)\n"
+        "clusterviz.render('a.npy', sizee=(8, 6))\n"
+        "clusterviz.render('a.npy', step='fine')\n"
+        "clusterviz.render('a.npy', blending='maximun')\n"
+    )
+    command = [sys.executable, "-m", "mypy", "--strict", str(tmp_path / "a.py")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    found = [line.split(": ", 2)[0].rpartition(":")[2] for line in done.stdout.splitlines() if ": error: " in line]
+    assert found == ["6", "7", "8"], done.stdout
+
+
+SECTIONS_OF_KEYS = ("volumes", "camera", "clip", "image", "quality", "cluster")
 
 
 def test_settings_lead_to_every_key_by_one_name() -> None:
-    names = [name for section in SECTIONS for name in _fields(section)]
+    names = [name for section in SECTIONS_OF_KEYS for name in _fields(section)]
     assert sorted(names) == sorted(KEYS)
 
 

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from clusterviz.errors import SceneError
 from clusterviz.scene.checks import UnusableError
 from clusterviz.scene.clip import Clip
-from clusterviz.scene.kinds import Section
+from clusterviz.scene.kinds import EXPLAIN, Section
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 Key = tuple[str | int, ...]
@@ -48,7 +48,9 @@ BOUNDS = {
 }
 
 
-def scene_error(error: ValidationError, where: str, options: Mapping[Key, str] | None = None) -> SceneError:
+def scene_error(
+    error: ValidationError, where: str, options: Mapping[Key, str] | None = None, root: type[Section] = Scene
+) -> SceneError:
     """All complaints of a validation in one error, a line each.
 
     Parameters
@@ -56,12 +58,16 @@ def scene_error(error: ValidationError, where: str, options: Mapping[Key, str] |
     error : what pydantic found
     where : the scene file, or what stands for it
     options : the text of the command-line option that set a key, by key; it is named in place of the file
+    root : what was validated
     """
-    found = {str(_complaint(details, where, options or {})): None for details in error.errors()}
+    found = {str(_complaint(details, where, options or {}, root)): None for details in error.errors()}
     lines = list(found)[:SHOWN]
     if len(found) > SHOWN:
         lines.append(f"and {len(found) - SHOWN} more errors")
     return SceneError("\n".join(lines))
+
+
+EXPLAIN.append(scene_error)
 
 
 def key_text(key: Key) -> str:
@@ -86,9 +92,9 @@ def unknown_key(where: str, name: object, section: type[Section] | None) -> Scen
     return SceneError(f"unknown key{hint}", where=where, found=name, allowed=", ".join(known) or None)
 
 
-def section_at(key: Key) -> type[Section] | None:
+def section_at(key: Key, root: type[Section] = Scene) -> type[Section] | None:
     """The section that a key leads to, None if it leads to a plain value or nowhere."""
-    section: type[Section] = Scene
+    section = root
     for part in key:
         if isinstance(part, int):
             continue
@@ -116,7 +122,7 @@ def _section_in(annotation: Any) -> type[Section] | None:
     return None
 
 
-def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str]) -> SceneError:
+def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str], root: type[Section]) -> SceneError:
     kind, key, context = details["type"], details["loc"], details.get("ctx", {})
     found: str | None = None if kind == "missing" else shown(details["input"])
     cause = context.get("error")
@@ -129,12 +135,14 @@ def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str]) ->
         kind, key, found = "too_short", key[:-1], shown(details["input"])
     place = _place(key, where, options)
     if kind == "extra_forbidden":
-        return unknown_key(place, key[-1], section_at(key[:-1]))
-    what, allowed = _words(kind, key, details["msg"], context)
+        return unknown_key(place, key[-1], section_at(key[:-1], root))
+    what, allowed = _words(kind, key, details["msg"], context, root)
     return SceneError(what, where=place, found=found, allowed=allowed)
 
 
-def _words(kind: str, key: Key, message: str, context: Mapping[str, Any]) -> tuple[str, str | None]:
+def _words(
+    kind: str, key: Key, message: str, context: Mapping[str, Any], root: type[Section]
+) -> tuple[str, str | None]:
     """What is wrong and what is allowed, for pydantic's own kinds of error."""
     if kind in TYPES:
         return TYPES[kind]
@@ -146,21 +154,21 @@ def _words(kind: str, key: Key, message: str, context: Mapping[str, Any]) -> tup
     if kind == "too_long" and key == ("volumes",):
         return "too many volumes", f"at most {context['max_length']}"
     if kind in LISTS:
-        example = _example(key)
+        example = _example(key, root)
         most = f"at most {context['max_length']} values" if kind == "too_long" else "a list"
         most = "a value" if kind == "missing" else most
         return LISTS[kind], most if example is None else f"{most}, such as {shown(example)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        section = section_at(key)
+        section = section_at(key, root)
         return "not a section", f"keys with values: {', '.join(section.model_fields) if section else ''}"
     return message[:1].lower() + message[1:], None
 
 
-def _example(key: Key) -> Any:
+def _example(key: Key, root: type[Section]) -> Any:
     """What a key, or an item of its list, may hold, from the examples of its field; None where it has none."""
     words = [part for part in key if isinstance(part, int) or not part.startswith("<")]
     last = max((place for place, part in enumerate(words) if isinstance(part, str)), default=-1)
-    section = section_at(tuple(words[:last])) if last >= 0 else None
+    section = section_at(tuple(words[:last]), root) if last >= 0 else None
     field = section.model_fields.get(str(words[last])) if section else None
     found = (field.examples or _examples_in(field.annotation)) if field else None
     example: Any = found[0] if found else None

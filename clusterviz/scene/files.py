@@ -70,6 +70,11 @@ def dump_scene(scene: Scene) -> str:
 def scene_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of scene files."""
     schema = Scene.model_json_schema()
+    for section in (
+        schema,
+        *schema["$defs"].values(),
+    ):  # what follows in a docstring says of each key what the key does
+        section["description"] = section["description"].partition("\n")[0]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "clusterviz scene"}
 
 

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from inspect import Parameter, Signature
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+)
 
 from clusterviz.scene.background import check_background
 from clusterviz.scene.checks import (
@@ -89,7 +101,40 @@ Background = Annotated[
 ]
 
 
-class Section(BaseModel):
+EXPLAIN: list[Callable[..., Exception]] = []
+"""`complaints.scene_error`, which that module puts here: it knows the sections, which are made of what is here."""
+
+if TYPE_CHECKING:
+    _Model = BaseModel
+else:
+
+    class _SectionType(type(BaseModel)):
+        """What makes a section: its errors are clusterviz's, and its help lists its keys, not pydantic's methods."""
+
+        def __call__(cls, *args: Any, **values: Any) -> Any:
+            """A section of given values."""
+            try:
+                return super().__call__(*args, **values)
+            except ValidationError as error:
+                raise EXPLAIN[0](error, cls.__name__, root=cls) from None
+
+        def __dir__(cls) -> list[str]:
+            return list(cls.model_fields)
+
+    class _Model(BaseModel, metaclass=_SectionType):
+        @classmethod
+        def __pydantic_init_subclass__(cls, **_: Any) -> None:
+            fields = cls.model_fields.items()
+            texts = (wrap(f"{name} : {field.description}", 116, subsequent_indent="    ") for name, field in fields)
+            lines = [line for text in texts for line in text]
+            cls.__doc__ = "\n".join([cls.__doc__ or "", "", "Parameters", "----------", *lines])
+            empty = Parameter.empty
+            defaults = {name: empty if field.is_required() else field.default for name, field in fields}
+            kind = Parameter.KEYWORD_ONLY
+            cls.__signature__ = Signature([Parameter(name, kind, default=value) for name, value in defaults.items()])
+
+
+class Section(_Model):
     """What all sections share: frozen, and no key but the ones that are declared."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,0 +1,90 @@
+"""A rendered picture: an array of pixels that knows its background, and how to show and to save itself."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import os
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import OutputError
+from clusterviz.image.files import write_image
+from clusterviz.image.finish import Colour, finish
+
+
+class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
+    """A picture: a float32 array (h, w, 4) of pixels premultiplied by alpha, before the background.
+
+    It is an array, so that whatever takes arrays takes it; `np.asarray` gives the same pixels, premultiplied. Straight
+    colours are `rgba[..., :3] / rgba[..., 3:]` where alpha is above 0. Row 0 is the top. A crop is a picture, too; any
+    other result of a computation is a plain array.
+
+    Attributes
+    ----------
+    background : (r, g, b) in [0, 1], or None for transparent; what `show`, `save` and a notebook put behind the pixels
+    """
+
+    background: Colour | None
+
+    def __new__(cls, rgba: NDArray[np.float32], background: Colour | None = None) -> Image:
+        """A view of the pixels; nothing is copied."""
+        image = np.asarray(rgba, np.float32).view(cls)
+        image.background = background
+        return image
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the picture: over its background in 8 bits, or float32 premultiplied before it, as the extension says.
+
+        Raises
+        ------
+        OutputError
+            Unknown extension, missing or unwritable folder, disk full. Nothing is left behind.
+        """
+        write_image(path, np.asarray(self), self.background)
+
+    def show(self) -> None:
+        """Show the picture over its background: in a notebook there, else in the system's viewer.
+
+        Raises
+        ------
+        OutputError
+            There is neither.
+        """
+        from PIL import Image as Pillow
+        from PIL import ImageShow
+
+        shell = getattr(builtins, "get_ipython", lambda: None)()
+        if getattr(shell, "kernel", None) is not None:
+            import_module("IPython.display").display(self)
+        elif not ImageShow.show(Pillow.fromarray(finish(np.asarray(self), self.background))):
+            raise OutputError("no program shows pictures here", where="show", allowed="image.save('picture.png')")
+
+    def _repr_png_(self) -> bytes | None:
+        """What a notebook shows, over the background."""
+        from PIL import Image as Pillow
+
+        if not self._is_picture():
+            return None
+        file = io.BytesIO()
+        Pillow.fromarray(finish(np.asarray(self), self.background)).save(file, format="png")
+        return file.getvalue()
+
+    def _is_picture(self) -> bool:
+        return self.ndim == 3 and self.shape[2] == 4 and self.size > 0 and self.dtype == np.float32
+
+    def __array_finalize__(self, array: Any) -> None:
+        self.background = getattr(array, "background", None)
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        return array[()] if return_scalar else np.asarray(array)
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        return np.asarray(found) if isinstance(found, Image) and not found._is_picture() else found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Image, (np.asarray(self), self.background)
