@@ -60,6 +60,8 @@ FLAGS = {
 
 def main() -> None:
     """Run the command line and exit: 0, 2 for bad input, 130 for ctrl-C, 1 for anything else that went wrong."""
+    # Looking for pydantic's plugins reads the description of every package that is installed; nothing here has one.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     sys.exit(run(sys.argv[1:]))
 
 

@@ -11,25 +11,21 @@ WORTH_SHOWING = 0.0005
 
 
 def print_costs(statistics: FrameStatistics, startup: Mapping[str, float]) -> None:
-    """Print the table on stdout; plain text where that is no terminal.
+    """Print the table on stdout.
 
     Parameters
     ----------
     statistics : of the frame
     startup : seconds before it, of the slowest rank, by part
     """
-    from rich.console import Console
-    from rich.table import Table
-
-    ranks = len(statistics.per_rank)
-    table = Table("where the time went", box=None, pad_edge=False, title_justify="left")
-    for column in ("slowest rank", *(["mean of ranks"] if ranks > 1 else [])):
-        table.add_column(column, justify="right")
+    several = len(statistics.per_rank) > 1
+    rows = [("where the time went", "slowest rank", "mean of ranks")]
     for name, slowest, mean in _rows(statistics, startup):
-        table.add_row(name, f"{slowest:.3f} s", *([f"{mean:.3f} s" if mean is not None else ""] if ranks > 1 else []))
-    console = Console(highlight=False)
-    console.print(table)
-    console.print(f"\n{summary(statistics)}", markup=False)
+        rows.append((name, f"{slowest:.3f} s", "" if mean is None else f"{mean:.3f} s"))
+    width = max(len(name) for name, _, _ in rows)
+    for name, slowest_text, mean_text in rows:
+        print(f"{name:{width}}  {slowest_text:>12}" + (f"  {mean_text:>13}" if several else ""))
+    print(f"\n{summary(statistics)}")
 
 
 def summary(statistics: FrameStatistics) -> str:

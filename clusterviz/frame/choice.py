@@ -7,7 +7,6 @@ from dataclasses import replace
 from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
-from clusterviz.frame.dynamic import Dynamic
 from clusterviz.frame.holding import Holding
 from clusterviz.frame.interleaved import Interleaved
 from clusterviz.frame.mode import candidates
@@ -79,6 +78,8 @@ def _of_data(cluster: Cluster, ranks: int, holding: Holding) -> Distribution:
         case "replicated":
             return Replicated(ranks, cluster.copies, holding)
         case "dynamic":
+            from clusterviz.frame.dynamic import Dynamic
+
             return Dynamic(ranks, holding, cluster.migration_bytes, cluster.migration_share)
         case _:
             return Coherent(ranks, holding)

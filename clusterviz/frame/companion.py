@@ -7,13 +7,10 @@ from typing import Protocol
 
 from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.dynamic import Dynamic
-from clusterviz.frame.moving import Moving
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.frame.shared_screen import SharedScreen
-from clusterviz.frame.turns import Turns
 from clusterviz.report.statistics import RankFrame
 
 
@@ -40,7 +37,13 @@ class Companion(Protocol):
 def companion_of(run: Run, drawing: Drawing, distribution: Distribution, several: bool) -> Companion | None:
     """The one that a distribution needs, if any; bricks move only where more than one frame may come."""
     if isinstance(distribution, SharedScreen):
+        from clusterviz.frame.turns import Turns
+
         return Turns(run, drawing, distribution)
-    if isinstance(distribution, Dynamic) and several:
-        return Moving(run, distribution, drawing)
+    if several:
+        from clusterviz.frame.dynamic import Dynamic
+        from clusterviz.frame.moving import Moving
+
+        if isinstance(distribution, Dynamic):
+            return Moving(run, distribution, drawing)
     return None

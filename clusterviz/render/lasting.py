@@ -7,9 +7,7 @@ nothing new; another transfer function may need another program, or bricks that 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, MutableMapping
-from typing import Any
-
-import moderngl
+from typing import TYPE_CHECKING, Any
 
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
@@ -17,11 +15,15 @@ from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_processor
 from clusterviz.render.drawn import Drawn, Tell, untold
-from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import Stored
 from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.render.vectors.kernel import can_draw
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from clusterviz.render.raycast import Raycaster
 
 Index = tuple[int, int, int]
 
@@ -117,6 +119,8 @@ class LastingCaster:
             return VectorCaster(plan)
         if self._context is None:
             raise ValueError("there is no context yet")
+        from clusterviz.render.raycast import Raycaster
+
         return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
 
     def _on_processor(self, plan: Plan) -> bool:

@@ -114,6 +114,23 @@ def test_a_terminal_sees_a_progress_bar_and_gets_its_cursor_back(ranks: int, tmp
     assert shown.rfind("\x1b[?25h") > shown.rfind("\x1b[?25l")
 
 
+@pytest.mark.fresh
+def test_a_render_imports_only_what_it_needs(cli: Callable[..., Any], tmp_path: Path) -> None:
+    """With kernels that are kept, neither what compiles them nor what draws otherwise."""
+    arguments = ["render", FIELD, "-o", str(tmp_path / "a.png"), "--device", "cpu", *SMALL]
+    assert cli(*arguments).status == 0
+    script = f"""
+import sys
+from clusterviz.cli import run
+status = run({arguments})
+rooms = ("clusterviz.render.vectors.program", "clusterviz.render.raycast", "clusterviz.frame.moving")
+heavy = [name for name in ("numba", "rich", "h5py", "nibabel", "matplotlib", *rooms) if name in sys.modules]
+sys.exit(f"imported {{heavy}}" if heavy else status)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def statistics(*render_seconds: float) -> FrameStatistics:
     return FrameStatistics(
         tuple(

@@ -34,7 +34,6 @@ from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import store
 from clusterviz.render.vectors.coherence.last_frame import LastFrame, depth_of
-from clusterviz.render.vectors.coherence.reprojection import prepare_reprojection
 from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
@@ -117,6 +116,8 @@ class VectorCaster:
         self._kernel = self._kernel_of(plan)
         compiled(self._kernel)
         if self._kernel.leaping:
+            from clusterviz.render.vectors.coherence.reprojection import prepare_reprojection
+
             prepare_reprojection()
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.grading import Table as TableHolds
 from clusterviz.plan.look import Blending, Look
 from clusterviz.plan.mixture import Ingredient
 from clusterviz.plan.plan import Filter, Plan
-from clusterviz.render.vectors.looks.light import Light
 from clusterviz.render.vectors.transfer.pieces import MOST, Pieces
+
+if TYPE_CHECKING:
+    from clusterviz.render.vectors.looks.light import Light
 
 Held = Literal["many", "few", "fitted"]
 Graded = Literal["", "faded", "opacities", "colours"]

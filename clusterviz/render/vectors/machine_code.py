@@ -9,7 +9,6 @@ from pathlib import Path
 
 from clusterviz.kernels.objects import function_address, machine
 from clusterviz.render.vectors.kernel import Kernel
-from clusterviz.render.vectors.program import program_of
 
 
 @cache
@@ -31,6 +30,9 @@ def _sources() -> list[Path]:
 
 def _object(kernel: Kernel) -> bytes:
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+    # What writes a kernel's code is needed only where no file holds it.
+    from clusterviz.render.vectors.program import program_of
 
     target = machine()
     module = llvm.parse_assembly(program_of(kernel))
