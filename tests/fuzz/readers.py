@@ -155,9 +155,9 @@ def _slices(path: Path) -> None:
         Image.fromarray(layer.astype("u1")).save(path.with_name(f"s{z}.png"))
 
 
-def _hdf5(**options: Any) -> Callable[[Path], object]:
+def _hdf5(libver: str = "earliest", **options: Any) -> Callable[[Path], object]:
     def make(path: Path) -> None:
-        with h5py.File(path, "w") as file:
+        with h5py.File(path, "w", libver=libver) as file:
             data = file.create_dataset("group/one", data=SAMPLES, **options)
             data.attrs["spacing"] = [1.0, 2.0, 3.0]
             file["other"] = np.arange(3)
@@ -269,6 +269,8 @@ READERS = {
     "hdf5": Reader("a.h5", _hdf5()),
     "hdf5-chunked": Reader("a.h5", _hdf5(chunks=(2, 3, 4), compression="gzip", shuffle=True, fletcher32=True)),
     "netcdf": Reader("a.nc", _netcdf, lambda path: read_data(path, Subset(time=1))),
+    "hdf5-latest": Reader("a.h5", _hdf5("latest", chunks=(2, 3, 4), compression="lzf", fletcher32=True)),
+    "hdf5-packed": Reader("a.h5", _hdf5("latest", chunks=(4, 5, 6), maxshape=(None, 5, 6), scaleoffset=0)),
     "scene-yaml": Reader("a.yaml", _text(SCENE), load_scene),
     "scene-json": Reader("a.json", lambda path: path.write_text(json.dumps(_yaml(SCENE))), load_scene),
     "path": Reader("a.yaml", _text(KEYS), read_keys),

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 from fuzz.readers import READERS
 from fuzz.trial import Trials
@@ -25,6 +28,13 @@ def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
 
 def swap(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
     return lambda content: content.replace(old, new, 1)
+
+
+def without_first_chunk(content: bytes) -> bytes:
+    """The first chunk has no bytes, not even its checksum, by its key in the tree of chunks: size, mask, place."""
+    with h5py.File(io.BytesIO(content)) as file:
+        size = file["group/one"].id.get_chunk_info(0).size
+    return swap(struct.pack("<II4Q", size, *[0] * 5), bytes(40))(content)
 
 
 def put(place: int, new: bytes) -> Callable[[bytes], bytes]:
@@ -69,6 +79,7 @@ FOUND: dict[str, tuple[str, Callable[[bytes], bytes], str]] = {
         "blocks without bytes",
     ),
     "hdf5-superblock": ("hdf5", put(40, b"\xff\xff\x77"), "damaged|truncated"),
+    "hdf5-chunk-without-checksum": ("hdf5-chunked", without_first_chunk, "a damaged chunk; found 0 bytes"),
     "preset-deep": ("preset", swap(b"[{", b"[" * 5000 + b"[{"), "nested too deeply"),
     "path-endless": ("path", swap(b"time: 2.5", b"time: 1e300"), "too many frames"),
     "table-lies": ("table", swap(b"(3, 4)", b"(999, 999)"), "not a .npy file"),
