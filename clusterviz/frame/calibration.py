@@ -17,7 +17,7 @@ from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
 from clusterviz.frame.small_picture import Draw
 from clusterviz.frame.texture_unit import TextureUnit
-from clusterviz.plan.accuracy import COARSEST, Aim, Choice, choose, next_trial
+from clusterviz.plan.accuracy import COARSEST, VERIFIED_FINEST, Aim, Choice, choose, next_trial, verified
 from clusterviz.plan.estimate import Trial
 from clusterviz.plan.leftover import Picked, Probe, pick_filter, reduced, why_exact
 from clusterviz.scene.values import Quality, Scene
@@ -45,6 +45,7 @@ class Calibration:
     pixels : of each of the small pictures
     samples : of all of them together, on all ranks
     filter : that was picked, where all was compared
+    verified : whether the choice was checked in all pixels, and not in a sample of them
     """
 
     scene: Scene
@@ -53,6 +54,7 @@ class Calibration:
     pixels: int
     samples: int
     filter: Picked
+    verified: bool = False
 
 
 class _Verdict(NamedTuple):
@@ -96,7 +98,11 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
         picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
         samples += taken
     pixels = math.prod(_small(scene, choice.trial, scale).image.size)
-    return Calibration(scene, choice, covered, pixels, samples, picked)
+    if aim.jumps:
+        left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
+        choice, taken = _verified(scene, choice, left, channel, draw)
+        choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
+    return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps)
 
 
 def covered_pixels(aim: Aim, covered: float) -> float:
@@ -121,6 +127,25 @@ def _picked(
     instead = channel.broadcast(choose(pictures, less) if less and pictures else None)
     picked, choice = pick_filter(Probe(error, share), choice, instead, aim)
     return picked, choice, unit.samples
+
+
+def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw) -> tuple[Choice, int]:
+    """The choice, or one with a shorter step, by the whole picture beside two of longer steps; and samples taken.
+
+    Where single pixels are far worse than all others, no sample of pixels tells of them.
+    """
+    finest = max(choice.trial.level, COARSEST + 2)  # slabs are no longer than those of the coarsest
+    trial, pictures, samples = choice.trial._replace(level=finest - 2), list[Image](), 0
+    while True:
+        drawn = draw(_small(scene, trial, 1.0))
+        samples += drawn.samples
+        if drawn.image is not None:
+            pictures = [*pictures[-2:], drawn.image]
+        if trial.level >= finest:
+            error = channel.broadcast(verified(pictures, aim) if pictures else 0.0)
+            if error <= aim.bound or trial.level + 1 > VERIFIED_FINEST:
+                return replace(choice, trial=trial, error=error), samples
+        trial = trial._replace(level=trial.level + 1)
 
 
 def _judged(pictures: dict[Trial, Image], aim: Aim, image: Image | None) -> _Verdict | None:

@@ -58,7 +58,7 @@ class Settling:
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
         reached = error <= aim.bound
-        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached))
+        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached), found.verified)
         if accuracy.warning and not self._warned and self._run.channel.rank == 0:
             warnings.warn(accuracy.warning, stacklevel=5)
         self._warned = bool(accuracy.warning)

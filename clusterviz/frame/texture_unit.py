@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from clusterviz.comm import Channel
 from clusterviz.frame.small_picture import Draw, SmallPicture
-from clusterviz.plan.accuracy import Aim
+from clusterviz.plan.accuracy import SAFETY, Aim
 from clusterviz.plan.estimate import apart, largest
 from clusterviz.scene.values import Scene
 
@@ -40,7 +40,7 @@ class TextureUnit:
         exact, textured = (self._drawn(scene).image for scene in self._scenes)
         added = 0.0
         if exact is not None and textured is not None:
-            added = largest(apart(exact, textured), aim.pixels) * aim.safety
+            added = largest(apart(exact, textured), aim.pixels) * (2 * SAFETY if aim.jumps else SAFETY)
         return self._channel.broadcast(added)
 
     def share(self) -> float:

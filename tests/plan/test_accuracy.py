@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clusterviz.plan.accuracy import COARSEST, FINEST, Aim, Choice, choose, has_strayed, make_aim, next_trial
+from clusterviz.plan.accuracy import (
+    COARSEST,
+    FINEST,
+    SAFETY,
+    Aim,
+    Choice,
+    choose,
+    has_strayed,
+    make_aim,
+    next_trial,
+    verified,
+)
 from clusterviz.plan.estimate import MOST_TAIL, Trial, largest
 from clusterviz.scene import Scene, Volume
+from clusterviz.scene.clip import Clip
 from clusterviz.scene.values import Quality
 
 RNG = np.random.default_rng(7)
@@ -43,7 +56,7 @@ def test_the_step_holds_the_bound_and_is_not_much_shorter_than_needed(order: flo
     truly = 0.01 * found.trial.step**order
     assert truly <= found.error - aim.residual <= aim.target
     # The safety, a quarter of a level, and nothing else.
-    assert truly >= aim.target / aim.safety / 2 ** (order / 4) / 1.35
+    assert truly >= aim.target / SAFETY / 2 ** (order / 4) / 1.35
 
 
 def test_the_way_that_is_cheaper_is_taken_and_the_other_is_left_alone() -> None:
@@ -129,13 +142,37 @@ def test_of_all_pixels_the_largest_is_known_and_of_some_it_is_extrapolated() -> 
     assert largest(np.zeros(100), 10**6) == 0.0
 
 
-def test_jumps_of_the_opacity_are_seen_and_steps_of_the_colour_are_not() -> None:
-    def aim(opacity: tuple[tuple[float, float], ...]) -> Aim:
-        volume = Volume(path="field:gaussian", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=1.0)
-        return make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.01)))
+SMOOTH = ((0.0, 0.0), (0.5, 0.1), (0.5, 0.1), (1.0, 0.7))
 
-    assert aim(((0.0, 0.0), (0.5, 0.1), (0.5, 0.7), (1.0, 0.7))).jumps
-    smooth = aim(((0.0, 0.0), (0.5, 0.1), (0.5, 0.1), (1.0, 0.7)))
-    assert not smooth.jumps
-    assert smooth.ways == BOTH
-    assert math.isclose(smooth.target + smooth.residual, 0.01)
+
+@pytest.mark.parametrize(
+    ("opacity", "more", "jumps"),
+    [
+        (SMOOTH, {}, False),
+        (((0.0, 0.0), (0.5, 0.1), (0.5, 0.7), (1.0, 0.7)), {}, True),
+        (((0.0, 0.0), (0.495, 0.0), (0.5, 0.3), (0.505, 0.0)), {}, True),  # a peak of 1 % of the range
+        (SMOOTH, {"cmap": ((0.0, 1.0, 0.0, 0.0), (0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0))}, True),
+        (SMOOTH, {"interpolation": "nearest"}, True),
+        (SMOOTH, {"clip": Clip(box=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0))}, True),
+        (SMOOTH, {"volumes": 2}, True),
+    ],
+)
+def test_jumps_and_what_is_nearly_one_are_seen(opacity: Any, more: dict[str, Any], jumps: bool) -> None:
+    settings = {"cmap": "bone", "clim": (0.0, 1.0), "opacity": opacity, "opacity_unit_distance": 1.0} | more
+    count, clip = settings.pop("volumes", 1), settings.pop("clip", Clip())
+    volume = Volume(path="field:gaussian", **settings)
+    aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)))
+    assert aim.jumps == jumps
+    assert aim.ways == (("post",) if volume.interpolation == "nearest" else BOTH)
+    assert math.isclose(aim.target + aim.residual, 0.01)
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_a_single_pixel_is_verified(order: float) -> None:
+    """However few pixels are wrong: the estimate of all of them is no smaller than the error."""
+    pictures = [TRUTH.copy() for _ in range(3)]
+    for level, one in enumerate(pictures):
+        one[7, 9, 1] += 0.1 * 2.0 ** (-order * level)
+    aim = Aim(0.05, PATTERN[..., 0].size, ("post",), jumps=True)
+    error = 0.1 * 4.0**-order
+    assert error <= verified(pictures, aim) - aim.residual <= 2.001 * error

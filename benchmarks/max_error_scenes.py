@@ -1,0 +1,252 @@
+"""How often `quality.max_error` is held: `python benchmarks/max_error_scenes.py [--scenes N] [--first K] [--size S]`.
+
+Random scenes, each from its number alone: data of seven kinds in 8 and 16 bits and float32, one volume or two, smooth
+opacities, ramps, peaks of 1 to 4 % of the range and jumps, some lit, some cut, seen from anywhere, with bounds from
+1/255 to 0.02. The truth is drawn with pre-integrated slabs at steps halved down to 1/512 of a voxel, until a halving
+changes no pixel by more than a twentieth of the bound, or by a fourth of what the error is away from the bound: what it
+changed last is how well it is known.
+
+Prints a line for each scene, then how many bounds were held, refused (a warning was given), and broken without one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.field import open_field
+from clusterviz.data.grid import Grid
+from clusterviz.data.memory import ArraySource
+from clusterviz.frame import FrameLoop, Options
+from clusterviz.scene import Scene
+from clusterviz.scene.settings import with_settings
+
+BOUNDS = (0.02, 4 / 255, 2 / 255, 1 / 255)
+KINDS = ("waves", "blobs", "noise", "smoothed noise", "labels", "marschner-lobb", "hydrogen")
+FUNCTIONS = ("smooth", "ramp", "peaks", "peaks", "jumps", "colour jumps")
+KNOWN, FINEST = 1 / 20, 1 / 512
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A scene, what was promised and what was kept; `seconds` are of processor time, pilots included, and without."""
+
+    number: int
+    kind: str
+    dtype: str
+    function: str
+    volumes: int
+    lit: bool
+    clipped: bool
+    bound: float
+    expected: float
+    error: float
+    known_to: float
+    warned: bool
+    step: float
+    classification: str
+    pilot_share: float
+    seconds: float
+
+    @property
+    def broken(self) -> bool:
+        """Whether the bound was broken for certain, without a warning."""
+        return not self.warned and self.error > self.bound + self.known_to
+
+
+def main() -> None:
+    """Try all scenes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--size", type=int, default=128)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    found = []
+    for number in range(options.first, options.first + options.scenes):
+        one = tried(number, options.size)
+        found.append(one)
+        verdict = "BROKEN" if one.broken else "refused" if one.warned else "held"
+        print(
+            f"{number:4} {one.kind:15} {one.dtype:8} {one.function:12} {one.volumes} {'lit' if one.lit else '   '} "
+            f"{'clipped' if one.clipped else '       '} bound "
+            f"{one.bound:.4f} expected {one.expected:.4f} error {one.error:.5f} ± {one.known_to:.0e} step "
+            f"{1 / one.step:6.1f} {one.classification:14} pilots {one.pilot_share:.2f} {verdict}",
+            flush=True,
+        )
+        if options.json:
+            options.json.write_text(json.dumps([asdict(each) for each in found], indent=1) + "\n")
+    print("\n".join(summary(found)))
+
+
+def summary(found: list[Tried]) -> list[str]:
+    """The numbers that count."""
+    promised = [one for one in found if not one.warned]
+    broken = [one for one in promised if one.broken]
+    ratios = np.sort([one.error / one.bound for one in promised] or [0.0])[::-1]
+    return [
+        f"{len(found)} scenes: {len(promised) - len(broken)} held, {len(found) - len(promised)} refused, of which "
+        f"{sum(one.warned and one.error <= one.bound for one in found)} would have been held; "
+        f"{len(broken)} broken without a warning",
+        f"largest errors of those that were promised, of their bounds: {', '.join(f'{r:.2f}' for r in ratios[:5])}; "
+        f"median {np.median(ratios):.2f}",
+        f"pilots took {np.median([one.pilot_share for one in found]):.2f} of a frame's samples (median); frames and "
+        f"pilots {sum(one.seconds for one in found):.0f} s of processor time",
+    ]
+
+
+def tried(number: int, size: int) -> Tried:
+    """Draw one scene with its bound, and its truth."""
+    rng = np.random.default_rng([19, number])
+    kind, function = str(rng.choice(KINDS)), str(rng.choice(FUNCTIONS))
+    dtype, bound = str(rng.choice(["uint8", "uint16", "float32"])), float(rng.choice(BOUNDS))
+    volumes, lit = (2 if rng.random() < 1 / 6 else 1), bool(rng.random() < 1 / 6)
+    sources = [source_of(rng, kind, dtype, k) for k in range(volumes)]
+    entries = [look_of(rng, function, source, lit) for source in sources]
+    away, clipped = rng.normal(size=3), bool(rng.random() < 1 / 6)
+    scene = Scene.model_validate(
+        {
+            "volumes": entries,
+            "image": {"size": [size, size], "background": "black"},
+            "camera": camera_of(away / np.linalg.norm(away), sources, rng),
+            "quality": {"max_error": bound},
+            "clip": {"planes": [[centre_of(sources).tolist(), (-away).tolist()]] if clipped else []},
+        }
+    )
+    began = process_time()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        drawn = frame_of(scene, sources)
+    seconds = process_time() - began
+    accuracy, samples = drawn.statistics.accuracy, sum(rank.samples for rank in drawn.statistics.per_rank)
+    error, known_to = error_of(drawn, sources, bound)
+    return Tried(
+        number,
+        *(kind, dtype, function, volumes, lit, clipped, bound, accuracy.error),
+        *(error, known_to),
+        any("max_error" in str(one.message) for one in caught),
+        *(accuracy.step, accuracy.classification, accuracy.pilot_samples / max(1, samples), seconds),
+    )
+
+
+def error_of(drawn: Any, sources: list[ArraySource], bound: float) -> tuple[float, float]:
+    """A picture's largest difference from the converged one, and what the last halving of the step changed."""
+    fine = {"early_termination": 0.0, "filter": "exact", "pixel": "float32", "classification": "pre-integrated"}
+    step = 1 / 32
+    before = frame_of(with_settings(drawn.scene, fine | {"step": step}), sources).image
+    while True:
+        step /= 2
+        found = frame_of(with_settings(drawn.scene, fine | {"step": step}), sources).image
+        change, error = float(np.abs(found - before).max()), float(np.abs(drawn.image - found).max())
+        if change <= max(KNOWN * bound, abs(error - bound) / 4) or step <= FINEST:
+            return error, change
+        before = found
+
+
+def frame_of(scene: Scene, sources: list[ArraySource]) -> Any:
+    """One frame."""
+    with FrameLoop(scene, LoopbackChannel(), sources, Options(overlap=False), several=False) as loop:
+        return loop.frame()
+
+
+def centre_of(sources: list[ArraySource]) -> NDArray[Any]:
+    """The middle of all volumes' corners."""
+    centre: NDArray[Any] = np.concatenate([source.grid.corners for source in sources]).mean(axis=0)
+    return centre
+
+
+def camera_of(away: NDArray[Any], sources: list[ArraySource], rng: np.random.Generator) -> dict[str, Any]:
+    """From any direction, the volumes filling the picture."""
+    corners, centre = np.concatenate([source.grid.corners for source in sources]), centre_of(sources)
+    radius = float(np.linalg.norm(np.ptp(corners, axis=0))) / 2
+    view_up = np.cross(away, rng.normal(size=3))
+    where = {"focal_point": centre.tolist(), "view_up": view_up.tolist(), "view_angle": 30.0}
+    return where | {"position": (centre + away * radius * float(rng.uniform(2.5, 4.0))).tolist()}
+
+
+def look_of(rng: np.random.Generator, function: str, source: ArraySource, lit: bool) -> dict[str, Any]:
+    """A volume of the scene: colours, and opacity of one kind over its range."""
+    values = source.read((0, 0, 0), source.grid.shape_zyx)
+    low, high = float(values.min()), float(values.max())
+    points = np.array(opacity_of(rng, function))
+    look = {"path": source.name, "clim": [low, high], "cmap": str(rng.choice(["viridis", "bone", "coolwarm"]))}
+    if function == "colour jumps":
+        edges = np.repeat(np.sort(rng.uniform(0.1, 0.9, 3)), 2)
+        places = low + (high - low) * np.concatenate([[0.0], edges, [1.0]])
+        look["cmap"] = np.column_stack([places, np.repeat(rng.random((4, 3)), 2, axis=0)]).tolist()
+    opacity = np.column_stack([low + points[:, 0] * (high - low), points[:, 1]]).tolist()
+    return look | {"opacity": opacity, "opacity_unit_distance": float(rng.choice([0.5, 1.0, 2.0])), "shade": lit}
+
+
+def opacity_of(rng: np.random.Generator, function: str) -> list[tuple[float, float]]:
+    """Points of (share of the range, opacity)."""
+    height = rng.uniform(0.2, 0.95)
+    if function == "peaks":
+        rows, count, half = [(0.0, 0.0)], int(rng.integers(1, 4)), float(rng.choice([0.01, 0.02, 0.04])) / 2
+        for place in np.sort(rng.permutation(8)[:count]) / 9 + 0.1:
+            rows += [(place - half, 0.0), (place, rng.uniform(0.2, 0.95)), (place + half, 0.0)]
+        return [*rows, (1.0, 0.0)]
+    if function == "jumps":
+        rows, before = [(0.0, 0.0)], 0.0
+        for place in np.sort(rng.uniform(0.2, 0.9, int(rng.integers(1, 4)))):
+            after = float(rng.choice([0.0, 0.05, 0.3, 0.9]))
+            rows += [(place, before), (place, after)]
+            before = after
+        return [*rows, (1.0, before)]
+    if function == "ramp":
+        begin, end = np.sort(rng.uniform(0.0, 1.0, 2))
+        return [(0.0, 0.0), (begin, 0.0), (min(1.0, max(end, begin + 0.1)), height)]
+    places, middle, width = np.linspace(0, 1, 64), rng.uniform(0.3, 0.8), rng.uniform(0.1, 0.3)
+    return list(zip(places, height * np.exp(-(((places - middle) / width) ** 2)), strict=True))
+
+
+def source_of(rng: np.random.Generator, kind: str, dtype: str, place: int) -> ArraySource:
+    """Data of a kind, with values over all of the type's range; a second volume lies beside the first."""
+    shape = tuple(int(n) for n in rng.integers(14, 41, 3))
+    values = values_of(rng, kind, shape)
+    values = (values - values.min()) / max(float(np.ptp(values)), 1e-12)
+    if dtype != "float32":
+        values = np.round(values * np.iinfo(dtype).max)
+    spacing = tuple(float(s) for s in rng.choice([1.0, 1.0, 0.7, 1.5], 3))
+    origin = tuple(float(o) for o in place * rng.uniform(-8, 8, 3))
+    return ArraySource(values.astype(dtype), Grid(shape, spacing, origin), f"{kind}-{place}")
+
+
+def values_of(rng: np.random.Generator, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Any floats, (z, y, x)."""
+    z, y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+    if kind == "waves":
+        found = np.zeros(shape)
+        for _ in range(4):
+            a, b, c = rng.uniform(-8, 8, 3)
+            found += np.sin(a * x + b * y + c * z + rng.uniform(0, 6))
+        return found
+    if kind == "blobs":
+        found = np.zeros(shape)
+        for _ in range(6):
+            p, width = rng.uniform(-0.7, 0.7, 3), rng.uniform(0.1, 0.5)
+            found += np.exp(-((x - p[0]) ** 2 + (y - p[1]) ** 2 + (z - p[2]) ** 2) / width**2)
+        return found
+    if kind in ("noise", "smoothed noise", "labels"):
+        found = rng.random(shape)
+        for _ in range({"noise": 0, "smoothed noise": 3, "labels": 12}[kind]):
+            for axis in range(3):
+                found = (np.roll(found, 1, axis) + 2 * found + np.roll(found, -1, axis)) / 4
+        return np.digitize(found, np.quantile(found, [0.5, 0.7, 0.9])) if kind == "labels" else found
+    side = max(shape)
+    cube = open_field(f"field:{kind}:{side}")
+    found = cube.read((0, 0, 0), (side, side, side)).astype(np.float64)
+    return found[: shape[0], : shape[1], : shape[2]]
+
+
+if __name__ == "__main__":
+    main()
