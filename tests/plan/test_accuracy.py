@@ -121,7 +121,7 @@ def test_of_few_pixels_only_steps_that_were_drawn_are_taken() -> None:
     while (trial := next_trial(pictures, aim)) is not None:
         pictures[trial] = few * (1 + 0.02 * trial.step**2)
     assert choose(pictures, aim).trial in pictures
-    assert chosen(aim, {"post": (0.02, 2.0)})[0].trial not in pictures
+    assert chosen(aim, {"post": (0.015, 2.0)})[0].trial not in pictures
 
 
 def test_an_empty_picture_needs_no_fine_step() -> None:
