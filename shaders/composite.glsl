@@ -4,7 +4,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     Segment segment = segment_at(s);
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     float opacity = slab_opacity(segment.unit_opacity, frame.optics.x * share * faded(gradient));
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
+    sum += ((1.0 - sum.a) * opacity) * vec4(lit(segment.colour, gradient, place, beyond, true), 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
@@ -13,6 +13,6 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     } else if (s >= buckets.w) {
         Segment segment = segment_at(s);
         vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-        sum += ((1.0 - sum.a) * doubled(segment.opacity)) * vec4(lit(segment.colour, gradient, place, beyond), 1.0);
+        sum += ((1.0 - sum.a) * doubled(segment.opacity)) * vec4(lit(segment.colour, gradient, place, beyond, true), 1.0);
     }
 }

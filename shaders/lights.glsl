@@ -19,23 +19,44 @@ float power(float x, float y) {
 // The unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes what arrives of it.
 vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);
 
-vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond) {
+// What a surface reflects of a light to the eye: diffuse and specular shares.
+vec2 reflected(vec3 normal, vec3 light) {
+    float facing = dot(normal, light);
+    float mirrored = max(2.0 * facing * dot(normal, toward_eye) - dot(light, toward_eye), 0.0);
+    return vec2(abs(facing), facing != 0.0 ? power(mirrored, material.w) : 0.0);
+}
+
+// `capped`: what is next to a cut face is lit as the face is, by a share that falls with the way behind it, and with the gradient.
+vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
     vec3 normal = normal_from_gradient * gradient;
     // Scaled first: the square of a steep gradient would leave float32.
     float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
     bool has_normal = largest > 0.0;
     normal /= has_normal ? largest : 1.0;
-    normal /= has_normal ? sqrt(dot(normal, normal)) : 1.0;
-    float toward = dot(normal, toward_eye);
+    float length = has_normal ? sqrt(dot(normal, normal)) : 1.0;
+    normal /= length;
+    // lighting[3].w is the least of what gradients are multiplied by.
+    float steep = largest * length, share = 0.0;
+    vec3 cap = vec3(0.0);
+    for (int k = 0; capped && steep * lighting[3].w < 1.0 && k < CAPS; ++k) {
+        int row = 7 + LIGHT_ROWS * LIGHTS + 2 * k;
+        vec4 face = lighting[row], plane = lighting[row + 1];
+        float behind = dot(plane.xyz, vec3(brick_begin + place.cell) + beyond) + plane.w;
+        float found = (1.0 - steep * face.w) * clamp(1.0 - behind, 0.0, 1.0);
+        if (found > share) {
+            share = found;
+            cap = face.xyz;
+        }
+    }
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     for (int k = 0; k < LIGHTS; ++k) {
         int row = 7 + LIGHT_ROWS * k;
         vec3 strength = lighting[row + 1].rgb;
         vec3 light = toward_light(row, place, beyond, strength);
-        float facing = dot(normal, light);
-        float mirrored = max(2.0 * facing * toward - dot(light, toward_eye), 0.0);
-        diffuse += abs(facing) * strength;
-        specular += (facing != 0.0 ? power(mirrored, material.w) : 0.0) * strength;
+        vec2 shares = reflected(normal, light);
+        if (share > 0.0) shares = mix(shares, reflected(cap, light), share);
+        diffuse += shares.x * strength;
+        specular += shares.y * strength;
     }
     return min(colour * (material.x + material.y * diffuse) + material.z * specular, 1.0);
 }

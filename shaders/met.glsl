@@ -15,7 +15,7 @@ void meet_surfaces(int at, dvec2 span) {
             // Those in front of the slab, and behind it, are other slabs'.
             if (found < part.x || found >= part.y || middle + found < uncut.x || middle + found > uncut.y) continue;
             vec4 look = surface[2 * number + 1];
-            meet(found, look.a * vec4(lit(look.rgb, gradient_in(course, walk, t), here, here.beyond + along * stride), 1.0));
+            meet(found, look.a * vec4(lit(look.rgb, gradient_in(course, walk, t), here, here.beyond + along * stride, false), 1.0));
             run_iterations += MOST_SURFACES + LIGHTS;
         }
     }

@@ -73,5 +73,5 @@ void take_slab(inout vec4 sum, Class front, Class back, float units, Place place
     // Between two valid ends, the midpoint's cell may still have an invalid corner: there is no gradient.
     if (MAY_BE_INVALID && !(abs(gradient.x) + abs(gradient.y) + abs(gradient.z) <= 3e38)) gradient = vec3(0.0);
     vec4 slab = integrated(front, back, units * faded(gradient));
-    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient, place, beyond), 1.0);
+    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient, place, beyond, true), 1.0);
 }

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.plan.clip import clip_planes
 from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
 from clusterviz.plan.domain import Domain, domain_layout, make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
@@ -134,14 +135,14 @@ def make_mixture(
 
 
 def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> Ingredient:
-    transfer = transfer_function(volume)
+    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid)
     preintegrated = is_preintegrated(volume, scene.quality.classification)
     return Ingredient(
         cut,
         make_look(
             volume,
             transfer,
-            make_shading(volume, scene.lights, known.grid) if is_lit(volume) else None,
+            make_shading(volume, scene.lights, known.grid, transfer.unit_distance, planes) if is_lit(volume) else None,
             make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None,
         ),
         make_encoding(known.dtype, transfer.domain),

@@ -138,13 +138,14 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             allowed=margin_of(volume, classification, borders),
         )
     transfer = transfer_function(volume)
-    shading = make_shading(volume, scene.lights, grid) if is_lit(volume) else None
+    planes = clip_planes(scene.clip, grid)
+    unit = transfer.unit_distance
+    shading = make_shading(volume, scene.lights, grid, unit, planes) if is_lit(volume) else None
     grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
     look = make_look(volume, transfer, shading, grading)
-    planes = clip_planes(scene.clip, grid)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
     step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
-    units = slab_units(step_world, transfer.unit_distance)
+    units = slab_units(step_world, unit)
     preintegrated = is_preintegrated(volume, classification)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),

@@ -13,8 +13,14 @@ from clusterviz.scene.checks import difference
 from clusterviz.scene.light import Light
 from clusterviz.scene.values import Volume
 
+Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 HEADLIGHT = Light(type="headlight")
+CAP_UNITS = 4.0
+"""Opacity unit distances behind a cut face in which its normal lights what has no gradient; its share falls to 0."""
+CAP_STEEP, FACE_STEEP = 1 / 4, 1 / 128
+"""Gradients, in ranges of clim for the smallest spacing, from which on they alone light what lies behind a clipping
+plane, and behind a face of the volume; below, they do so by a share."""
 UP = np.array([0.0, 0.0, 1.0])  # of a light that shines everywhere, which has no axis
 FAR = float(np.finfo(np.float32).max)
 
@@ -52,12 +58,16 @@ class Shading:
     lights : one or more
     world_from_index : 3 × 3, row by row, times a factor that makes its largest entry 1
     normal_from_gradient : 3 × 3, times such a factor: its inverse transpose, which takes gradients to the world
+    caps : float64 (n, 8), of the planes that cut the volume, its own faces among them: the unit normal in the world,
+        what makes the length of a normal from a gradient a share of `CAP_STEEP`, or of `FACE_STEEP`, and what makes of
+        a place (x, y, z, 1) in index space the way behind the plane, as a share of `CAP_UNITS`
     """
 
     material: tuple[float, float, float, float]
     lights: tuple[Lamp, ...]
     world_from_index: tuple[Triple, ...]
     normal_from_gradient: tuple[Triple, ...]
+    caps: NDArray[np.float64]
 
     @property
     def has_places(self) -> bool:
@@ -70,10 +80,16 @@ class Shading:
         return 5 if self.has_places else 2
 
     def block(self) -> NDArray[np.float32]:
-        """The block of lights.glsl, (7 + light_rows · lights, 4): both matrices by columns, material, lights."""
-        rows = np.zeros((7 + self.light_rows * len(self.lights), 4))
+        """The block of lights.glsl, (7 + light_rows · lights + 2 · caps, 4): both matrices by columns, ….
+
+        Then the material, the lights and the caps.
+        """
+        first = 7 + self.light_rows * len(self.lights)
+        rows = np.zeros((first + 2 * len(self.caps), 4))
+        rows[first:] = self.caps.reshape(-1, 4)
         rows[:3, :3] = np.transpose(self.world_from_index)
         rows[3:6, :3] = np.transpose(self.normal_from_gradient)
+        rows[3, 3] = self.caps[:, 3].min()
         rows[6] = self.material
         for number, light in enumerate(self.lights):
             first = 7 + self.light_rows * number
@@ -88,15 +104,35 @@ class Shading:
         return np.clip(rows, -FAR, FAR).astype(np.float32)
 
 
-def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid) -> Shading:
-    """The light on a volume; a scene without lights has a headlight, as PyVista's and ParaView's have."""
+def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats) -> Shading:
+    """The light on a volume; a scene without lights has a headlight, as PyVista's and ParaView's have.
+
+    Parameters
+    ----------
+    unit : its opacity unit distance
+    planes : float64 (n, 4), that cut it, in index space, see `clip_planes`
+    """
     world_from_index = grid.world_from_index[:3, :3]
+    normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
+    scale = np.abs(normals).max() * (min(grid.spacing) / np.abs(world_from_index).max())
     return Shading(
         (volume.ambient, volume.diffuse, volume.specular, volume.specular_power),
         tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,)),
         _rows(world_from_index),
-        _rows(np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T),
+        _rows(normals),
+        _caps(grid, planes, CAP_UNITS * unit, scale),
     )
+
+
+def _caps(grid: Grid, planes: Floats, depth: float, scale: float) -> Floats:
+    """The rows of the planes and of the volume's own faces."""
+    last = np.array(grid.shape_zyx[::-1], np.float64) - 1
+    faces = np.concatenate([np.eye(3, 4), np.column_stack([-np.eye(3), last])])
+    all_planes = np.concatenate([planes, faces])
+    normals = all_planes[:, :3] @ np.linalg.inv(grid.world_from_index[:3, :3])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    steepness = scale / np.repeat([CAP_STEEP, FACE_STEEP], [len(planes), len(faces)])
+    return np.column_stack([normals / lengths, steepness, all_planes / (lengths * depth)])
 
 
 def _lamp(light: Light, grid: Grid) -> Lamp:

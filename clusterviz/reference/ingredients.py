@@ -126,7 +126,7 @@ class Passage:
         point = self.rays.start[slab.rays[here]] + met.place[:, None] * self.rays.direction[slab.rays[here]]
         alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
         gradient = gradient_at(self.volume, self.voxels, met.inside) if self.volume.shade else None
-        colours[here] = self._lit(slab.rays[here], point, colour, gradient)
+        colours[here] = self._lit(slab.rays[here], point, colour, gradient, ())
         return Met(place, alpha, colours)
 
     def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
@@ -180,11 +180,19 @@ class Passage:
         scalar, valid = self.sampler(self.voxels, *np.clip(self._points(slab, at), 0, self.last).T)
         return scalar, valid
 
-    def _lit(self, rays: NDArray[np.int64], point: Floats, colour: Floats, gradient: Floats | None) -> Floats:
-        """Straight colours (m, 3) under the scene's lights, where the volume is lit."""
+    def _lit(
+        self,
+        rays: NDArray[np.int64],
+        point: Floats,
+        colour: Floats,
+        gradient: Floats | None,
+        box: tuple[int, ...] | None = None,
+    ) -> Floats:
+        """Straight colours (m, 3) under the scene's lights, where the volume is lit; `box` as in `lit`."""
         if not self.volume.shade:
             return colour
         if gradient is None:
             gradient = gradient_at(self.volume, self.voxels, np.clip(point, 0, self.last))
         direction = self.rays.direction[rays]
-        return lit(colour, gradient, point, direction, self.volume, self.scene.lights, self.grid)
+        box = self.voxels.shape if box is None else box
+        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box)

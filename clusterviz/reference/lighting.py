@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,12 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
+from clusterviz.scene.clip import Clip
+from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.light import Light
-from clusterviz.scene.values import Volume
+from clusterviz.scene.values import Scene, Volume
+
+CAP_UNITS, CAP_STEEP, FACE_STEEP = 4.0, 1 / 4, 1 / 128
 
 
 def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
@@ -48,10 +51,15 @@ def lit(
     point: Floats,
     ray: Floats,
     volume: Volume,
-    lights: Sequence[Light],
+    scene: Scene,
     grid: Grid,
+    box: tuple[int, ...] = (),
 ) -> Floats:
     """Straight colours under the scene's lights, cut at 1.
+
+    What is next to a plane that cuts the volume, its own faces among them, is lit as the plane is: by a share that
+    falls from 1 to 0 over `CAP_UNITS` opacity unit distances behind it, and with the gradient's magnitude up to
+    `CAP_STEEP`, or, at the volume's faces, `FACE_STEEP`. Of several planes the one with the largest share counts.
 
     Parameters
     ----------
@@ -60,7 +68,8 @@ def lit(
     point : float64 (n, 3), (x, y, z) in samples
     ray : float64 (n, 3), the ray's direction in index space
     volume : its material
-    lights : of the scene; none is a headlight
+    scene : for its lights, none being a headlight, and its clipping
+    box : samples of the volume along z, y, x, whose cut faces are lit as such; () for surfaces, which have none
 
     References
     ----------
@@ -69,8 +78,9 @@ def lit(
     world_from_index = grid.world_from_index[:3, :3]
     normal = _unit(_unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
     toward_eye = -_unit(ray @ world_from_index.T)
+    share, cap = _cap(gradient, point, volume, scene.clip, grid, box) if box else (np.zeros(len(point)), normal)
     found = volume.ambient * colour
-    for light in lights or (Light(type="headlight"),):
+    for light in scene.lights or (Light(type="headlight"),):
         toward_light = toward_eye
         if light.position is not None and light.type == "scene":
             toward_light = np.broadcast_to(_unit(np.subtract(light.position, light.focal_point)[None]), normal.shape)
@@ -79,12 +89,44 @@ def lit(
             way = light.position - (point @ world_from_index.T + grid.origin)
             toward_light = _unit(way)
             strength = strength * _arriving(light, way)[:, None]
-        facing = (normal * toward_light).sum(axis=1, keepdims=True)
-        mirror = 2 * facing * normal - toward_light
-        highlight = np.maximum((mirror * toward_eye).sum(axis=1, keepdims=True), 0) ** volume.specular_power
-        found = found + volume.diffuse * np.abs(facing) * strength * colour
-        found = found + volume.specular * np.where(facing != 0, highlight, 0) * strength
+        for one, weight in ((normal, 1 - share), (cap, share)):
+            facing = (one * toward_light).sum(axis=1, keepdims=True)
+            mirror = 2 * facing * one - toward_light
+            highlight = np.maximum((mirror * toward_eye).sum(axis=1, keepdims=True), 0) ** volume.specular_power
+            reflected = volume.diffuse * np.abs(facing) * colour + volume.specular * np.where(facing != 0, highlight, 0)
+            found = found + weight[:, None] * reflected * strength
     return np.minimum(found, 1)
+
+
+def _cap(
+    gradient: Floats, point: Floats, volume: Volume, clip: Clip, grid: Grid, box: tuple[int, ...]
+) -> tuple[Floats, Floats]:
+    """The share (n,) of a cut face's light, and the face's unit normal (n, 3) in the world."""
+    transfer, index_from_world = transfer_function(volume), np.linalg.inv(grid.world_from_index[:3, :3])
+    low, high = transfer.domain
+    with np.errstate(over="ignore"):
+        slope = gradient * (min(grid.spacing) / 2 / (high / 2 - low / 2)) @ index_from_world
+        steep = np.linalg.norm(slope, axis=1)
+    world = point @ grid.world_from_index[:3, :3].T + grid.origin
+    planes = [(np.array(origin), np.array(normal), CAP_STEEP) for origin, normal in clip.planes]
+    corners = [np.array(grid.origin), grid.world_from_index[:3, :3] @ (np.array(box[::-1]) - 1) + grid.origin]
+    for axis in range(3):
+        planes += [
+            (corner, sign * index_from_world[axis], FACE_STEEP) for corner, sign in zip(corners, (1, -1), strict=True)
+        ]
+        if clip.box is not None:
+            sides = clip.box[2 * axis : 2 * axis + 2]
+            planes += [
+                (np.full(3, side), sign * np.eye(3)[axis], CAP_STEEP) for side, sign in zip(sides, (1, -1), strict=True)
+            ]
+    share, cap = np.zeros(len(point)), np.zeros(point.shape)
+    for origin, normal, least in planes:
+        unit = normal / np.linalg.norm(normal)
+        behind = (world - origin) @ unit / (CAP_UNITS * transfer.unit_distance)
+        found = np.maximum(1 - steep / least, 0) * np.clip(1 - behind, 0, 1)
+        cap = np.where((found > share)[:, None], unit, cap)
+        share = np.maximum(found, share)
+    return share, cap
 
 
 def _arriving(light: Light, way: Floats) -> Floats:

@@ -70,7 +70,8 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
             alpha = -np.expm1(-depth)
             if volume.shade and gradient is not None:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-                colour = lit(straight, gradient, part.point, direction, volume, scene.lights, grid) * alpha[:, None]
+                box = voxels.shape
+                colour = lit(straight, gradient, part.point, direction, volume, scene, grid, box) * alpha[:, None]
             rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
             rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
             transmittance[slab.rays] *= np.exp(-depth)

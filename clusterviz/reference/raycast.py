@@ -145,7 +145,7 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)
         if volume.shade and gradient is not None:
-            colour = lit(colour, gradient, slab.point, rays.direction[slab.rays], volume, scene.lights, grid)
+            colour = lit(colour, gradient, slab.point, rays.direction[slab.rays], volume, scene, grid, voxels.shape)
         rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)

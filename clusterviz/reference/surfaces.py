@@ -39,10 +39,12 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
     def gradients(point: Floats) -> Floats | None:
         return gradient_at(volume, voxels, point) if needs_gradient(volume) else None
 
-    def lit_up(colour: Floats, gradient: Floats | None, point: Floats, pixels: NDArray[np.int64]) -> Floats:
+    def lit_up(
+        colour: Floats, gradient: Floats | None, point: Floats, pixels: NDArray[np.int64], box: tuple[int, ...] = ()
+    ) -> Floats:
         if gradient is None or not volume.shade:
             return colour
-        return lit(colour, gradient, point, rays.direction[pixels], volume, scene.lights, grid)
+        return lit(colour, gradient, point, rays.direction[pixels], volume, scene, grid, box)
 
     course = Course(rays, voxels, volume.interpolation, np.array([value for value, _ in wanted]))
     opacities, colours = (np.array([entry[1] for entry in wanted]), classify.colour(np.array([v for v, _ in wanted])))
@@ -51,7 +53,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
         gradient = gradients(slab.point)
         glow, extinction = optics(volume, classify, middle, gradient, grid)
-        glow, extinction = lit_up(glow, gradient, slab.point, slab.rays), np.where(known, extinction, 0)
+        glow, extinction = lit_up(glow, gradient, slab.point, slab.rays, voxels.shape), np.where(known, extinction, 0)
         begin = slab.begin.copy()
         for met in course.crossings(slab.rays, slab.begin, slab.end):
             here, pixels = met.slabs, slab.rays[met.slabs]

@@ -44,7 +44,7 @@ OWN_NAMES = (
     *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
     *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
-    *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit"),
+    *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
     *("absorbing", "surface", "meet_surfaces", "CELL_BEGINS", "cell_within", "extent_of", "cubic_of", "field_on"),
@@ -78,6 +78,7 @@ class VolumeVariant:
     slot : how what a brick of the domain needs of the volume is stored
     further_starts : of its segments
     lights : how many light it; 0: it is not lit
+    caps : planes that cut it, its own faces among them, where it is lit
     near : some of them have a place
     smooth : its gradients are those of cubic B-splines
     fading, table : as in `Variant`
@@ -90,6 +91,7 @@ class VolumeVariant:
     slot: Slot
     further_starts: int
     lights: int = 0
+    caps: int = 0
     near: bool = False
     smooth: bool = False
     fading: int = 0
@@ -101,7 +103,7 @@ class VolumeVariant:
     @property
     def rows(self) -> dict[str, int]:
         """How many rows its look has of each kind; `rows_of` gives them in the same order."""
-        found = {"lighting": 7 + self.light_rows * self.lights} if self.lights else {}
+        found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps} if self.lights else {}
         found |= {"grading": 4 + self.fading} if self.fading or self.table else {}
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
@@ -156,6 +158,7 @@ class VolumeVariant:
             "SLICE_WORDS": str(self.slot.slice_words),
             "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
             "LIGHTS": str(self.lights),
+            "CAPS": str(self.caps),
             "LIGHT_ROWS": str(self.light_rows),
             "FADING_PIECES": str(self.fading),
             "TABLE_BINDING": str(TABLES_BINDING + number),
@@ -191,6 +194,7 @@ def volume_variants(mixture: Mixture, slot: Slot) -> tuple[VolumeVariant, ...]:
             room,
             part.segments.further_starts,
             len(part.look.shading.lights) if part.look.shading else 0,
+            len(part.look.shading.caps) if part.look.shading else 0,
             bool(part.look.shading and part.look.shading.has_places),
             part.look.smooth,
             part.look.grading.fading if part.look.grading else 0,

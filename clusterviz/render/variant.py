@@ -129,6 +129,11 @@ class Variant:
         return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
 
     @property
+    def caps(self) -> int:
+        """Planes that cut a lit volume, its own faces among them."""
+        return self.planes + 6
+
+    @property
     def _record_bytes(self) -> int:
         return (SLAB_RECORD if self.preintegrated else RECORD).itemsize
 
@@ -136,7 +141,9 @@ class Variant:
     def _sample_iterations(self) -> int:
         """Of loops in a sample, at most."""
         searches = self.volumes or (self,)
-        each = (one.further_starts.bit_length() + one.lights + one.fading for one in searches)
+        each = (
+            one.further_starts.bit_length() + one.lights + bool(one.lights) * one.caps + one.fading for one in searches
+        )
         return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
 
     @property
@@ -188,8 +195,9 @@ class Variant:
             lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
             rows = 5 if self.near else 2
-            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights}))
+            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights + 2 * self.caps}))
             lines.append(f"const int LIGHTS = {self.lights};")
+            lines.append(f"const int CAPS = {self.caps}; // planes that cut what is lit")
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
         if self.blending in ("maximum", "minimum"):
             lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")

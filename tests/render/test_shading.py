@@ -13,6 +13,7 @@ from render.test_raycast import GRIDS
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
+from clusterviz.scene.clip import Clip
 from clusterviz.scene.light import Light
 
 pytestmark = pytest.mark.gl
@@ -194,3 +195,31 @@ def test_no_ray_is_cut_short_by_the_loops_of_light(context: moderngl.Context, in
     keys: dict[str, Any] = {"opacity": 0.3, "unit": 3.0, "step": 8e-3, "size": (4, 4), "interpolation": interpolation}
     scene = lit_scene(voxels, "outside", grid, lights, **keys)
     assert error(context, render_reference(scene, grid, voxels), scene, voxels, grid) <= BOUND
+
+
+def plateaus() -> np.ndarray:
+    """Two even tissues, steps between them, and next to nothing of a gradient inside."""
+    z, y, x = np.indices(SHAPE)
+    values = np.where((x - 12) ** 2 + (y - 11) ** 2 + (z - 9) ** 2 < 64, 160, 110).astype(np.uint8)
+    values[::5, ::4] += (x % 2)[::5, ::4].astype(np.uint8)
+    return values
+
+
+@pytest.mark.parametrize("classification", ["post", "pre-integrated"])
+@pytest.mark.parametrize("name", ["plain", "turned"])
+def test_cut_faces_are_lit_as_the_plane_is(context: moderngl.Context, classification: str, name: str) -> None:
+    grid, voxels = GRIDS.get(name, GRID), plateaus()
+    middle = tuple((grid.world_from_index @ (12, 11, 9, 1))[:3].tolist())
+    cut = Clip(planes=((middle, (-1.0, -0.6, -0.3)),))
+    keys: dict[str, Any] = {"clim": (100.0, 170.0), "opacity": 0.3, "unit": 2.0, "classification": classification}
+    keys |= {"size": (12, 10)} if classification == "pre-integrated" else {}
+    scene = lit_scene(voxels, "outside", grid, LIGHTS, **keys).model_copy(update={"clip": cut})
+    expected = render_reference(scene, grid, voxels)
+    ambient = {"diffuse": 0.0, "specular": 0.0}
+    unlit = lit_scene(voxels, "outside", grid, LIGHTS, look=ambient, **keys).model_copy(update={"clip": cut})
+    dark = render_reference(unlit, grid, voxels)
+    seen = expected[..., 3] > 0.5
+    assert seen.any()
+    assert np.median(expected[seen, :3].sum(-1) / dark[seen, :3].sum(-1)) > 1.5, "the cut is dark"
+    for brick in (5, 11):
+        assert error(context, expected, scene, voxels, grid, brick=brick) <= BOUND

@@ -26,6 +26,7 @@ JOB = np.dtype(
         ("record_floats", "i4"),  # in a row of the records
         ("planes", "i4"),  # how many clip the volume
         ("lights", "i4"),  # how many shine on it
+        ("caps", "i4"),  # planes that cut it where it is lit, its own faces among them
         ("surfaces", "i4"),  # isosurfaces in it
         ("fading", "i4"),  # pieces of its gradient opacity
         ("table_sides", "i4", 2),  # of a transfer function of two dimensions: columns, rows
@@ -51,7 +52,7 @@ JOB = np.dtype(
         ("record_rows", "i8"),  # the plan's own
         ("sums", "i8"),  # float64 (segments, 8) as in plan/preintegration.py
         ("clip", "i8"),
-        ("lighting", "i8"),  # float32 (7 + rows · lights, 4), see plan/shading.py
+        ("lighting", "i8"),  # float32 (7 + rows · lights + 2 · caps, 4), see plan/shading.py
         ("surface", "i8"),  # float32 (surfaces, 8): value, 0, 0, 0; colour, opacity
         ("grading", "i8"),  # float32 (4 + fading, 4), see plan/grading.py
         ("table", "i8"),  # float32 (rows, columns, 4)

@@ -110,6 +110,7 @@ def tell_volume(job: NDArray[np.void], slot: Slot, segments: Segments, look: Loo
     job["further_starts"], job["record_floats"] = segments.further_starts, segments.records.itemsize // 4
     shading, grading = look.shading, look.grading
     job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(look.surfaces)
+    job["caps"] = len(shading.caps) if shading else 0
     if grading:
         job["fading"] = grading.fading
         if grading.table is not None:

@@ -13,7 +13,16 @@ from typing import Literal
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
-from clusterviz.render.vectors.fields.directions import ROW_BYTES, dot, number_at, scaled, turned, unit, vector_at
+from clusterviz.render.vectors.fields.directions import (
+    ROW_BYTES,
+    dot,
+    length,
+    number_at,
+    scaled,
+    turned,
+    unit,
+    vector_at,
+)
 from clusterviz.render.vectors.fields.field import Spot
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.transfer.opacity import power
@@ -34,41 +43,73 @@ class Lights:
 
     def __init__(self, code: Code, job: Job, near: bool) -> None:
         self._code, self._near = code, near
-        self._rows, self._count = job["lighting"], job["lights"]
+        self._rows, self._count, self._caps = job["lighting"], job["lights"], job["caps"]
         self._light_bytes = ROW_BYTES * LIGHT_ROWS["near" if near else "far"]
         self._world, self._normal = ([vector_at(code, self._rows, first + k) for k in range(3)] for first in (0, 3))
         self._ambient, self._diffuse, self._specular, self._power = (
             number_at(code, self._rows, HEAD_ROWS - 1, part) for part in range(4)
         )
+        self._least = number_at(code, self._rows, 3, 3)
 
-    def lit(self, colour: Vector, gradient: Vector, spot: Spot, slab: Vector) -> Vector:
+    def lit(self, colour: Vector, gradient: Vector, spot: Spot, slab: Vector, capped: bool) -> Vector:
         """Straight colours under the lights.
 
         Parameters
         ----------
         gradient : of the field, per voxel
         slab : along the ray, in index space
+        capped : what is next to a cut face is lit as the face is, by a share that falls with the way behind it, and
+            with the gradient
         """
         code = self._code
         eye = unit(code, turned(code, self._world, scaled(code, slab)[0]))
         eye = -eye[0], -eye[1], -eye[2]
-        normal = unit(code, turned(code, self._normal, gradient))
-        toward = dot(code, normal, eye)
+        steep = turned(code, self._normal, gradient)
+        normal = unit(code, steep)
+        share, cap = self._cap(length(code, steep), spot) if capped else (None, normal)
         sums = [Variable(code.same(F32, 0.0)) for _ in range(6)]
         number = Variable(code.number(I32, 0))
         with code.loop(lambda: number.now < self._count):
             row = self._rows + ROW_BYTES * HEAD_ROWS + number.now.to(I64) * self._light_bytes
             light, strength = self._toward_light(row, eye, spot)
-            facing = dot(code, normal, light)
-            mirrored = code.most(2.0 * facing * toward - dot(code, light, eye), 0.0)
-            highlight = power(code, code.least(mirrored, 1.0), self._power)
-            highlight = code.select(facing.equals(0.0), 0.0, highlight)
+            shares = [Variable(part) for part in self._reflected(normal, light, eye)]
+            if share is not None:
+                with code.when(code.any(share > 0.0)):
+                    for part, other in zip(shares, self._reflected(cap, light, eye), strict=True):
+                        part.set(code.fma(share, other - part.now, part.now))
             for channel in range(3):
-                for part, share in ((sums[channel], code.size(facing)), (sums[3 + channel], highlight)):
-                    part.set(code.fma(share, strength[channel], part.now))
+                for part, each in ((sums[channel], shares[0].now), (sums[3 + channel], shares[1].now)):
+                    part.set(code.fma(each, strength[channel], part.now))
             number.set(number.now + 1)
         r, g, b = (self._shown(colour[k], sums[k].now, sums[3 + k].now) for k in range(3))
         return r, g, b
+
+    def _reflected(self, normal: Vector, light: Vector, eye: Vector) -> tuple[Value, Value]:
+        """What a surface reflects of a light to the eye: diffuse and specular shares."""
+        code, facing = self._code, dot(self._code, normal, light)
+        mirrored = code.most(2.0 * facing * dot(code, normal, eye) - dot(code, light, eye), 0.0)
+        highlight = power(code, code.least(mirrored, 1.0), self._power)
+        return code.size(facing), code.select(facing.equals(0.0), 0.0, highlight)
+
+    def _cap(self, steepness: Value, spot: Spot) -> tuple[Value, Vector]:
+        """The share of a cut face's light, and the face's normal: of the one with the largest share."""
+        code = self._code
+        share, cap = Variable(code.same(F32, 0.0)), [Variable(code.same(F32, 0.0)) for _ in range(3)]
+        x, y, z = (cell.to(F32) + beyond for cell, beyond in zip(spot.cell, spot.beyond, strict=True))
+        number, first = Variable(code.number(I32, 0)), self._rows + ROW_BYTES * HEAD_ROWS
+        with code.when(code.any(steepness * self._least < 1.0)):
+            first = first + self._count.to(I64) * self._light_bytes
+            with code.loop(lambda: number.now < self._caps):
+                row = first + number.now.to(I64) * (2 * ROW_BYTES)
+                behind = dot(code, vector_at(code, row, 1), (x, y, z)) + number_at(code, row, 1, 3)
+                even = 1.0 - steepness * number_at(code, row, 0, 3)
+                found = even * code.within(1.0 - behind, 0.0, 1.0)
+                larger = found > share.now
+                share.set(code.select(larger, found, share.now))
+                for part, value in zip(cap, vector_at(code, row, 0), strict=True):
+                    part.set(code.select(larger, value, part.now))
+                number.set(number.now + 1)
+        return share.now, (cap[0].now, cap[1].now, cap[2].now)
 
     def _shown(self, colour: Value, diffuse: Value, specular: Value) -> Value:
         """One channel, cut at 1."""

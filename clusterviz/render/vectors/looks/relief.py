@@ -42,6 +42,8 @@ class Relief:
         """The length of slabs as gradient opacity has it."""
         return length if self._fading is None or gradient is None else length * self._fading.factor(gradient)
 
-    def lit(self, colour: Vector, gradient: Vector | None, spot: Spot, slab: Vector) -> Vector:
-        """Straight colours under the lights."""
-        return colour if self._lights is None or gradient is None else self._lights.lit(colour, gradient, spot, slab)
+    def lit(self, colour: Vector, gradient: Vector | None, spot: Spot, slab: Vector, *, capped: bool = True) -> Vector:
+        """Straight colours under the lights; next to cut faces, where `capped`, under those on the face."""
+        if self._lights is None or gradient is None:
+            return colour
+        return self._lights.lit(colour, gradient, spot, slab, capped)

@@ -169,7 +169,7 @@ class Surfaces:
         x, y, z = (cell.to(F64) + beyond.to(F64) for cell, beyond in zip(at.cell, at.beyond, strict=True))
         seen = met & keeps(code, self._job, (x, y, z))
         with code.when(code.any(seen)):
-            lit = self._relief.lit(colour, self._relief.gradient(at), at, line[1])
+            lit = self._relief.lit(colour, self._relief.gradient(at), at, line[1], capped=False)
             take_sample(code, sums, seen, opacity, lit)
 
 
