@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "schema": ("clusterviz.cli.schema", "Print the JSON Schema of scene files."),
     "cmaps": ("clusterviz.cli.cmaps", "List colour maps."),
     "samples": ("clusterviz.cli.samples", "List real data that can be fetched, or fetch one and print its path."),
+    "prepare": ("clusterviz.cli.prepare", "Compile the kernels that most scenes need."),
     "doctor": ("clusterviz.cli.doctor", "Show what every rank has to work with, and what is wrong with it."),
 }
 """Name -> module and help line, in the order of the help page."""
@@ -46,6 +47,7 @@ EXAMPLES: dict[str, str] = {
     "schema": "clusterviz schema > scene.schema.json",
     "cmaps": "clusterviz cmaps --kind diverging",
     "samples": "clusterviz samples head",
+    "prepare": "clusterviz prepare",
     "doctor": "mpirun -n 4 clusterviz doctor",
 }
 """Name -> one use of it, shown in the help."""

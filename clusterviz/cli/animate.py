@@ -31,7 +31,7 @@ def command(
     context: typer.Context,
     scene: SceneArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help="movie.mp4, or pictures: 'frame_%04d.png'.")
+        Path, typer.Option("-o", "--output", metavar="OUT", help="movie.mp4, movie.gif, or pictures: 'frame_%04d.png'.")
     ],
     orbit: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Turn about the focal point, round view_up.")

@@ -37,7 +37,7 @@ class FrameFiles:
 
     Parameters
     ----------
-    output : a name with one field for the number (frame_%04d.png), or a movie (.mp4)
+    output : a name with one field for the number (frame_%04d.png), or a movie (.mp4, .gif)
     resume : keep the pictures that are there
 
     Raises
@@ -48,15 +48,16 @@ class FrameFiles:
 
     def __init__(self, output: Path, resume: bool) -> None:
         self._output, self._resume = output, resume
-        self._movie = output.suffix.lower() == ".mp4"
+        self._movie = output.suffix.lower() in (".mp4", ".gif")
         self._folder = output.with_name(f"{output.name}.frames") if self._movie else output.parent
         self._pattern = "frame_%06d.png" if self._movie else output.name
         if self._movie:
-            check_encoder(output)
+            if output.suffix.lower() == ".mp4":
+                check_encoder(output)
             check_replaceable(output)
             return
         if output.suffix.lower() != ".png" or len(FIELD.findall(output.name)) != 1 or output.name.count("%") != 1:
-            allowed = "a movie (movie.mp4), or pictures with a field for their number ('frame_%04d.png')"
+            allowed = "a movie (movie.mp4, movie.gif), or pictures with a field for their number ('frame_%04d.png')"
             raise OutputError("not a name for frames", where="--output", found=output.name, allowed=allowed)
         check_writable(self.path(0))
 

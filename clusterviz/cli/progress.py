@@ -47,6 +47,23 @@ def show_progress(steps: Sequence[str], weights: Sequence[float] = (), *, one: b
         yield bar
 
 
+def announce_compiling() -> None:
+    """Say on a terminal, or with `--verbose`, that a kernel is being compiled: it takes seconds, and only once."""
+    from clusterviz.kernels import objects
+
+    told: list[str] = []
+
+    def tell(name: str) -> None:
+        with ExitStack() as stack:
+            terminal = sys.stderr if verbosity() is Verbosity.VERBOSE else _terminal(stack)
+            if terminal is not None and not told and verbosity() is not Verbosity.QUIET:
+                text = "compiling kernels for this processor, once (`clusterviz prepare` does it ahead)"
+                print(f"clusterviz: {text}", file=terminal, flush=True)
+            told.append(name)
+
+    objects.on_compiling = tell
+
+
 class _Lines:
     """Each step as a line with the seconds since the first."""
 

@@ -15,7 +15,7 @@ import typer
 import clusterviz
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.costs import print_costs
-from clusterviz.cli.progress import show_progress
+from clusterviz.cli.progress import announce_compiling, show_progress
 from clusterviz.cli.tracing import Tracing
 from clusterviz.cli.verbosity import Verbosity, say, verbosity
 from clusterviz.comm import Channel, agree, limit_threads, open_channel
@@ -30,7 +30,9 @@ from clusterviz.scene.values import Scene
 def command(
     context: typer.Context,
     scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .npy or .exr.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .jpg, .gif, .npy or .exr.")
+    ],
     define: Define = None,
     size: Size = None,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
@@ -67,6 +69,8 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     channel = open_channel(several_threads=several_threads)
     limit_threads(channel.place())
     warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # a user needs no line of code
+    if channel.rank == 0:
+        announce_compiling()
     ready = time.perf_counter()
     return channel, {"interpreter": max(0.0, age - (began - reached)), "imports": began - reached, "mpi": ready - began}
 

@@ -13,6 +13,7 @@ from clusterviz.errors import InputError, OutputError
 from clusterviz.image.finish import Colour, finish
 from clusterviz.image.replace import check_replaceable, replacing
 
+JPEG_QUALITY = 95
 Pixels = NDArray[np.float32]
 
 
@@ -96,6 +97,22 @@ def _write_png(path: Path, rgba: Pixels, background: Colour | None) -> None:
         Image.fromarray(finish(rgba, background)).save(file, format="png")
 
 
+def _write_jpg(path: Path, rgba: Pixels, background: Colour | None) -> None:
+    from PIL import Image
+
+    if background is None:
+        raise OSError("a JPEG cannot be transparent: give a background, or write .png")
+    with path.open("wb") as file:
+        Image.fromarray(finish(rgba, background)).convert("RGB").save(file, format="jpeg", quality=JPEG_QUALITY)
+
+
+def _write_gif(path: Path, rgba: Pixels, background: Colour | None) -> None:
+    from PIL import Image
+
+    with path.open("wb") as file:
+        Image.fromarray(finish(rgba, background)).save(file, format="gif")
+
+
 def _write_exr(path: Path, rgba: Pixels, background: Colour | None) -> None:
     import OpenEXR
 
@@ -136,5 +153,9 @@ _WRITERS: dict[str, Callable[[Path, Pixels, Colour | None], None]] = {
     ".png": _write_png,
     ".npy": _write_npy,
     ".exr": _write_exr,
+    ".jpg": _write_jpg,
+    ".jpeg": _write_jpg,
+    ".gif": _write_gif,
 }
 _READERS: dict[str, Callable[[Path], Pixels]] = {".png": _read_png, ".npy": _read_npy, ".exr": _read_exr}
+_READERS |= dict.fromkeys((".jpg", ".jpeg", ".gif"), _read_png)

@@ -46,6 +46,9 @@ def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_se
     OutputError
         The encoder fails, or the file cannot be written.
     """
+    if path.suffix.lower() == ".gif":
+        _write_gif(path, pictures, frames_per_second)
+        return
     import imageio_ffmpeg
 
     with replacing(path) as temporary:
@@ -68,6 +71,16 @@ def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_se
             if encoder is not None:
                 encoder.close()
         _check_whole(temporary, count)
+
+
+def _write_gif(path: Path, pictures: Iterable[Bytes], frames_per_second: float) -> None:
+    """An endless GIF: 256 colours a picture, and its times are hundredths of a second."""
+    from PIL import Image
+
+    first, *others = (Image.fromarray(picture).quantize() for picture in pictures)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        milliseconds = max(10, 10 * round(100 / frames_per_second))
+        first.save(file, format="gif", save_all=True, append_images=others, duration=milliseconds, loop=0)
 
 
 def _check_whole(path: Path, count: int) -> None:

@@ -23,6 +23,14 @@ _DIGEST_BYTES = 32
 _ENGINES: list[Any] = []
 
 
+def _untold(name: str) -> None:
+    """Where nobody wants to know."""
+
+
+on_compiling: Callable[[str], None] = _untold
+"""Called with the name of a kernel that no file holds, before it is compiled; commands may set it."""
+
+
 def function_address(name: str, sources: Iterable[bytes], make: Callable[[], bytes]) -> int:
     """Where a function lies in memory.
 
@@ -34,9 +42,10 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
     """
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-    path = folder() / f"{name}-{fingerprint(sources)}.o"
+    path = kept_path(name, sources)
     code = read_code(path)
     if code is None:
+        on_compiling(name)
         code = make()
         _keep(path, code)
     engine = _engine()
@@ -58,6 +67,11 @@ def machine() -> Any:
     features = llvm.get_host_cpu_features().flatten()
     # Code and the C library's functions may lie anywhere, so addresses have all their 64 bits.
     return target.create_target_machine(llvm.get_host_cpu_name(), features, opt=3, reloc="static", codemodel="large")
+
+
+def kept_path(name: str, sources: Iterable[bytes]) -> Path:
+    """The file of a function's object code, be it there or not."""
+    return folder() / f"{name}-{fingerprint(sources)}.o"
 
 
 def folder() -> Path:

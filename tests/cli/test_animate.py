@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from failures.jobs import failing, finish
+from PIL import Image
 
 from clusterviz.cli import frames as frames_module
 from clusterviz.cli.jobs import run_job
@@ -268,3 +269,13 @@ def test_several_ranks_give_the_same_frames_and_a_failing_one_names_its_frame(cl
     assert ended.status == 1
     assert "rank 1, frame 2, render: ValueError: odd" in ended.err
     assert names(three) == ["f.animation.json", "f0.png", "f1.png"]
+
+
+@pytest.mark.fresh
+def test_a_movie_may_be_a_gif(cli: Callable[..., Any], tmp_path: Path) -> None:
+    movie = tmp_path / "a.gif"
+    orbit = ("--orbit", "90", "--frames", "3", "--size", "24x18", "--device", "cpu")
+    assert cli("animate", "field:marschner-lobb:16", "-o", str(movie), *orbit).status == 0
+    with Image.open(movie) as file:
+        assert (file.size, getattr(file, "n_frames", 1), file.info["duration"]) == ((24, 18), 3, 40)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]

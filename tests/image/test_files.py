@@ -106,7 +106,7 @@ def test_a_folder_is_not_overwritten(tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", picture(), None)
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a", ".png"])
+@pytest.mark.parametrize("name", ["a.bmp", "a", ".png"])
 def test_unknown_extensions_name_the_known_ones(tmp_path: Path, name: str) -> None:
     for attempt in (check_writable, lambda path: write_image(path, picture(), None)):
         with pytest.raises(OutputError, match=r"\.png, \.npy, \.exr"):
@@ -173,3 +173,17 @@ def test_an_array_of_another_shape_is_not_a_picture(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((3, 3)))
     with pytest.raises(InputError, match=r"\(3, 3\)"):
         read_image(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.jpeg", "a.gif"])
+def test_pictures_for_the_web_are_over_the_background(name: str, tmp_path: Path) -> None:
+    rgba = np.zeros((8, 8, 4), np.float32)
+    rgba[:4] = 1.0
+    write_image(tmp_path / name, rgba, (1.0, 0.0, 0.0))
+    seen = read_image(tmp_path / name)
+    assert np.abs(seen[:2] - 1).max() < 0.05
+    assert np.abs(seen[6:] - np.float32([1, 0, 0, 1])).max() < 0.05
+    if name != "a.gif":
+        with pytest.raises(OutputError, match="cannot be transparent"):
+            write_image(tmp_path / "b.jpg", rgba, None)
+        assert not (tmp_path / "b.jpg").exists()

@@ -18,6 +18,8 @@ Kernel = Callable[[int], int]
 
 # What kernels are made from.
 _PARTS = ("job_layout", "vector_code", "merge_code", "instructions", "places", "merging_pixels", "sums")
+USUAL = (("layer_kernels", "blend_layers"), ("pair_kernels", "put"))
+"""Module and name of the kernels that every composition needs."""
 SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")
 
 

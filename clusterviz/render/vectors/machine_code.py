@@ -14,18 +14,19 @@ from clusterviz.render.vectors.kernel import Kernel
 @cache
 def compiled(kernel: Kernel) -> Callable[[int], None]:
     """A kernel as a function of its job's address; it needs no lock of Python's, so threads run it at once."""
-    sources = [path.read_bytes() for path in _sources()]
-    address = function_address(kernel.name, sources, lambda: _object(kernel))
+    address = function_address(kernel.name, sources(), lambda: _object(kernel))
     return ctypes.CFUNCTYPE(None, ctypes.c_int64)(address)
 
 
-def _sources() -> list[Path]:
+def sources() -> list[bytes]:
+    """What the files hold that kernels are made from."""
     here = Path(__file__).parent
-    return [
+    paths = [
         *sorted(here.rglob("*.py")),
         *sorted((here.parent.parent / "kernels").glob("*.py")),
         here.parent / "frame_block.py",
     ]
+    return [path.read_bytes() for path in paths]
 
 
 def _object(kernel: Kernel) -> bytes:
