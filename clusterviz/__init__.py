@@ -118,6 +118,7 @@ def render(
     """
     from clusterviz.comm import agree, limit_threads, open_channel
     from clusterviz.comm.mpi import MpiChannel
+    from clusterviz.errors import InputError
     from clusterviz.frame import render_frame
     from clusterviz.image.picture import Image
     from clusterviz.scene import background_rgb
@@ -130,6 +131,9 @@ def render(
         with agree(channel, 0, "scene"):
             opened, source = _scene_and_source(scene, grid)
             opened = with_settings(opened, settings)
+            if source is not None and any(v.time is not None or v.channel is not None for v in opened.volumes):
+                allowed = "array[time], array[..., channel]"
+                raise InputError("only files have time steps and channels", where="render", allowed=allowed)
         rendered = render_frame(opened, channel, source)
         if rendered.image is None:
             return None

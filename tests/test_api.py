@@ -106,6 +106,12 @@ def test_spacing_origin_and_direction_place_an_array_as_a_grid_does() -> None:
     )
 
 
+def test_only_files_have_time_steps_and_channels() -> None:
+    for key in ({"time": 0}, {"channel": "red"}):
+        with pytest.raises(InputError, match="only files have time steps and channels"):
+            clusterviz.render(VOXELS, **key)
+
+
 @pytest.mark.gl
 def test_several_arrays_are_several_volumes() -> None:
     small, grid = VOXELS[:9, :8, :7], clusterviz.Grid((9, 8, 7), origin=(2.0, 3.0, 1.0))

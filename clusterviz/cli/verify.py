@@ -29,7 +29,7 @@ from clusterviz.cli.verbosity import Verbosity, verbosity
 from clusterviz.cli.witness import Witness, compare_with_reference
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
 from clusterviz.comm.place import granted_cores
-from clusterviz.data import open_source
+from clusterviz.data import open_volume
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
@@ -246,7 +246,7 @@ def _usual_bricks(scene: Scene) -> list[int]:
     """The scene's size, and one of which the volume has several for each rank."""
     if not scene.volumes:
         return [scene.cluster.brick]
-    side = max(open_source(scene.volumes[0].path, scene.volumes[0].array).grid.shape_zyx)
+    side = max(open_volume(scene.volumes[0]).grid.shape_zyx)
     return list(dict.fromkeys((scene.cluster.brick, max(2, min(side // 5, scene.cluster.brick * 3 // 4)))))
 
 
