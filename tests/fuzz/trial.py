@@ -92,7 +92,7 @@ def _judged(text: str, folder: Path) -> str:
         return f"an error of over {MOST_TEXT} characters"
     if not all(letter.isprintable() or letter == "\n" for letter in text):
         return "an error that cannot be printed"
-    return "refused" if str(folder) in text else f"an error that names no file: {text}"
+    return "refused" if str(folder) in text or text.startswith("/") else f"an error that names no file: {text}"
 
 
 def _place(error: BaseException) -> str:
