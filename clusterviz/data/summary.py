@@ -6,7 +6,7 @@ ranks. Percentiles are exact for every type: see `clusterviz.data.selection`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, prod
@@ -23,6 +23,7 @@ Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
 AllGather = Callable[[Any], list[Any]]
 
 HISTOGRAM_BINS = 256
+BATCH = 1 << 18
 PERCENTILES = (0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9)
 
 
@@ -106,7 +107,7 @@ def summarise(
         wanted = selection.bins
         mine = np.zeros((len(wanted), DIGITS), np.int64)
         linear = np.zeros(bins, np.int64)
-        for samples in _owned_finite(layout, bricks):
+        for samples in _batched(_owned_finite(layout, bricks)):
             mine += count(keys_of(samples), wanted, shift)
             if shift == shifts[1]:
                 linear += _linear_counts(samples, value_range, bins)
@@ -125,13 +126,19 @@ def _first_pass(
     """Extremes and validity of each brick, and the counts (1, DIGITS) of the leading digit over the volume."""
     mine = np.zeros((1, DIGITS), np.int64)
     rows, owned = [], 0
-    for index, samples in bricks():
-        finite = _finite(samples)
-        low, high = (finite.min(), finite.max()) if finite.size else (np.inf, -np.inf)
-        rows.append((index, float(low), float(high), finite.size < samples.size))
-        part = _owned(layout, index, samples)
-        owned += part.size
-        mine += count(keys_of(_finite(part)), np.zeros(1, np.uint64), shift)
+
+    def finite_parts() -> Iterator[NDArray[Any]]:
+        nonlocal owned
+        for index, samples in bricks():
+            finite = _finite(samples)
+            low, high = (finite.min(), finite.max()) if finite.size else (np.inf, -np.inf)
+            rows.append((index, float(low), float(high), finite.size < samples.size))
+            part = _owned(layout, index, samples)
+            owned += part.size
+            yield _finite(part)
+
+    for samples in _batched(finite_parts()):
+        mine += count(keys_of(samples), np.zeros(1, np.uint64), shift)
     shared = allgather((rows, owned, _sparse(mine)))
     total, samples_in_volume = sum(part[1] for part in shared), prod(layout.shape_zyx)
     if total != samples_in_volume:
@@ -162,6 +169,19 @@ def _finite(samples: NDArray[Any]) -> NDArray[Any]:
 def _owned_finite(layout: BrickLayout, bricks: Bricks) -> Iterator[NDArray[Any]]:
     for index, samples in bricks():
         yield _finite(_owned(layout, index, samples))
+
+
+def _batched(parts: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    """Samples (n,) of several bricks at once: counting those of a small one takes as long as `BATCH` samples."""
+    waiting, held = list[NDArray[Any]](), 0
+    for part in parts:
+        waiting.append(part)
+        held += part.size
+        if held >= BATCH:
+            yield np.concatenate(waiting)
+            waiting, held = [], 0
+    if waiting:
+        yield np.concatenate(waiting)
 
 
 def _linear_counts(samples: NDArray[Any], value_range: tuple[float, float], bins: int) -> Counts:

@@ -24,6 +24,8 @@ from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene
 
 HELD_SHARE_OF_MEMORY = 0.4
+MOST_BRICKS = 1 << 17
+"""For each rank: every brick takes some time in Python, however small it is."""
 Given = Source | Sequence[Source] | None
 """Data instead of the files that a scene names: of its volume, or of each."""
 
@@ -48,6 +50,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
             BrickLayout(each.grid.shape_zyx, scene.cluster.brick, margin)
             for each, margin in zip(sources, margins, strict=True)
         ]
+        _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
     with run.together("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
     with run.alone("read", "load"):
@@ -64,6 +67,23 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
             for one, bricks in zip(three, held, strict=True)
         )
     return opened[0] if len(opened) == 1 else OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
+
+
+def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
+    """Refuse bricks that are so many that preparing them would take minutes."""
+
+    def bricks(side: int) -> int:
+        return sum(int(np.prod(BrickLayout(shape, side).counts_zyx)) for shape in shapes)
+
+    if (found := bricks(brick)) > MOST_BRICKS * ranks:
+        fitting = next(side for side in range(brick, max(map(max, shapes)) + 1) if bricks(side) <= MOST_BRICKS * ranks)
+        text, allowed = "too many bricks", f"{fitting} or more, which makes {bricks(fitting)} bricks"
+        raise InputError(
+            text,
+            where="cluster.brick",
+            found=f"{brick}, which makes {found} bricks on {ranks} rank{'s' * (ranks > 1)}",
+            allowed=allowed,
+        )
 
 
 def _sources(scene: Scene, given: Given) -> list[Source]:

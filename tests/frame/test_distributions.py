@@ -11,6 +11,7 @@ from frame.views import check, draw_all, looks, views
 from clusterviz.comm import run_loopback
 from clusterviz.errors import InputError
 from clusterviz.frame import opening, render_frame
+from clusterviz.scene import scene_of_data
 from clusterviz.scene.settings import with_settings
 
 pytestmark = pytest.mark.gl
@@ -50,3 +51,10 @@ def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
 def test_copies_beyond_the_ranks_are_those_that_there_are() -> None:
     scene = with_settings(views(1)[0], {"distribution": "replicated", "copies": 9, "brick": 4})
     check(run_loopback(2, lambda channel: draw_all([scene], channel))[0], [scene])
+
+
+def test_bricks_that_are_too_many_are_refused_before_any_is_read() -> None:
+    scene = scene_of_data("field:gaussian:160", ["cluster.brick=2"])
+    said = r"cluster.brick: too many bricks; found 2, which makes 512000 bricks on 2 ranks; allowed 3 or more"
+    with pytest.raises(InputError, match=said):
+        run_loopback(2, lambda channel: render_frame(scene, channel))
