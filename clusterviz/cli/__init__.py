@@ -10,12 +10,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.failure import INTERRUPTED, fail, launched_rank
+from clusterviz.cli.failure import INTERRUPTED, fail, has_met_ranks, launched_rank
+from clusterviz.cli.interrupt import end_on_signals, end_process
 from clusterviz.cli.verbosity import Verbosity, set_verbosity
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -64,7 +66,13 @@ def main() -> None:
     """Run the command line and exit: 0, 2 for bad input, 130 for ctrl-C, 1 for anything else that went wrong."""
     # Looking for pydantic's plugins reads the description of every package that is installed; nothing here has one.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    sys.exit(run(sys.argv[1:]))
+    end_on_signals()
+    status = run(sys.argv[1:])
+    if status == INTERRUPTED or (status == 1 and launched_rank() is not None and not has_met_ranks()):
+        with suppress(OSError):
+            sys.stdout.flush()
+        end_process(status)
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import platform
+import time
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from json import dumps
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,6 +18,7 @@ from clusterviz.cli.failure import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError, InputError
+from clusterviz.image.replace import remove_leftovers
 from clusterviz.render.vectors.width import processor_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
 
@@ -24,8 +28,17 @@ if TYPE_CHECKING:
 GIBIBYTE = 1 << 30
 
 
-def command(json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False) -> None:
+def command(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    clean: Annotated[
+        bool, typer.Option("--clean", help="Remove what killed jobs left in this folder and in /dev/shm, and end.")
+    ] = False,
+) -> None:
     """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
+    if clean:
+        for path in [*remove_leftovers(Path.cwd()), *remove_segments()]:
+            print(f"removed {path}")
+        return
     channel: Channel
     try:
         channel, mismatch = open_channel(), ""
@@ -38,6 +51,26 @@ def command(json: Annotated[bool, typer.Option("--json", help="Print JSON instea
     with agree(channel, 0, "doctor"):
         if found:
             raise DeviceError("; ".join(found))
+
+
+def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
+    """Remove shared memory of MPICH that this user owns, no process has mapped, and that is a minute old; which.
+
+    Ranks of clusterviz take the names from theirs at once, so what is found is of jobs killed while they started, of
+    other programs, or of older versions.
+    """
+    maps = ""
+    for path in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            maps += path.read_text()
+    removed = []
+    for path in folder.glob("mpich_shm_*"):
+        with suppress(OSError):
+            state = path.stat()
+            if state.st_uid == os.getuid() and time.time() - state.st_mtime > 60 and str(path) not in maps:
+                path.unlink()
+                removed.append(path)
+    return removed
 
 
 def examine(channel: Channel, warning: str = "") -> MachineReport:

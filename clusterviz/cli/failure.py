@@ -65,6 +65,15 @@ def _mine_to_tell(error: BaseException) -> bool:
     return launched_rank() in (None, 0) or not isinstance(error, (ClustervizError, KeyboardInterrupt))
 
 
+def has_met_ranks() -> bool:
+    """Whether this process has a channel to other ranks, which can end them."""
+    if "mpi4py.MPI" not in sys.modules:
+        return False
+    from clusterviz.comm import opened_channel
+
+    return opened_channel() is not None
+
+
 def _end_other_ranks(error: BaseException, debug: bool) -> None:
     """End the job, if there are other ranks and they do not raise the same; return otherwise."""
     from clusterviz.comm import abort_on_failure, opened_channel

@@ -14,11 +14,16 @@ from __future__ import annotations
 import functools
 import os
 import pickle
+import re
+import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
@@ -72,7 +77,18 @@ def _load_mpi(several_threads: bool = False) -> Any:
             check_launcher(description, None)
             with_threads = several_threads and is_thread_safe(description)
             MPI.Init_thread(MPI.THREAD_MULTIPLE if with_threads else MPI.THREAD_SERIALIZED)
+            handler = signal.getsignal(signal.SIGHUP)
+            if handler is not None and threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGHUP, handler)  # UCX has taken it, and would wait for a debugger
     return MPI
+
+
+def _unlink_segments() -> None:
+    """Take the names from MPICH's shared memory, which all ranks have mapped by now: if killed, they leave no file."""
+    with suppress(OSError):  # no /proc
+        mapped = re.findall(r"(/dev/shm/mpich_shm_\w+)$", Path("/proc/self/maps").read_text(), re.MULTILINE)
+        for name in set(mapped):
+            Path(name).unlink(missing_ok=True)
 
 
 @functools.cache
@@ -97,6 +113,8 @@ class MpiChannel:
     ) -> None:
         self._mpi = _load_mpi(several_threads)
         self._comm = (comm or self._mpi.COMM_WORLD).Dup()
+        if comm is None:  # all ranks are here now
+            _unlink_segments()
         self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
         # Kept from call to call: a status object costs more than asking.

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import json
+import mmap
+import os
+from pathlib import Path
 
 import pytest
 
-from clusterviz.cli.doctor import command, complaints, examine
+from clusterviz.cli.doctor import command, complaints, examine, remove_segments
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.library import check_launcher
 from clusterviz.comm.place import SIZE_VARIABLES
@@ -87,3 +90,14 @@ def test_ranks_under_mpirun_see_each_other(comm: object) -> None:
     assert [machine.local_rank for machine in report.ranks] == [0, 1]
     assert report.warning == ""
     assert report.launcher != "none"
+
+
+def test_clean_removes_what_nobody_has_mapped(tmp_path: Path) -> None:
+    left, young, used, other = (tmp_path / name for name in ("mpich_shm_a", "mpich_shm_b", "mpich_shm_c", "mine"))
+    for path in (left, young, used, other):
+        path.write_bytes(bytes(4096))
+        if path != young:
+            os.utime(path, (0, 0))
+    with used.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ):
+        assert remove_segments(tmp_path) == [left]
+    assert sorted(tmp_path.iterdir()) == [other, young, used]

@@ -1,29 +1,39 @@
 """clusterviz with one function that fails on one rank: failing_rank.py RANK MODULE:NAME HOW ARGUMENTS…
 
-HOW is "raise", "kill" (SIGKILL), "wait" (says so, and waits for ctrl-C), or "turn" (gives its array the other way
-round, and fails by nothing else). All else is the product as it is.
+HOW is "raise", "kill" (SIGKILL), "wait" (says so, and waits for ctrl-C), "native" (the same, in a C function, where
+Python hears of no signal), or "turn" (gives its array the other way round, and fails by nothing else). All else is the
+product as it is.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import time
+from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import Any, NoReturn
 
-from clusterviz.cli import run
+from clusterviz.cli import main as run
 from clusterviz.cli.failure import launched_rank
 
 
-def fail(*_: Any, **__: Any) -> NoReturn:
+def fail(how: str, *_: Any, **__: Any) -> NoReturn:
     """Stands in place of the function."""
-    if sys.argv[3] == "kill":
+    if how == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
-    if sys.argv[3] == "wait":
-        print("waiting", flush=True)
+    if how in ("wait", "native"):
+        print("waiting", os.getpid(), flush=True)
+    if how == "wait":
         time.sleep(60)
+    if how == "native":
+        end = time.monotonic() + 60
+        while time.monotonic() < end:
+            with suppress(KeyboardInterrupt):
+                ctypes.CDLL(None).sleep(60)
     raise ValueError("odd")
 
 
@@ -32,11 +42,12 @@ def turned(function: Any) -> Any:
     return lambda *args, **keys: function(*args, **keys)[::-1].copy()
 
 
-def main() -> int:
+def main() -> None:
     """Put `fail` in its place, then do what the command line says."""
-    # A shell that runs the tests in its background has them, and their children, ignore ctrl-C.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    rank, place = int(sys.argv[1]), sys.argv[2]
+    # A shell that runs the tests in its background has children ignore ctrl-C; nohup, SIGHUP.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    rank, place, how = int(sys.argv[1]), sys.argv[2], sys.argv[3]
     if rank == (launched_rank() or 0):
         module, _, name = place.partition(":")
         *owners, last = name.split(".")
@@ -44,9 +55,10 @@ def main() -> int:
         for part in owners:
             owner = getattr(owner, part)
         found = getattr(owner, last)  # a name that is not there would fail nowhere
-        setattr(owner, last, turned(found) if sys.argv[3] == "turn" else fail)
-    return run(sys.argv[4:])
+        setattr(owner, last, turned(found) if how == "turn" else partial(fail, how))
+    sys.argv[1:] = sys.argv[4:]
+    run()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -104,12 +104,32 @@ def test_a_killed_rank_ends_the_job_within_seconds(place: str, tmp_path: Path) -
     ],
 )
 def test_ctrl_c_ends_the_job(ranks: int, place: str, tmp_path: Path) -> None:
-    job = failing(ranks - 1, place, "wait", ranks, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
+    how = "wait" if ranks > 1 else "native"
+    job = failing(ranks - 1, place, how, ranks, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
     assert job.stdout is not None
     assert "waiting" in job.stdout.readline()
     os.killpg(job.pid, signal.SIGINT)  # a terminal sends it to all processes of the foreground
     ended = finish(job, SECONDS)
     assert ended.status != 0
     assert ended.err.count("clusterviz: interrupted") <= 1
+    assert "Traceback" not in ended.err + ended.out
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("number", "how", "place"),
+    [
+        (signal.SIGINT, "wait", "clusterviz.cli.render:_process_age"),  # before MPI is started
+        (signal.SIGINT, "native", "clusterviz.image.replace:_flush_to_disk"),
+        (signal.SIGTERM, "wait", "clusterviz.render.raycast:Raycaster.draw"),
+        (signal.SIGHUP, "native", "clusterviz.render.raycast:Raycaster.draw"),
+    ],
+)
+def test_a_signal_to_one_rank_ends_the_job(number: int, how: str, place: str, tmp_path: Path) -> None:
+    job = failing(0, place, how, 3, "render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL)
+    assert job.stdout is not None
+    os.kill(int(job.stdout.readline().removeprefix("waiting ")), number)
+    ended = finish(job, SECONDS)
+    assert ended.status != 0
     assert "Traceback" not in ended.err + ended.out
     assert list(tmp_path.iterdir()) == []

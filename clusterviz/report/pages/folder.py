@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from clusterviz.errors import OutputError
-from clusterviz.image.replace import no_place
+from clusterviz.image.replace import lock_temporary, no_place, remove_temporary, temporary_name
 
 
 @contextmanager
@@ -35,7 +34,7 @@ def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Pa
     except OSError as error:
         raise OutputError("cannot be written", where=str(target), found=error.strerror or error) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        remove_temporary(temporary)
 
 
 def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
@@ -45,7 +44,7 @@ def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
     ------
     OutputError
     """
-    _create(Path(path).absolute(), known_by).rmdir()
+    remove_temporary(_create(Path(path).absolute(), known_by))
 
 
 def _create(target: Path, known_by: str) -> Path:
@@ -55,9 +54,10 @@ def _create(target: Path, known_by: str) -> Path:
     if target.is_dir() and any(target.iterdir()) and not (target / known_by).is_file():
         allowed = f"a new name, an empty folder, or one with an older {known_by}, which is replaced"
         raise OutputError("would overwrite other files", where=str(target), found="a folder in use", allowed=allowed)
-    temporary = _beside(target)
+    temporary = temporary_name(target)
     try:
         temporary.mkdir()
+        lock_temporary(temporary)
     except OSError as error:
         raise no_place(target, error) from error
     return temporary
@@ -68,7 +68,7 @@ def _rename(temporary: Path, target: Path) -> None:
     if not target.is_dir():
         os.rename(temporary, target)
         return
-    old = _beside(target)
+    old = temporary_name(target)
     os.rename(target, old)
     try:
         os.rename(temporary, target)
@@ -76,7 +76,3 @@ def _rename(temporary: Path, target: Path) -> None:
         os.rename(old, target)
         raise
     shutil.rmtree(old, ignore_errors=True)
-
-
-def _beside(target: Path) -> Path:
-    return target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}")
