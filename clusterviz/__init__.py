@@ -162,7 +162,7 @@ def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Sourc
     if isinstance(given, (str, os.PathLike)):
         return open_scene(given), None
     if all(hasattr(given, name) for name in ("name", "grid", "dtype", "read")):
-        return Scene(volumes=(Volume(path=given.name),)), given
+        return Scene(volumes=(Volume(path=given.name),), automatic=True), given
     raise InputError("nothing to render", where="render", found=type(given).__name__, allowed="a scene, path or array")
 
 
@@ -179,7 +179,7 @@ def _several(given: Sequence[Any], grids: Any) -> tuple[Scene, list[Source]]:
     if not parts or any(source is None or isinstance(source, list) for source in sources):
         allowed = "arrays, or objects with name, grid, dtype and read; files go into a scene"
         raise InputError("not data", where="render", found="a list of other things", allowed=allowed)
-    return Scene(volumes=tuple(volume for scene, _ in parts for volume in scene.volumes)), sources
+    return Scene(volumes=tuple(volume for scene, _ in parts for volume in scene.volumes), automatic=True), sources
 
 
 def __getattr__(name: str) -> Any:

@@ -74,7 +74,7 @@ def test_an_array_a_source_a_file_and_a_scene_give_the_same_picture(tmp_path: Pa
     (tmp_path / "scene.yaml").write_text("volumes: [{path: a.npy}]\n")
     scene = clusterviz.load_scene(tmp_path / "scene.yaml")
     given = (VOXELS, ArraySource(VOXELS), str(tmp_path / "a.npy"), tmp_path / "a.npy", tmp_path / "scene.yaml", scene)
-    pictures = [clusterviz.render(each, **SMALL) for each in given]
+    pictures = [clusterviz.render(each, **SMALL, automatic=True) for each in given]
     for picture in pictures:
         assert picture is not None
         assert (picture.dtype, picture.shape) == (np.float32, (18, 24, 4))
@@ -284,7 +284,7 @@ def test_render_is_collective_under_mpirun(mpi_ranks: int) -> None:
     from mpi4py import MPI
 
     alone = render_frame(
-        with_settings(clusterviz.Scene(volumes=(clusterviz.Volume(path="array"),)), SMALL),
+        with_settings(clusterviz.Scene(volumes=(clusterviz.Volume(path="array"),), automatic=True), SMALL),
         LoopbackChannel(),
         ArraySource(VOXELS),
     ).image

@@ -18,7 +18,7 @@ from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.settings import with_settings
 
-SCENE = scene_of_data("field:gaussian:16", ["image.size=[24,18]", "cluster.brick=8"])
+SCENE = scene_of_data("field:gaussian:16", ["automatic=false", "image.size=[24,18]", "cluster.brick=8"])
 
 
 def draw(ranks: int, **options: Any) -> list[Rendered]:
@@ -43,7 +43,7 @@ def test_every_rank_hears_of_every_step_in_order() -> None:
 def test_statistics_name_every_stage_and_count_what_was_done() -> None:
     scene = with_settings(SCENE, {"transport": "messages"})
     rendered = run_loopback(3, lambda channel: render_frame(scene, channel))[0]
-    report = statistics_file(rendered.scene.image.size, [rendered.statistics], {"imports": 1.0})
+    report = statistics_file(rendered.scene.model_dump(mode="json"), [rendered.statistics], {"imports": 1.0})
     (told,) = report["frames"]
     assert (report["ranks"], report["size"]) == (3, [24, 18])
     assert report["renderer"]
@@ -171,7 +171,9 @@ LOOKS = ({}, {"blending": "maximum"}, {"shade": True}, {"interpolation": "cubic"
 
 def scenes_of(look: dict[str, Any], path: str = "field:gaussian:16") -> list[Scene]:
     """Every camera, and transfer functions that show nothing, then little, then all, then with another range."""
-    first = with_settings(scene_of_data(path, ["image.size=[24,18]", "cluster.brick=8"]), {"clim": (0.0, 1.0)} | look)
+    first = with_settings(
+        scene_of_data(path, ["automatic=false", "image.size=[24,18]", "cluster.brick=8"]), {"clim": (0.0, 1.0)} | look
+    )
     changes: list[dict[str, Any]] = [{"position": camera, "focal_point": (7.5, 7.5, 7.5)} for camera in CAMERAS]
     changes += [{"opacity": points} for points in (HIDDEN, CORE, ALL)]
     changes += [{"opacity": ALL, "clim": (0.2, 0.9), "cmap": "viridis"}, {"opacity": CORE}]

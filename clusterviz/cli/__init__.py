@@ -22,6 +22,7 @@ from clusterviz.cli.verbosity import Verbosity, set_verbosity
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("clusterviz.cli.render", "Render a scene or a data file into a picture; under mpirun, on all ranks."),
+    "scene": ("clusterviz.cli.scene", "Print the completed scene of a data file, a scene file or a picture, as YAML."),
     "animate": ("clusterviz.cli.animate", "Render an orbit or a path as a movie or as numbered pictures."),
     "verify": ("clusterviz.cli.verify", "Render a scene on several rank counts, and compare the pictures."),
     "tradeoff": ("clusterviz.cli.tradeoff", "Measure what each quality setting costs and buys, as a page."),
@@ -39,6 +40,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 EXAMPLES: dict[str, str] = {
     "render": "mpirun -n 4 clusterviz render head.nii.gz -o head.png --size 800x600",
+    "scene": "clusterviz scene head.nii.gz > head.yaml",
     "animate": "mpirun -n 4 clusterviz animate scene.yaml --orbit 360 --frames 90 -o movie.mp4",
     "verify": "clusterviz verify scene.yaml --ranks 1,2,4",
     "tradeoff": "clusterviz tradeoff scene.yaml -o tradeoff",

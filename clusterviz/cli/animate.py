@@ -81,7 +81,7 @@ def command(
     slowest = slowest_of(channel.allgather(startup))
     with agree(channel, count - 1, "statistics"):
         if stats and channel.rank == 0:
-            write_statistics(stats, loop.scene.image.size, movie.statistics, slowest)
+            write_statistics(stats, loop.scene, movie.statistics, slowest)
     tracing.write()
     if channel.rank == 0:
         seconds = time.perf_counter() - began

@@ -24,6 +24,7 @@ from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.scene import background_rgb, open_scene
+from clusterviz.scene.text import scene_for_picture, shown_scene
 from clusterviz.scene.values import Scene
 
 
@@ -56,9 +57,10 @@ def command(
     slowest = slowest_of(channel.allgather(startup))
     with agree(channel, 0, "statistics"):
         if stats and channel.rank == 0:
-            write_statistics(stats, rendered.scene.image.size, [rendered.statistics], slowest)
+            write_statistics(stats, rendered.scene, [rendered.statistics], slowest)
     if channel.rank == 0 and verbosity() is not Verbosity.QUIET:
         print_costs(rendered.statistics, slowest)
+        say(f"shown      {shown_scene(rendered.scene)}")
         say(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 
@@ -97,7 +99,9 @@ def check_reports(*reports: Path | None) -> None:
 
 
 def _writer(output: Path) -> Callable[[Any, Scene, int], None]:
-    return lambda image, scene, number: write_image(output, image, background_rgb(scene.image.background))
+    return lambda image, scene, number: write_image(
+        output, image, background_rgb(scene.image.background), scene_for_picture(scene)
+    )
 
 
 def slowest_of(startups: list[dict[str, float]]) -> dict[str, float]:
@@ -105,10 +109,8 @@ def slowest_of(startups: list[dict[str, float]]) -> dict[str, float]:
     return {name: max(startup[name] for startup in startups) for name in startups[0]}
 
 
-def write_statistics(
-    path: Path, size: tuple[int, int], frames: list[FrameStatistics], startup: dict[str, float]
-) -> None:
+def write_statistics(path: Path, scene: Scene, frames: list[FrameStatistics], startup: dict[str, float]) -> None:
     """Write what each rank did in each frame."""
-    report = statistics_file(size, frames, startup)
+    report = statistics_file(scene.model_dump(mode="json"), frames, startup)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")

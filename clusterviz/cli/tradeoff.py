@@ -51,7 +51,8 @@ def command(
     refuse_launcher("tradeoff")
     check_libraries()
     names = parse_knobs(knobs)
-    opened = open_scene(scene, overrides_of(define, size))
+    # What is measured shall not go by what the data looks like.
+    opened = open_scene(scene, overrides_of(define, size)).model_copy(update={"automatic": False})
     if not opened.volumes:
         raise SceneError("nothing to trade", where=f"{scene}: volumes", allowed="a scene with a volume")
     check_folder(output, NUMBERS)

@@ -27,6 +27,32 @@ BATCH = 1 << 18
 PERCENTILES = (0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9)
 
 
+SAMPLED = 1 << 20
+"""Samples, about, of which the values are counted; every layer along z where the volume has fewer."""
+MOST_VALUES = 2048
+BLOCKS = 32
+"""Blocks along an axis at most, whose extremes are kept; unlike bricks they are the same for every layout."""
+
+
+@dataclass(frozen=True)
+class Categories:
+    """Whole numbers that may be categories, from some layers along z, whatever bricks and ranks are.
+
+    Attributes
+    ----------
+    values : float64 (n,), ascending
+    counts : int64 (n,), samples of each
+    equal : int64 (n,), of each value, neighbours along x that both have it
+    pairs, jumps : neighbours along x, and those that differ by more than 1
+    """
+
+    values: NDArray[np.float64]
+    counts: Counts
+    equal: Counts
+    pairs: int
+    jumps: int
+
+
 @dataclass(frozen=True)
 class VolumeSummary:
     """What a volume holds; NaN and ±inf count as invalid and are left out of everything else.
@@ -39,6 +65,9 @@ class VolumeSummary:
     histogram : int64 (bins,); every finite sample of the volume once, in equal bins over `value_range`, the last closed
     value_range : smallest and largest finite sample; (0, 1) where there is none
     percentiles : pairs (q, value)
+    blocks : float64 (2, z, y, x blocks); the extremes of blocks of `block_sides` cells, the samples around them
+        included; +inf and −inf where none is finite
+    categories : None where some sample is not a whole number, or there are more than `MOST_VALUES` values
     """
 
     minimum: NDArray[np.float64]
@@ -47,6 +76,8 @@ class VolumeSummary:
     histogram: Counts
     value_range: tuple[float, float]
     percentiles: tuple[tuple[float, float], ...]
+    blocks: NDArray[np.float64] | None = None
+    categories: Categories | None = None
 
     def percentile(self, q: float) -> float:
         """The exact percentile, linear between neighbouring samples as in `numpy.percentile`.
@@ -91,13 +122,13 @@ def summarise(
         The ranks' bricks do not make up the volume: one is missing, or held twice.
     """
     shifts = shifts_of(source_dtype)
-    extremes, counts = _first_pass(layout, bricks, allgather, shifts[0])
+    extremes, counts, content = _first_pass(layout, bricks, allgather, shifts[0])
     minimum, maximum, has_invalid = extremes
     finite = int(counts.sum())
     asked = sorted({0.0, 100.0, *map(float, percentiles)})
     if not finite:
         found = tuple((q, q / 100) for q in asked)
-        return VolumeSummary(minimum, maximum, has_invalid, np.zeros(bins, np.int64), (0.0, 1.0), found)
+        return VolumeSummary(minimum, maximum, has_invalid, np.zeros(bins, np.int64), (0.0, 1.0), found, *content)
     value_range = float(minimum.min()), float(maximum.max())
     if len(shifts) == 1:
         histogram = _rebinned(counts[0], source_dtype, value_range, bins)
@@ -117,29 +148,37 @@ def summarise(
             histogram = np.sum([part[1] for part in shared], axis=0)
     values = dict(zip(ranks, values_of(selection.prefixes, source_dtype).tolist(), strict=True))
     found = tuple((q, _between(values, *_neighbours(finite, q))) for q in asked)
-    return VolumeSummary(minimum, maximum, has_invalid, histogram, value_range, found)
+    return VolumeSummary(minimum, maximum, has_invalid, histogram, value_range, found, *content)
 
 
 def _first_pass(
     layout: BrickLayout, bricks: Bricks, allgather: AllGather, shift: int
-) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]], Counts]:
-    """Extremes and validity of each brick, and the counts (1, DIGITS) of the leading digit over the volume."""
+) -> tuple[
+    tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
+    Counts,
+    tuple[NDArray[np.float64], Categories | None],
+]:
+    """Extremes and validity of each brick, the counts (1, DIGITS) of the leading digit, blocks and categories."""
     mine = np.zeros((1, DIGITS), np.int64)
+    sides = block_sides(layout.shape_zyx)
+    blocks = np.empty((2, *(-(-n // side) for n, side in zip(layout.cells_zyx, sides, strict=True))))
+    blocks[0], blocks[1] = np.inf, -np.inf
+    values = _Values(layout)
     rows, owned = [], 0
 
     def finite_parts() -> Iterator[NDArray[Any]]:
         nonlocal owned
         for index, samples in bricks():
-            finite = _finite(samples)
-            low, high = (finite.min(), finite.max()) if finite.size else (np.inf, -np.inf)
-            rows.append((index, float(low), float(high), finite.size < samples.size))
+            rows.append((index, *_note_blocks(blocks, sides, layout, index, samples)))
+            values.add(index, samples)
             part = _owned(layout, index, samples)
             owned += part.size
             yield _finite(part)
 
     for samples in _batched(finite_parts()):
         mine += count(keys_of(samples), np.zeros(1, np.uint64), shift)
-    shared = allgather((rows, owned, _sparse(mine)))
+    met = np.flatnonzero(blocks[1] >= blocks[0])
+    shared = allgather((rows, owned, _sparse(mine), (met, blocks.reshape(2, -1)[:, met]), values.found))
     total, samples_in_volume = sum(part[1] for part in shared), prod(layout.shape_zyx)
     if total != samples_in_volume:
         raise ValueError(f"the ranks' bricks hold {total} samples, the volume {samples_in_volume}")
@@ -147,7 +186,95 @@ def _first_pass(
     has_invalid = np.zeros(layout.counts_zyx, bool)
     for index, low, high, invalid in (row for part in shared for row in part[0]):
         minimum[index], maximum[index], has_invalid[index] = low, high, invalid
-    return (minimum, maximum, has_invalid), _sum_sparse([part[2] for part in shared], 1)
+    low_of, high_of = blocks.reshape(2, -1)
+    for where, (low, high) in (part[3] for part in shared):
+        np.minimum.at(low_of, where, low)
+        np.maximum.at(high_of, where, high)
+    found = _together([part[4] for part in shared])
+    return (minimum, maximum, has_invalid), _sum_sparse([part[2] for part in shared], 1), (blocks, found)
+
+
+def block_sides(shape_zyx: Index) -> Index:
+    """Cells along the sides of the blocks of a volume."""
+    z, y, x = (-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
+    return z, y, x
+
+
+def _note_blocks(
+    blocks: NDArray[np.float64], sides: Index, layout: BrickLayout, index: Index, samples: NDArray[Any]
+) -> tuple[float, float, bool]:
+    """Widen the extremes of the blocks that a brick meets; its own, and whether a sample is not finite."""
+    (begin, _), margin = layout.cell_box(index), layout.margin
+    skips = tuple(slice(max(0, margin - b), None) for b in begin)  # a margin before the volume repeats its samples
+    samples = samples[skips]
+    lower = upper = samples
+    low, high = samples.min(), samples.max()
+    invalid = not (np.isfinite(low) and np.isfinite(high))  # NaN spreads to both
+    if invalid:
+        finite = np.isfinite(samples)
+        lower, upper = np.where(finite, samples, np.inf), np.where(finite, samples, -np.inf)
+        low, high = lower.min(), upper.max()
+    place: list[slice] = []
+    for axis, side in enumerate(sides):
+        first, size = max(0, begin[axis] - margin), lower.shape[axis]
+        met = range(first // side, min(blocks.shape[1 + axis], -(-(first + size) // side)))
+        parts = [slice(max(0, b * side - first), (b + 1) * side + 1 - first) for b in met]
+        lower, upper = (
+            np.stack([extreme(part_of[(slice(None),) * axis + (part,)], axis=axis) for part in parts], axis=axis)
+            for extreme, part_of in ((np.min, lower), (np.max, upper))
+        )
+        place.append(slice(met.start, met.stop))
+    low_of, high_of = blocks[0][tuple(place)], blocks[1][tuple(place)]
+    np.minimum(low_of, lower, out=low_of)
+    np.maximum(high_of, upper, out=high_of)
+    return float(low), float(high), invalid
+
+
+class _Values:
+    """Counts the values of some layers along z while bricks are read; `found` is None once they are no categories."""
+
+    def __init__(self, layout: BrickLayout) -> None:
+        self._layout, self._stride = layout, max(1, round(prod(layout.shape_zyx) / SAMPLED))
+        self.found: Categories | None = Categories(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), 0, 0)
+
+    def add(self, index: Index, samples: NDArray[Any]) -> None:
+        """Count what a brick owns of these layers."""
+        if self.found is None:
+            return
+        begin = self._layout.owned_box(index)[0][0]
+        own = _owned(self._layout, index, samples)[-begin % self._stride :: self._stride]
+        if not own.size:
+            return
+        if own.dtype.kind == "f" and not (np.isfinite(own) & (own == np.rint(own))).all():
+            self.found = None
+            return
+        values, counts = np.unique(own, return_counts=True)
+        # The neighbour beyond the brick's last sample is in its overlap.
+        margin, (_, y, x), (first, last) = self._layout.margin, own.shape, self._layout.owned_box(index)
+        beyond = min(x + 1, self._layout.shape_zyx[2] - first[2])
+        wide = samples[margin : margin + last[0] - first[0], margin : margin + y, margin : margin + beyond]
+        wide = wide[-begin % self._stride :: self._stride]
+        with np.errstate(over="ignore"):  # of the widest floats
+            steps = np.abs(np.diff(wide.astype(np.float64), axis=2))
+        alike, times = np.unique(wide[..., :-1][steps == 0], return_counts=True)
+        equal = np.zeros(len(values), np.int64)
+        equal[np.searchsorted(values, alike)] = times
+        here = Categories(values.astype(np.float64), counts, equal, steps.size, int((steps > 1).sum()))
+        self.found = _together([self.found, here])
+
+
+def _together(parts: Sequence[Categories | None]) -> Categories | None:
+    """The sum of several counts."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    values, where = np.unique(np.concatenate([part.values for part in known]), return_inverse=True)
+    if len(values) > MOST_VALUES:
+        return None
+    counts, equal = np.zeros((2, len(values)), np.int64)
+    np.add.at(counts, where, np.concatenate([part.counts for part in known]))
+    np.add.at(equal, where, np.concatenate([part.equal for part in known]))
+    return Categories(values, counts, equal, sum(part.pairs for part in known), sum(part.jumps for part in known))
 
 
 def _owned(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[Any]:

@@ -18,7 +18,7 @@ from clusterviz.frame.several import Opened, OpenedVolumes
 from clusterviz.frame.share import Bricks, OpenedVolume
 from clusterviz.partition import bricks_of, build_tree
 from clusterviz.plan.accuracy import classification_of
-from clusterviz.plan.look import margin_of
+from clusterviz.plan.look import LARGEST_MARGIN, margin_of
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene
@@ -44,7 +44,10 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
     with run.alone("open", "load"):
         sources = _sources(scene, source)
         margins = [
-            margin_of(volume, classification_of(scene.quality), scene.quality.borders) for volume in scene.volumes
+            LARGEST_MARGIN
+            if scene.automatic
+            else margin_of(volume, classification_of(scene.quality), scene.quality.borders)
+            for volume in scene.volumes
         ]
         layouts = [
             BrickLayout(each.grid.shape_zyx, scene.cluster.brick, margin)

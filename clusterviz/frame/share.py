@@ -11,7 +11,7 @@ import numpy as np
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index, Source
-from clusterviz.data.summary import VolumeSummary
+from clusterviz.data.summary import VolumeSummary, block_sides
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
@@ -53,12 +53,29 @@ class OpenedVolume:
     @property
     def facts(self) -> tuple[VolumeFacts, ...]:
         """What completing a scene needs to know."""
-        grid, summary = self.source.grid, self.summary
+        grid, summary, known = self.source.grid, self.summary, self.summary.categories
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
-        values = (low, high, percentile_1, percentile_99)
-        finite = int(summary.histogram.sum())
-        return (VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, *values, finite, grid.orientation),)
+        more: dict[str, Any] = {}
+        if known is not None and len(known.values):
+            commonest, equal = int(known.equal[known.counts.argmax()]), int(known.equal.sum())
+            more = {"values": known.values, "counts": known.counts}
+            more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
+            more["jump_share"] = known.jumps / max(1, known.pairs - equal)
+        facts = VolumeFacts(
+            grid.shape_zyx,
+            grid.spacing,
+            grid.corners,
+            *(low, high, percentile_1, percentile_99),
+            finite=int(summary.histogram.sum()),
+            orientation=grid.orientation,
+            is_integer=self.source.dtype.kind != "f",
+            histogram=summary.histogram,
+            blocks=summary.blocks,
+            block_sides=block_sides(grid.shape_zyx),
+            **more,
+        )
+        return (facts,)
 
     @property
     def range_type(self) -> np.dtype[Any]:

@@ -15,9 +15,11 @@ from clusterviz.image.replace import check_replaceable, replacing
 
 JPEG_QUALITY = 95
 Pixels = NDArray[np.float32]
+TEXT_KEY = "clusterviz scene"
+"""Keyword of the PNG's text chunk."""
 
 
-def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour | None) -> None:
+def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour | None, text: str = "") -> None:
     """Write a picture in the format of its extension; the file appears whole or not at all.
 
     Parameters
@@ -25,6 +27,7 @@ def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour |
     path : ends in .npy, .exr (float32, premultiplied, before the background) or .png (8 bit, over the background)
     rgba : float32 (h, w, 4), premultiplied
     background : (r, g, b) in [0, 1] or None for transparent; used by .png only
+    text : what the picture shows, kept in a .png for `read_text`
 
     Raises
     ------
@@ -37,7 +40,10 @@ def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour |
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
     with replacing(path) as temporary:
-        write(temporary, rgba, background)
+        if write is _write_png:
+            _write_png(temporary, rgba, background, text)
+        else:
+            write(temporary, rgba, background)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -75,6 +81,26 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     return np.ascontiguousarray(rgba, np.float32)
 
 
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text that `write_image` kept in a PNG.
+
+    Raises
+    ------
+    InputError
+        Missing or damaged file, or no such text in it.
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(path) as file:
+            text = file.info.get(TEXT_KEY)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError("cannot be read as a picture", where=str(path), found=error) from error
+    if not text:
+        raise InputError("no scene in the picture", where=str(path), allowed="a .png that `clusterviz render` wrote")
+    return str(text)
+
+
 def _extension(path: str | os.PathLike[str]) -> str:
     extension = Path(path).suffix.lower()
     if extension not in _WRITERS:
@@ -90,11 +116,14 @@ def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
         file.write(pixels.data)
 
 
-def _write_png(path: Path, rgba: Pixels, background: Colour | None) -> None:
-    from PIL import Image
+def _write_png(path: Path, rgba: Pixels, background: Colour | None, text: str = "") -> None:
+    from PIL import Image, PngImagePlugin
 
+    chunks = PngImagePlugin.PngInfo()
+    if text:
+        chunks.add_itxt(TEXT_KEY, text, zip=True)
     with path.open("wb") as file:
-        Image.fromarray(finish(rgba, background)).save(file, format="png")
+        Image.fromarray(finish(rgba, background)).save(file, format="png", pnginfo=chunks)
 
 
 def _write_jpg(path: Path, rgba: Pixels, background: Colour | None) -> None:

@@ -144,6 +144,10 @@ def reach_of(volume: Volume, classification: Classification = "post", borders: B
     return int(has_surfaces(volume) or (is_preintegrated(volume, classification) and borders == "overlap"))
 
 
+LARGEST_MARGIN = 2
+"""What `margin_of` gives at most; of bricks that are read before it is known how they are shown."""
+
+
 def margin_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
     """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
     kernel = is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"

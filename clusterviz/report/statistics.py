@@ -182,21 +182,22 @@ class FrameStatistics:
 
 
 def statistics_file(
-    size: tuple[int, int], frames: Sequence[FrameStatistics], startup: dict[str, float]
+    scene: dict[str, Any], frames: Sequence[FrameStatistics], startup: dict[str, float]
 ) -> dict[str, Any]:
     """What `--stats` writes.
 
     Parameters
     ----------
-    size : (width, height) of the picture
+    scene : completed, as JSON holds it
     frames : those that were drawn; none where an animation was whole already
     startup : seconds from the start of the process to the first frame, by part
     """
     return {
         "ranks": len(frames[0].per_rank) if frames else 0,
-        "size": list(size),
+        "size": scene["image"]["size"],
         "renderer": next((frame.renderer for frame in frames if frame.renderer), ""),
         "startup": startup,
+        "scene": scene,
         "frames": [frame.as_json() for frame in frames],
     }
 

@@ -12,6 +12,7 @@ paraview       ParaView's preset files
 colour_spaces  the spaces in which ParaView interpolates
 opacity        numbers, presets and points to control points of opacity
 transfer       the transfer function: colour and opacity of a scalar
+automatic      how a bare data file is shown
 complete       the scene with every open choice made
 camera         the camera by words, and the one that sees everything
 unseen         why a picture is empty

@@ -68,7 +68,7 @@ def fitted_camera(
     SceneError
         What is given leaves no good choice: an eye whose view_up points along its view of the centre.
     """
-    if camera.position and camera.focal_point and camera.view_up and not _has_words(camera):
+    if is_completed(camera):
         return camera
     centre, radius = bounding_sphere(corners, spacing)
     toward_eye, word_up = _named(camera, orientation)
@@ -153,8 +153,8 @@ def pixels_of(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Fl
 
 def bounding_sphere(corners: Floats, spacing: float) -> tuple[Vector, float]:
     """Centre and radius (world) of a sphere around points; its radius is more than 0 and felt at its place."""
-    x, y, z = (float(v) for v in (corners / len(corners)).sum(axis=0))
-    radius = max(math.dist((x, y, z), corner) for corner in corners.tolist())
+    x, y, z = (float(v) for v in corners.min(axis=0) / 2 + corners.max(axis=0) / 2)
+    radius = float(np.linalg.norm((corners - (x, y, z)), axis=1).max())
     felt = max(abs(v) for v in (x, y, z)) * 2.0**-40
     return (x, y, z), max(radius, spacing, felt)
 
@@ -165,8 +165,10 @@ def moved(point: Vector, direction: Vector, distance: float) -> Vector:
     return _triple(p + step * d for p, d in zip(point, direction, strict=True))
 
 
-def _has_words(camera: Camera) -> bool:
-    return any(getattr(camera, name) != Camera.model_fields[name].default for name in WORDS)
+def is_completed(camera: Camera) -> bool:
+    """Whether position, focal_point and view_up are there, and no words."""
+    words = any(getattr(camera, name) != Camera.model_fields[name].default for name in WORDS)
+    return None not in (camera.position, camera.focal_point, camera.view_up) and not words
 
 
 def _named(camera: Camera, orientation: str) -> tuple[Vector, Vector | None]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.scene.camera import fitted_camera
+from clusterviz.scene.automatic import automatic_scene
+from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.facts import VolumeFacts as VolumeFacts
 from clusterviz.scene.opacity import opacity_points, spread
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.transfer_2d import Transfer2d, table_of
@@ -21,31 +22,6 @@ LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
 """(share of clim, opacity): the lowest part is not seen at all; in most data it is air, solvent or noise."""
-
-
-@dataclass(frozen=True, eq=False)
-class VolumeFacts:
-    """What must be known of a volume to choose how it is shown.
-
-    Attributes
-    ----------
-    shape_zyx : samples along z, y, x
-    spacing : world units between samples along x, y, z
-    corners : float64 (8, 3), the corners of its box in the world
-    minimum, maximum, percentile_1, percentile_99 : data values; without meaning where the volume has no finite sample
-    finite : samples that are neither NaN nor infinite
-    orientation : see `Grid.orientation`
-    """
-
-    shape_zyx: tuple[int, int, int]
-    spacing: tuple[float, float, float]
-    corners: NDArray[np.float64]
-    minimum: float
-    maximum: float
-    percentile_1: float
-    percentile_99: float
-    finite: int = 1
-    orientation: str = ""
 
 
 def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> Scene:
@@ -62,8 +38,14 @@ def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> 
         Pure, so all ranks that know the same facts get the same scene.
     """
     each = (facts,) if isinstance(facts, VolumeFacts) else tuple(facts)
+    if scene.automatic:
+        scene = automatic_scene(scene, each)
     volumes = tuple(complete_volume(volume, fact) for volume, fact in zip(scene.volumes, each, strict=True))
-    corners = np.concatenate([fact.corners for fact in each]) if each else np.zeros((1, 3))
+    if is_completed(scene.camera):
+        return scene.model_copy(update={"volumes": volumes})
+    corners = np.concatenate([visible_corners(*pair) for pair in zip(volumes, each, strict=True)] or [np.zeros((1, 3))])
+    if not corners.size:
+        corners = np.concatenate([fact.corners for fact in each])
     spacing = min((min(fact.spacing) for fact in each), default=1.0)
     orientation = next((fact.orientation for fact in each if fact.orientation), "")
     camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation)
@@ -84,6 +66,30 @@ def complete_volume(volume: Volume, facts: VolumeFacts) -> Volume:
     if volume.blending == "local-maximum" and volume.threshold is None:
         found["threshold"] = clim[0] / 2 + clim[1] / 2
     return volume.model_copy(update=found)
+
+
+def visible_corners(volume: Volume, facts: VolumeFacts) -> NDArray[np.float64]:
+    """The corners, float64 (n, 3), of all blocks that are not transparent; none where nothing is seen.
+
+    Parameters
+    ----------
+    volume : completed
+    """
+    if facts.blocks is None or volume.blending in ("minimum", "average", "additive") or min(facts.shape_zyx) == 1:
+        return facts.corners
+    low, high = facts.blocks
+    surfaces = [each[0] if isinstance(each, tuple) else each for each in volume.isosurfaces]
+    seen = np.zeros(low.shape, bool)
+    if volume.blending != "isosurface":
+        seen |= ~transfer_function(volume).is_transparent(low, high)
+    for value in surfaces:
+        seen |= (low <= value) & (value <= high)
+    blocks = np.argwhere(seen)
+    ends = np.unique(np.concatenate([blocks + np.array([b >> 2, b >> 1 & 1, b & 1]) for b in range(8)]), axis=0)
+    shares = np.minimum(1.0, ends * facts.block_sides / (np.array(facts.shape_zyx) - 1.0))
+    # Corners count along x first: linear from the box's first corner along its three edges.
+    first, edges = facts.corners[0], facts.corners[[1, 2, 4]] - facts.corners[0]
+    return np.asarray(first + shares[:, ::-1] @ edges)
 
 
 def default_clim(facts: VolumeFacts) -> tuple[float, float]:

@@ -56,9 +56,9 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
 
 
 def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """The scene that shows one data file, everything else by default or by override."""
+    """The scene that shows one data file; what no override says is chosen by what the data looks like."""
     where = os.fspath(path)
-    data, options = apply_overrides({"volumes": [{"path": where}]}, parse_overrides(overrides))
+    data, options = apply_overrides({"volumes": [{"path": where}], "automatic": True}, parse_overrides(overrides))
     return _checked(_absolute(data, Path.cwd()), where, options)
 
 

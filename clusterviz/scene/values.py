@@ -275,6 +275,11 @@ class Scene(Section):
         examples=[[{"path": "head.nii.gz"}]],
         description="What to show; several, each with its own grid and look, are mixed where they overlap.",
     )
+    automatic: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="What is left out is chosen by what the data looks like (light, colours, opacity, interpolation, "
+        "background, step), as it is where a data file is given in place of a scene.",
+    )
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(),
         examples=[[{"position": [1, 1, 1]}]],

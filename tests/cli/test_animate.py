@@ -47,7 +47,8 @@ def test_an_orbit_becomes_numbered_pictures(cli: Run, tmp_path: Path) -> None:
     shown = [*(f"frame_{number:04}.png" for number in range(3)), "frame.animation.json", "s.json", "t.json"]
     assert names(tmp_path) == sorted(shown)
     drawn = pictures(tmp_path)
-    assert cli("render", FIELD, "-o", str(tmp_path / "alone.png"), *SMALL).status == 0
+    alone = ("render", FIELD, "-o", str(tmp_path / "alone.png"), *SMALL, "-D", "camera.fit=orbit")
+    assert cli(*alone).status == 0
     assert np.array_equal(drawn[0], read_image(tmp_path / "alone.png"))
     assert not np.array_equal(drawn[0], drawn[1])
     stats = json.loads((tmp_path / "s.json").read_text())

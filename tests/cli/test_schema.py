@@ -11,5 +11,14 @@ def test_schema_is_json_that_names_every_section(cli: Callable[..., Any]) -> Non
     outcome = cli("schema")
     schema = json.loads(outcome.out)
     assert outcome.status == 0
-    assert list(schema["properties"]) == ["volumes", "lights", "clip", "camera", "image", "quality", "cluster"]
+    assert list(schema["properties"]) == [
+        "volumes",
+        "automatic",
+        "lights",
+        "clip",
+        "camera",
+        "image",
+        "quality",
+        "cluster",
+    ]
     assert schema["$defs"]["Quality"]["properties"]["step"]["exclusiveMinimum"] == 0

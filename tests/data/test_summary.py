@@ -53,6 +53,11 @@ def check_same(one: VolumeSummary, other: VolumeSummary, bricks_too: bool = True
     np.testing.assert_array_equal(one.histogram, other.histogram)
     assert one.value_range == other.value_range
     assert one.percentiles == other.percentiles
+    np.testing.assert_array_equal(one.blocks, other.blocks)
+    assert (one.categories is None) == (other.categories is None)
+    if one.categories and other.categories:
+        for name in ("values", "counts", "equal", "pairs", "jumps"):
+            np.testing.assert_array_equal(getattr(one.categories, name), getattr(other.categories, name))
     if bricks_too:
         np.testing.assert_array_equal(one.minimum, other.minimum)
         np.testing.assert_array_equal(one.maximum, other.maximum)

@@ -19,10 +19,12 @@ PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
 RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"
 BOUND = 4 / 255
 
+VIEW = ["automatic=false", "camera.position=[3.864, 3.864, 3.864]", "camera.focal_point=[0, 0, 0]"]
+
 
 def scene_of(field: str, opacity: str, bound: float, size: str) -> Scene:
     keys = [f"image.size={size}", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
-    return scene_of_data(f"field:{field}:16", [*keys, f"quality.max_error={bound}"])
+    return scene_of_data(f"field:{field}:16", [*VIEW, *keys, f"quality.max_error={bound}"])
 
 
 def turned(loop: FrameLoop) -> list[Scene]:

@@ -176,7 +176,8 @@ def test_the_schema_describes_every_key() -> None:
     described(schema)
     for section in schema["$defs"].values():
         described(section)
-    assert set(schema["properties"]) == {"volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
+    sections = {"volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
+    assert set(schema["properties"]) == {*sections, "automatic"}
 
 
 def test_the_example_scenes_load() -> None:

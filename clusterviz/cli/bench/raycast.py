@@ -23,7 +23,9 @@ def command(
     json: JsonOption = None,
 ) -> None:
     """Measure how long one rank draws, with the bricks where they are drawn from already."""
-    report = measure(open_scene(scene, overrides_of(define, size)), frames, parse_device(device))
+    # What is measured shall not go by what the data looks like.
+    opened = open_scene(scene, overrides_of(define, size)).model_copy(update={"automatic": False})
+    report = measure(opened, frames, parse_device(device))
     if json:
         write_json(json, report)
     width, height = report["size"]

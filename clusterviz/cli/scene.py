@@ -1,0 +1,44 @@
+"""`clusterviz scene`: the completed scene of a data file, a scene or a picture, to be kept and changed."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from clusterviz.cli.arguments import Define, Size, overrides_of
+from clusterviz.cli.render import start
+from clusterviz.comm import agree
+from clusterviz.frame import Options, Run
+from clusterviz.frame.opening import open_volumes
+from clusterviz.image.files import read_text
+from clusterviz.scene import Scene, complete_scene, open_scene
+from clusterviz.scene.automatic import kind_of
+from clusterviz.scene.text import commented_scene
+
+
+def command(
+    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A data file, a scene file, or a .png of `render`.")],
+    define: Define = None,
+    size: Size = None,
+) -> None:
+    """Print the completed scene as YAML: clusterviz scene head.nii.gz > head.yaml renders to the same picture."""
+    if scene.lower().endswith(".png"):
+        print(read_text(scene), end="")
+        return
+    channel, _ = start()
+    with agree(channel, 0, "scene"):
+        opened_scene = open_scene(scene, overrides_of(define, size))
+    run = Run(channel, Options())
+    opened = open_volumes(run, opened_scene)
+    facts = opened.facts if opened else ()
+    completed = complete_scene(opened_scene, facts)
+    if channel.rank == 0:
+        kinds = [kind_of(fact) for fact in facts] if opened_scene.automatic else []
+        print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
+
+
+def _notes(name: str, completed: Scene, kinds: list[str]) -> list[str]:
+    """What was chosen by, for the head of the file."""
+    notes = [f"{name}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
+    return [*notes, *(f"volumes[{number}] looks like: {kind}" for number, kind in enumerate(kinds))]
