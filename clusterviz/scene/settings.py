@@ -140,6 +140,7 @@ class Settings(TypedDict, total=False):
     magnitudes: Numbers | None
     # Scene
     volumes: Sequence[Volume | Mapping[str, Any]]
+    automatic: bool
     lights: Sequence[Light | Mapping[str, Any]]
     clip: Clip | Mapping[str, Any]
     camera: Camera | Mapping[str, Any]
