@@ -104,9 +104,12 @@ def _cap(
     """The share (n,) of a cut face's light, and the face's unit normal (n, 3) in the world."""
     transfer, index_from_world = transfer_function(volume), np.linalg.inv(grid.world_from_index[:3, :3])
     low, high = transfer.domain
-    with np.errstate(over="ignore"):
-        slope = gradient * (min(grid.spacing) / 2 / (high / 2 - low / 2)) @ index_from_world
-        steep = np.linalg.norm(slope, axis=1)
+    scale = np.abs(index_from_world).max()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        width = high - low if np.isfinite(high - low) else high
+        units = gradient / max(width, np.finfo(np.float64).smallest_subnormal)
+        slope = units @ (index_from_world / scale) * (min(grid.spacing) * scale)
+        steep = np.nan_to_num(np.linalg.norm(slope, axis=1), nan=np.inf)
     world = point @ grid.world_from_index[:3, :3].T + grid.origin
     planes = [(np.array(origin), np.array(normal), CAP_STEEP) for origin, normal in clip.planes]
     corners = [np.array(grid.origin), grid.world_from_index[:3, :3] @ (np.array(box[::-1]) - 1) + grid.origin]
