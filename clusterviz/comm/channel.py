@@ -136,7 +136,7 @@ class Channel(Protocol):
     def for_thread(self) -> Channel | None:
         """Another channel to the same ranks, for one other thread of each: neither waits for the other's calls.
 
-        None, on every rank, where MPI was started for one thread at a time, or is not known to keep several apart.
+        None, on every rank, where MPI was started for one thread at a time.
         """
         ...
 

@@ -57,16 +57,6 @@ def mpi_library() -> str:
     return _one_line(answer.stdout)
 
 
-def is_thread_safe(description: str) -> bool:
-    """Whether several threads may call a library at once, each on a communicator of its own; told by MPI's own text.
-
-    True for MPICH only. Open MPI offers MPI_THREAD_MULTIPLE, but two threads that reduce at the same time get wrong
-    values: on 2 ranks, in three runs, 7, 8 and 25 of 6,000 with version 4.1.4, and 9, 24 and 65 with 5.0.11. Such
-    faults depend on chance, so that no trial at start-up could clear a library.
-    """
-    return description.startswith("MPICH")
-
-
 def check_launcher(description: str, size: int | None, environment: Mapping[str, str] | None = None) -> None:
     """Refuse a launcher that belongs to another MPI than the one that mpi4py loads.
 

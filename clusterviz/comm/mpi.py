@@ -1,9 +1,9 @@
 """A channel over MPI: the only module that imports mpi4py.
 
 MPI is loaded and started when a channel is first asked for. One thread at a time talks through a channel; several
-threads, each through its own, only where the library is known to keep them apart (`library.is_thread_safe`) and MPI was
-started for that (MPI_THREAD_MULTIPLE), which it is if the first channel is asked for with `several_threads`. The
-communicator is duplicated, so that no message meets those of the caller.
+threads, each through its own, only where MPI was started for that (MPI_THREAD_MULTIPLE), which it is if the first
+channel is asked for with `several_threads`. The communicator is duplicated, so that no message meets those of the
+caller.
 
 A message longer than a chunk (1 GiB) travels in pieces, because an MPI before version 4 counts bytes in 31 bits. The
 last piece is the first one that is shorter than a chunk (empty, if need be): the receiver needs to know no sizes.
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
-from clusterviz.comm.library import check_launcher, is_thread_safe
+from clusterviz.comm.library import check_launcher
 from clusterviz.comm.mpi_counters import MpiCounters
 from clusterviz.comm.mpi_window import MpiWindow, open_window
 from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
@@ -73,10 +73,8 @@ def _load_mpi(several_threads: bool = False) -> Any:
         from mpi4py import MPI
 
         if not MPI.Is_initialized():
-            description = MPI.Get_library_version()
-            check_launcher(description, None)
-            with_threads = several_threads and is_thread_safe(description)
-            MPI.Init_thread(MPI.THREAD_MULTIPLE if with_threads else MPI.THREAD_SERIALIZED)
+            check_launcher(MPI.Get_library_version(), None)
+            MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
             handler = signal.getsignal(signal.SIGHUP)
             if handler is not None and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGHUP, handler)  # UCX has taken it, and would wait for a debugger
@@ -268,8 +266,10 @@ class MpiChannel:
 
     def maximum(self, value: int) -> int:
         """The largest value: one reduction of eight bytes."""
-        largest = np.empty(1, np.int64)
-        self._finish([self._comm.Iallreduce(np.array([value], np.int64), largest, self._mpi.MAX)])
+        # Named, to last until the end: mpi4py 4.1 keeps no reference to what Iallreduce and Iallgatherv send, and where
+        # the library reads it late (Open MPI), memory that is used again gives wrong values.
+        mine, largest = np.array([value], np.int64), np.empty(1, np.int64)
+        self._finish([self._comm.Iallreduce(mine, largest, self._mpi.MAX)])
         return int(largest[0])
 
     def barrier(self) -> None:
@@ -308,8 +308,7 @@ class MpiChannel:
 
     def for_thread(self) -> MpiChannel | None:
         """A duplicate of the communicator, whose messages never meet this one's; freed with it."""
-        one_thread = self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE
-        if self._beside is None and not self.maximum(one_thread or not is_thread_safe(self._mpi.Get_library_version())):
+        if self._beside is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
             self._beside = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
         return self._beside
 

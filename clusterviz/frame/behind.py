@@ -10,10 +10,8 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from queue import SimpleQueue
-from warnings import warn
 
 from clusterviz.comm import Channel
-from clusterviz.comm.library import mpi_library
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.run import Rendered, Run
@@ -88,12 +86,6 @@ class Behind:
 
 
 def open_behind(run: Run) -> Behind | None:
-    """The second thread, if it is wanted and every rank may have one; collective. Rank 0 warns where none may."""
-    if not run.options.overlap:
-        return None
-    channel = run.channel.for_thread()
-    if channel is None and run.channel.rank == 0:
-        library = mpi_library().split(",")[0]
-        reason = "it was started for one thread, or is not known to keep two threads apart"
-        warn(f"each frame is composited before the next is drawn, because of {library}: {reason}", stacklevel=2)
+    """The second thread, if it is wanted and every rank may have one; collective."""
+    channel = run.channel.for_thread() if run.options.overlap else None
     return Behind(run, channel) if channel is not None else None

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, ThrottledChannel, run_loopback
-from clusterviz.comm.library import is_thread_safe, mpi_library
 from clusterviz.comm.mpi import MpiChannel
 
 ROUNDS = 40
@@ -28,6 +27,9 @@ def talk(channel: Channel, sign: int, heard: list[int]) -> None:
         channel.wait_sends()
         assert buffer[0] == sign * (1000 * left + number)
         assert channel.allgather(value) == [sign * (1000 * rank + number) for rank in range(channel.size)]
+        # Many, since a reduction of memory that another thread uses again goes wrong by chance.
+        for more in range(25):
+            assert channel.maximum(sign * (number + more)) == sign * (number + more)
         heard.append(value)
 
 
@@ -63,20 +65,12 @@ def test_a_failure_ends_both_threads() -> None:
 @pytest.mark.mpi(ranks=[3], timeout=60)
 def test_threads_of_mpi_ranks(mpi_ranks: int) -> None:
     channel = MpiChannel(several_threads=True)
-    if is_thread_safe(mpi_library()):
-        talk_in_two_threads(channel)
-    else:
-        assert channel.for_thread() is None
+    talk_in_two_threads(channel)
     channel.close()
-
-
-def test_open_mpi_is_not_trusted_with_threads() -> None:
-    assert is_thread_safe("MPICH Version:      5.0.2")
-    assert not any(map(is_thread_safe, ("Open MPI v4.1.4", "Open MPI v5.0.11", "Intel(R) MPI Library 2021.9", "")))
 
 
 def test_without_threads_in_mpi_there_is_no_second_channel() -> None:
     code = "from clusterviz.comm.mpi import MpiChannel; print(MpiChannel({}).for_thread() is None)"
-    for given, said in (("", "True"), ("several_threads=True", str(not is_thread_safe(mpi_library())))):
+    for given, said in (("", "True"), ("several_threads=True", "False")):
         run = subprocess.run([sys.executable, "-c", code.format(given)], capture_output=True, text=True, check=True)
         assert run.stdout.strip() == said

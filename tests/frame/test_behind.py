@@ -11,7 +11,6 @@ import pytest
 from failures.jobs import FIELD, SMALL, failing, finish
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.comm.library import is_thread_safe, mpi_library
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import RankError
 from clusterviz.frame import FrameLoop, Options, Rendered
@@ -86,21 +85,11 @@ def test_over_mpi_with_rows_of_their_own_in_the_trace(mpi_ranks: int) -> None:
     if channel.rank == 0:
         check_alike(overlapped, alone)
         assert len(overlapped[0].statistics.per_rank) == mpi_ranks
-    own_row = {"compositing"} if is_thread_safe(mpi_library()) else {""}
-    for frames, rows in ((overlapped, {"", *own_row}), (alone, {""})):
+    for frames, rows in ((overlapped, {"", "compositing"}), (alone, {""})):
         assert {span.row for rendered in frames for span in rendered.spans} == rows
     composited = [span for rendered in overlapped for span in rendered.spans if span.name == "composite"]
-    assert {span.row for span in composited} == own_row
+    assert {span.row for span in composited} == {"compositing"}
     channel.close()
-
-
-@pytest.mark.gl
-def test_where_mpi_has_room_for_one_thread_frames_come_in_turn_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(LoopbackChannel, "for_thread", lambda channel: None)
-    with pytest.warns(UserWarning, match="each frame is composited before the next is drawn") as warned:
-        drawn = run_loopback(2, lambda channel: draw(channel, scenes(), trace=True))[0]
-    assert sum("composited before the next" in str(each.message) for each in warned) == 1
-    assert {span.row for rendered in drawn for span in rendered.spans} == {""}
 
 
 @pytest.mark.gl
