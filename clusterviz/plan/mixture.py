@@ -135,7 +135,7 @@ def make_mixture(
 
 
 def _ingredient(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> Ingredient:
-    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid)
+    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid) if scene.clip.cap else None
     preintegrated = is_preintegrated(volume, scene.quality.classification)
     return Ingredient(
         cut,

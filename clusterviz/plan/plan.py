@@ -140,7 +140,9 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     transfer = transfer_function(volume)
     planes = clip_planes(scene.clip, grid)
     unit = transfer.unit_distance
-    shading = make_shading(volume, scene.lights, grid, unit, planes) if is_lit(volume) else None
+    shading = (
+        make_shading(volume, scene.lights, grid, unit, planes if scene.clip.cap else None) if is_lit(volume) else None
+    )
     grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
     look = make_look(volume, transfer, shading, grading)
     hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)

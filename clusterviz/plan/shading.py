@@ -89,7 +89,7 @@ class Shading:
         rows[first:] = self.caps.reshape(-1, 4)
         rows[:3, :3] = np.transpose(self.world_from_index)
         rows[3:6, :3] = np.transpose(self.normal_from_gradient)
-        rows[3, 3] = self.caps[:, 3].min()
+        rows[3, 3] = self.caps[:, 3].min(initial=FAR)
         rows[6] = self.material
         for number, light in enumerate(self.lights):
             first = 7 + self.light_rows * number
@@ -104,13 +104,13 @@ class Shading:
         return np.clip(rows, -FAR, FAR).astype(np.float32)
 
 
-def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats) -> Shading:
+def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats | None) -> Shading:
     """The light on a volume; a scene without lights has a headlight, as PyVista's and ParaView's have.
 
     Parameters
     ----------
     unit : its opacity unit distance
-    planes : float64 (n, 4), that cut it, in index space, see `clip_planes`
+    planes : float64 (n, 4), that cut it, in index space, see `clip_planes`; None where cut faces are lit by gradients
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
@@ -120,7 +120,7 @@ def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: floa
         tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,)),
         _rows(world_from_index),
         _rows(normals),
-        _caps(grid, planes, CAP_UNITS * unit, scale),
+        np.zeros((0, 8)) if planes is None else _caps(grid, planes, CAP_UNITS * unit, scale),
     )
 
 

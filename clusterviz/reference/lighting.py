@@ -78,7 +78,11 @@ def lit(
     world_from_index = grid.world_from_index[:3, :3]
     normal = _unit(_unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
     toward_eye = -_unit(ray @ world_from_index.T)
-    share, cap = _cap(gradient, point, volume, scene.clip, grid, box) if box else (np.zeros(len(point)), normal)
+    share, cap = (
+        _cap(gradient, point, volume, scene.clip, grid, box)
+        if box and scene.clip.cap
+        else (np.zeros(len(point)), normal)
+    )
     found = volume.ambient * colour
     for light in scene.lights or (Light(type="headlight"),):
         toward_light = toward_eye

@@ -62,6 +62,7 @@ class Variant:
     split : slabs are cut where they leave a brick
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     volumes : those that are mixed; none for one volume
+    caps : planes by which cut faces are lit, the volume's own faces among them
     """
 
     filter: Filter
@@ -81,6 +82,7 @@ class Variant:
     jittered: bool = False
     split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
+    caps: int = 0
 
     @property
     def source(self) -> ShaderSource:
@@ -127,11 +129,6 @@ class Variant:
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
-
-    @property
-    def caps(self) -> int:
-        """Planes that cut a lit volume, its own faces among them."""
-        return self.planes + 6
 
     @property
     def _record_bytes(self) -> int:
@@ -250,4 +247,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.march.jittered,
         plan.march.split,
         volumes,
+        len(plan.look.shading.caps) if plan.look.shading else 0,
     )

@@ -21,3 +21,8 @@ class Clip(Section):
     box: Annotated[Box, BeforeValidator(plain)] | None = Field(
         default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of what is kept, in world units."
     )
+    cap: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+        default=True,
+        description="Light what lies next to cut faces of shaded volumes by the normals of the faces, not by gradients "
+        "alone, which even tissue does not have.",
+    )

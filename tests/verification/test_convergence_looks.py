@@ -88,7 +88,7 @@ def lit_scene(interpolation: str, step: float) -> Scene:
     The rest is clipped away: at a face of the volume splines repeat voxels, and half of the slope is missing with them.
     """
     scene = scene_along(ALONG_X, (0.75, 0.3, 0.0), opacity=0.5, unit=1.0, step=step, scale=1e-6, cmap=GREY)
-    clip = Clip(box=(0.5, 1.5, -1.0, 1.0, -1.0, 1.0))
+    clip = Clip(box=(0.5, 1.5, -1.0, 1.0, -1.0, 1.0), cap=False)
     return with_settings(scene, DULL | {"interpolation": interpolation}).model_copy(update={"clip": clip})
 
 
