@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import Policy, begin, dispatch, expected_samples, land, learn, steer
+from clusterviz.balance.dynamic import Policy, begin, land, learn, steer
+from clusterviz.balance.expected import expected_samples
+from clusterviz.balance.migration import dispatch
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample

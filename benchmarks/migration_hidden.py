@@ -18,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.balance import Migration, Move, dynamic, withdraw
+from clusterviz.balance import dynamic
+from clusterviz.balance.migration import Migration, withdraw
+from clusterviz.balance.rebalance import Move
 from clusterviz.comm import Channel, open_channel
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop

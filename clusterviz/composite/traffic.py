@@ -22,6 +22,7 @@ import numpy as np
 from clusterviz.composite.patch import Patch, unite
 from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer
 from clusterviz.image.region import Rect
+from clusterviz.scene.transfer import distinct
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
     if moved != (schedule.ranks - 1) * schedule.pixels:
         return None
     tables = [np.unique(stage.table[:, 1:], axis=0) for stage in schedule.stages]
-    cuts = np.unique(np.concatenate([[0, schedule.pixels], *(table[:, 1:].ravel() for table in tables)]))
+    cuts = distinct(np.array([0, schedule.pixels]), *(table[:, 1:].ravel() for table in tables))
     owner = np.full(len(cuts) - 1, -1, np.int64)
     for table in tables:
         spans = np.searchsorted(cuts, table[:, 1:]).tolist()

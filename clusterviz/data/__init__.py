@@ -26,8 +26,8 @@ library below it, `open_source` turns into a `DataError`. If the samples lie in 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,24 +36,11 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
-from clusterviz.data.files import kind_of, readable, require_file, start_of
-from clusterviz.data.folder import open_folder
+from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid import Grid
-from clusterviz.data.hdf5 import open_hdf5
 from clusterviz.data.header import check_box
-from clusterviz.data.metaimage import open_metaimage
-from clusterviz.data.mrc import open_mrc
-from clusterviz.data.nifti import open_nifti
-from clusterviz.data.npy import open_npy
-from clusterviz.data.npz import open_npz
-from clusterviz.data.nrrd import open_nrrd
-from clusterviz.data.picture import PICTURES, open_picture
 from clusterviz.data.placed import placed
-from clusterviz.data.raw import open_raw
 from clusterviz.data.source import Index, Source
-from clusterviz.data.tiff import open_tiff
-from clusterviz.data.vti import open_vti
-from clusterviz.data.vtk import open_vtk
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
 
@@ -62,30 +49,35 @@ GZIP = (b"\x1f\x8b",)
 
 @dataclass(frozen=True)
 class Format:
-    """One format: its name, the extensions of its files, how they may begin (anyhow, if none), and what opens them."""
+    """One format: its name, the extensions of its files, how they may begin (anyhow, if none), and its module."""
 
     name: str
     extensions: tuple[str, ...]
     magic: tuple[bytes, ...]
-    open: Callable[[Path, Subset], Source]
+    module: str
+
+    def open(self, path: Path, subset: Subset) -> Source:
+        """The file's volume, by its module's `open_<module>`; imported now, since a render needs one of them."""
+        source: Source = getattr(import_module(f"clusterviz.data.{self.module}"), f"open_{self.module}")(path, subset)
+        return source
 
 
 FORMATS = (
-    Format("npy", (".npy",), (b"\x93NUMPY",), open_npy),
-    Format("npz", (".npz",), (b"PK",), open_npz),
-    Format("raw", (".raw", ".den", ".dat", ".bin"), (), open_raw),
-    Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), open_nrrd),
-    Format("metaimage", (".mha", ".mhd"), (), open_metaimage),
-    Format("nifti", (".nii",), (), open_nifti),
-    Format("nifti", (".nii.gz",), GZIP, open_nifti),
-    Format("vti", (".vti",), (), open_vti),
-    Format("vtk", (".vtk",), (b"# vtk DataFile",), open_vtk),
-    Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), open_tiff),
-    Format("mrc", (".mrc", ".map", ".ccp4"), (), open_mrc),
-    Format("mrc", (".mrc.gz", ".map.gz"), GZIP, open_mrc),
-    Format("hdf5", (".h5", ".hdf5", ".he5"), (), open_hdf5),
-    Format("netcdf", (".nc", ".nc4"), (), open_hdf5),
-    Format("picture", PICTURES, (), open_picture),
+    Format("npy", (".npy",), (b"\x93NUMPY",), "npy"),
+    Format("npz", (".npz",), (b"PK",), "npz"),
+    Format("raw", (".raw", ".den", ".dat", ".bin"), (), "raw"),
+    Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), "nrrd"),
+    Format("metaimage", (".mha", ".mhd"), (), "metaimage"),
+    Format("nifti", (".nii",), (), "nifti"),
+    Format("nifti", (".nii.gz",), GZIP, "nifti"),
+    Format("vti", (".vti",), (), "vti"),
+    Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk"),
+    Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff"),
+    Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc"),
+    Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc"),
+    Format("hdf5", (".h5", ".hdf5", ".he5"), (), "hdf5"),
+    Format("netcdf", (".nc", ".nc4"), (), "hdf5"),
+    Format("picture", PICTURES, (), "picture"),
 )
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -149,6 +141,8 @@ def _open(text: str, part: Subset) -> Source:
         text, part = dataset[1], replace(part, array=dataset[2])
     file = Path(text)
     if file.is_dir():
+        from clusterviz.data.folder import open_folder
+
         return open_folder(file, part)
     found = format_of(file)
     if found is not None:

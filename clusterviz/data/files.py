@@ -10,6 +10,7 @@ from pathlib import Path
 
 from clusterviz.errors import DataError
 
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 KINDS = (
     (b"\x93NUMPY", "a NumPy array (.npy)"),
     (b"NRRD", "NRRD"),

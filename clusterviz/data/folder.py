@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset
-from clusterviz.data.files import kind_of, readable, start_of
+from clusterviz.data.files import PICTURES, kind_of, readable, start_of
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box
-from clusterviz.data.picture import PICTURES, open_picture
+from clusterviz.data.picture import open_picture
 from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.errors import DataError

@@ -20,7 +20,6 @@ from clusterviz.data.header import check_box, check_packed
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 NAMES = {"R": "red", "G": "green", "B": "blue", "A": "alpha", "L": "grey"}
 TYPES = {"1": "u1", "I;16": "u2", "I;16L": "u2", "I;16B": "u2", "I;16N": "u2", "I": "i4", "F": "f4"}
 

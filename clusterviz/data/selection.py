@@ -71,7 +71,7 @@ class Selection:
     @property
     def bins(self) -> NDArray[np.uint64]:
         """The distinct prefixes, in order: the rows that `count` counts."""
-        return np.unique(self.prefixes)
+        return np.array(sorted(set(self.prefixes.tolist())), np.uint64)
 
     def narrow(self, counts: Counts) -> Selection:
         """One digit further, by the counts of it in each bin: int64 (bins, DIGITS)."""

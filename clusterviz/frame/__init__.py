@@ -25,6 +25,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
@@ -37,7 +38,6 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.finishing import finish_frame, tell_costs
 from clusterviz.frame.opening import Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
-from clusterviz.frame.settling import Settling, with_pixel
 from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.small_picture import SmallPicture
 from clusterviz.plan.changes import changed_settings
@@ -47,6 +47,9 @@ from clusterviz.report.changes import Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
+
+if TYPE_CHECKING:
+    from clusterviz.frame.settling import Settling
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
 
@@ -117,7 +120,7 @@ class FrameLoop:
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._share: Share | None = None
         self._told = set[Change]()
-        self._settling = Settling(run, self._small_picture)
+        self._settling: Settling | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
             with run.alone("plan", "plan"):
@@ -178,6 +181,8 @@ class FrameLoop:
                 self._opened.held.clear()  # was kept for small pictures, whose settings differ
             share = companion.before(self._opened, share) if companion else share
         if accuracy:
+            from clusterviz.frame.settling import with_pixel
+
             share, accuracy = with_pixel(share, accuracy, self._run.channel.size)
         check_alike(self._run, share)
         partials, counts = self._drawing.draw(share)
@@ -211,6 +216,10 @@ class FrameLoop:
             return scene, None
         with self._run.alone("plan", "plan"):
             scene = complete_scene(scene, self._opened.facts)
+        if self._settling is None:
+            from clusterviz.frame.settling import Settling
+
+            self._settling = Settling(self._run, self._small_picture)
         return self._settling.settle(scene)
 
     def _small_picture(self, scene: Scene) -> SmallPicture:

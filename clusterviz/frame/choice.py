@@ -8,14 +8,17 @@ from clusterviz.errors import InputError
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.distribution import Distribution
 from clusterviz.frame.holding import Holding
-from clusterviz.frame.interleaved import Interleaved
-from clusterviz.frame.mode import candidates
-from clusterviz.frame.replicated import Replicated
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
 from clusterviz.report.sharing import Forecast, Sharing
 from clusterviz.scene.values import Cluster, Scene
+
+
+def candidates(ranks: int) -> list[int]:
+    """Numbers of groups worth a look, ascending: groups of about 1, 2, 3, 4, 6, 8, 12 … ranks, and one of all."""
+    sizes = [size for power in range(ranks.bit_length()) for size in (2**power, 3 * 2**power) if size < ranks]
+    return sorted({1, *(ranks // size for size in sizes), *(-(-ranks // size) for size in sizes)})
 
 
 def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
@@ -74,8 +77,12 @@ def _of_data(cluster: Cluster, ranks: int, holding: Holding) -> Distribution:
     """The sort-last distribution that a scene names."""
     match cluster.distribution:
         case "interleaved":
+            from clusterviz.frame.interleaved import Interleaved
+
             return Interleaved(ranks, holding)
         case "replicated":
+            from clusterviz.frame.replicated import Replicated
+
             return Replicated(ranks, cluster.copies, holding)
         case "dynamic":
             from clusterviz.frame.dynamic import Dynamic

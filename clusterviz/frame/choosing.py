@@ -15,10 +15,7 @@ from clusterviz.frame.companion import Companion, companion_of
 from clusterviz.frame.dealing import plan_frame
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.holding import holding_of
-from clusterviz.frame.mode import choose, forecast, held_bytes
-from clusterviz.frame.prepass import UNKNOWN, leaf_bricks, sound
 from clusterviz.frame.run import Run
-from clusterviz.frame.settling import pixel_of
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.plan.plan import Plan
@@ -82,6 +79,8 @@ class Choosing:
             return
         run, opened = self._run, self._opened
         assert opened is not None, "nothing is open where nothing is drawn"
+        from clusterviz.frame.mode import choose, held_bytes
+
         with run.alone("plan", "plan"):
             scene = complete_scene(scene, opened.facts)
             plan = plan_frame(opened, scene, last)
@@ -129,13 +128,20 @@ class Choosing:
         self.sharing = sharing_of(self.distribution, found)
 
     def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:
+        if accuracy is None:
+            return scene.quality.pixel
+        from clusterviz.frame.settling import pixel_of
+
         ranks = self._run.channel.size
-        return scene.quality.pixel if accuracy is None else pixel_of(plan, accuracy, -(-ranks // groups), ranks).value
+        return pixel_of(plan, accuracy, -(-ranks // groups), ranks).value
 
     def _forecasts(
         self, opened: Opened, scene: Scene, plan: Plan, pixels: Mapping[int, str], last: Share | None
     ) -> tuple[Forecast, ...]:
         """What numbers of groups should take, each with its format of pixels; none where the pre-pass has no memory."""
+        from clusterviz.frame.mode import forecast
+        from clusterviz.frame.prepass import UNKNOWN, leaf_bricks, sound
+
         run, channel = self._run, self._run.channel
         with run.together("plan", "plan"):
             nodes = channel.nodes()

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.balance import Flight
+from clusterviz.balance.migration import Flight
 from clusterviz.codec import AutoCodec
 from clusterviz.codec.auto import MIN_BYTES
 from clusterviz.codec.contract import Bytes, CodecError

@@ -13,26 +13,12 @@ from time import thread_time
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import (
-    WHOLE,
-    Balance,
-    Flight,
-    Pace,
-    Policy,
-    begin,
-    check_memory,
-    dispatch,
-    expected_samples,
-    first_owners,
-    land,
-    learn,
-    predict,
-    rank_costs,
-    rest,
-    steer,
-    unmeasured,
-    withdraw,
-)
+from clusterviz.balance.dynamic import Balance, Policy, begin, first_owners, land, learn, rest, steer
+from clusterviz.balance.expected import expected_samples
+from clusterviz.balance.measure import predict, rank_costs, unmeasured
+from clusterviz.balance.memory import check_memory
+from clusterviz.balance.migration import Flight, dispatch, withdraw
+from clusterviz.balance.pace import WHOLE, Pace
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 from clusterviz.frame.holding import Holding

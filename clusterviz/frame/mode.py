@@ -31,12 +31,6 @@ DOUBT = 0.05  # of the time of drawing: so well is known what a sample takes on 
 LEAST_GAIN_AGAIN = 0.8  # of the time of what is there already, below which it is given up: bricks may have to be read
 
 
-def candidates(ranks: int) -> list[int]:
-    """Numbers of groups worth a look, ascending: groups of about 1, 2, 3, 4, 6, 8, 12 … ranks, and one of all."""
-    sizes = [size for power in range(ranks.bit_length()) for size in (2**power, 3 * 2**power) if size < ranks]
-    return sorted({1, *(ranks // size for size in sizes), *(-(-ranks // size) for size in sizes)})
-
-
 def held_bytes(plan: Plan, holding: Holding, ranks: int, groups: int) -> int:
     """Bytes of bricks of the rank that holds most: the smallest group may come to see all that is shown."""
     return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(holding.brick_bytes(plan)).max())

@@ -8,7 +8,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
-from clusterviz.balance import Flight
+from clusterviz.balance.migration import Flight
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
 from clusterviz.frame.alike import check_same

@@ -17,8 +17,7 @@ from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened, OpenedVolumes
 from clusterviz.frame.share import Bricks, OpenedVolume
 from clusterviz.partition import bricks_of, build_tree
-from clusterviz.plan.accuracy import classification_of
-from clusterviz.plan.look import LARGEST_MARGIN, margin_of
+from clusterviz.plan.look import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene

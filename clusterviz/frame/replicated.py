@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import expected_samples, measure, predict, rank_costs, unmeasured
+from clusterviz.balance.expected import expected_samples
+from clusterviz.balance.measure import measure, predict, rank_costs, unmeasured
 from clusterviz.data.source import Index
 from clusterviz.frame.holding import Holding
 from clusterviz.frame.standing import Standing

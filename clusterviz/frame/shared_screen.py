@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import expected_samples
+from clusterviz.balance.expected import expected_samples
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 from clusterviz.frame.holding import Holding

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import expected_samples
+from clusterviz.balance.expected import expected_samples
 from clusterviz.image.region import Rect
 from clusterviz.partition import BspTree, build_tree, owners_of
 from clusterviz.partition.screen import CostMap, RankGroups, bricks_seen, build_cuts, gathered

@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance import check_memory
+from clusterviz.balance.memory import check_memory
 from clusterviz.data.source import Index
 from clusterviz.frame.holding import Holding
 from clusterviz.partition.bsp import Costs

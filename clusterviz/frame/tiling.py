@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from clusterviz.balance import expected_samples
+from clusterviz.balance.expected import expected_samples
 from clusterviz.image.region import Rect
 from clusterviz.partition.screen import (
     CostMap,

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-from clusterviz.balance import WHOLE
+from clusterviz.balance.pace import WHOLE
 
 FRAMES = 4  # whose shortest is believed to be the next one's length
 DOUBT = 0.8  # of the time that a step above every slice is expected to take: from frame to frame, so that it is tried

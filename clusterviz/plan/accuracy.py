@@ -35,7 +35,7 @@ from clusterviz.plan.estimate import (
 )
 from clusterviz.plan.look import Classification, is_preintegrated
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.values import Quality, Scene, Volume
+from clusterviz.scene.values import Scene, Volume
 
 COARSEST, FINEST = -1, 6
 """Levels: a step is 2^-level voxels."""
@@ -150,11 +150,6 @@ def _is_steep(volume: Volume) -> bool:
         if np.any(changes * (high / 2 - low / 2) > STEEP * (values[1:] / 2 - values[:-1] / 2)):
             return True
     return False
-
-
-def classification_of(quality: Quality) -> Classification:
-    """What bricks must be read for: both ways, where the choice is open."""
-    return quality.classification if quality.max_error is None else "pre-integrated"
 
 
 def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:

@@ -13,7 +13,7 @@ from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.grading import Grading
 from clusterviz.plan.shading import Shading
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Volume
+from clusterviz.scene.values import Quality, Volume
 
 Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
 OPERATORS: dict[Blending, Operator] = {
@@ -121,6 +121,11 @@ def is_graded(volume: Volume) -> bool:
 def has_surfaces(volume: Volume) -> bool:
     """Whether isosurfaces are shown, alone or in the volume."""
     return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
+
+
+def classification_of(quality: Quality) -> Classification:
+    """What bricks must be read for: both ways, where the choice is open."""
+    return quality.classification if quality.max_error is None else "pre-integrated"
 
 
 def is_preintegrated(volume: Volume, classification: Classification) -> bool:

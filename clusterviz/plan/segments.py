@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.plan.encoding import in_units_of_clim
-from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
+from clusterviz.scene.transfer import OPAQUE, TransferFunction, distinct, interpolate
 
 BUCKETS = 4096
 MOST_CUTS = 1 << 16
@@ -80,7 +80,7 @@ def outline(transfer: TransferFunction) -> tuple[NDArray[np.void], Floats]:
     records : as `RECORD`, but float64; nothing is known of slabs
     starts : float64 (n,), the control points
     """
-    knots = np.unique(np.concatenate([transfer.opacity_values, transfer.colour_values]))
+    knots = distinct(transfer.opacity_values, transfer.colour_values)
     starts = np.clip(in_units_of_clim(knots, *transfer.domain), -FAR, FAR)
     records = np.zeros(len(knots) + 1, RECORD).astype([(name, "f8", RECORD[name].shape) for name in RECORD.names or ()])
     records["start"] = np.append(-FAR, starts)

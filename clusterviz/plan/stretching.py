@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.errors import SceneError
 from clusterviz.plan.look import is_graded
-from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.transfer import TransferFunction, distinct
 from clusterviz.scene.values import Quality, Volume
 
 Floats = NDArray[np.float64]
@@ -132,10 +132,10 @@ class _Terms:
     """
 
     def __init__(self, transfer: TransferFunction, low: Floats, high: Floats) -> None:
-        knots = np.unique(np.concatenate([transfer.opacity_values, transfer.colour_values]))
+        knots = distinct(transfer.opacity_values, transfer.colour_values)
         grid = np.linspace(knots[0], knots[-1], BINS + 1)
         self._width = float(grid[1] - grid[0])
-        lowest, highest = _extremes(transfer, np.unique(np.concatenate([knots, grid])), grid)
+        lowest, highest = _extremes(transfer, distinct(knots, grid), grid)
         self._first, self._last = (np.searchsorted(grid, values, side="right") for values in (low, high))
         self.least = _least(lowest[:, :1], self._first, self._last)[:, 0]
         self.most = -_least(-highest[:, :1], self._first, self._last)[:, 0]
@@ -162,7 +162,7 @@ class _Terms:
         bins = np.ceil(passed / self._width) + 1
         doublings = np.frexp(np.minimum(bins, len(self._slopes[0])))[1]
         found = np.empty((len(passed), 7))
-        for doubling in np.unique(doublings).tolist():
+        for doubling in sorted(set(doublings.tolist())):
             some = np.flatnonzero(doublings == doubling)
             lowest, highest = self._slopes[0], -self._slopes[1]
             for reach in (1 << step for step in range(doubling)):

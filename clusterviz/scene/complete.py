@@ -84,8 +84,10 @@ def visible_corners(volume: Volume, facts: VolumeFacts) -> NDArray[np.float64]:
         seen |= ~transfer_function(volume).is_transparent(low, high)
     for value in surfaces:
         seen |= (low <= value) & (value <= high)
-    blocks = np.argwhere(seen)
-    ends = np.unique(np.concatenate([blocks + np.array([b >> 2, b >> 1 & 1, b & 1]) for b in range(8)]), axis=0)
+    is_end = np.zeros([side + 1 for side in seen.shape], bool)
+    for z, y, x in np.ndindex(2, 2, 2):
+        is_end[z : z + seen.shape[0], y : y + seen.shape[1], x : x + seen.shape[2]] |= seen
+    ends = np.argwhere(is_end)
     shares = np.minimum(1.0, ends * facts.block_sides / (np.array(facts.shape_zyx) - 1.0))
     # Corners count along x first: linear from the box's first corner along its three edges.
     first, edges = facts.corners[0], facts.corners[[1, 2, 4]] - facts.corners[0]

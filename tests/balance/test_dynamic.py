@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.balance import Balance, Policy, begin, dispatch, land, learn, steer, switch
+from clusterviz.balance.dynamic import Balance, Policy, begin, land, learn, steer
+from clusterviz.balance.migration import dispatch, switch
 from clusterviz.errors import InputError
 from clusterviz.partition import eye_place, visible_groups
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.balance import Move, arrive, dispatch, hand_over, launch, settled
-from clusterviz.balance.migration import Migration
+from clusterviz.balance.handover import hand_over
+from clusterviz.balance.migration import Migration, arrive, dispatch, launch, settled
+from clusterviz.balance.rebalance import Move
 from clusterviz.partition import Owners
 
 COST = np.ones((1, 1, 8))

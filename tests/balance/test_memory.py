@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.balance import check_memory
+from clusterviz.balance.memory import check_memory
 from clusterviz.errors import InputError
 from clusterviz.partition import build_tree, interleave, owners_of
 

@@ -10,8 +10,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from clusterviz.balance import Move, arrive, dispatch, forget, launch, settled, switch, withdraw
-from clusterviz.balance.migration import Migration
+from clusterviz.balance.migration import Migration, arrive, dispatch, forget, launch, settled, switch, withdraw
+from clusterviz.balance.rebalance import Move
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners, build_tree, owners_of
 from clusterviz.partition.tree import Index

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.balance import Move, Wish, rebalance
+from clusterviz.balance.rebalance import Move, Wish, rebalance
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from clusterviz.cli import EXAMPLES
 from clusterviz.data import samples
 
 
@@ -36,6 +37,10 @@ def test_only_the_path_goes_to_standard_output(
     outcome = cli("samples", "mni152")
     assert (outcome.status, outcome.out) == (0, f"{cache / known.file_name}\n")
     assert cli("samples").out.splitlines()[0].endswith("cached")
+
+
+def test_the_example_names_a_sample() -> None:
+    assert EXAMPLES["samples"].split()[-1] in samples.SAMPLES
 
 
 def test_an_unknown_name_is_bad_input(cli: Callable[..., Any], cache: Path) -> None:

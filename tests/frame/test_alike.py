@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from frame.views import draw_all, views
 
-from clusterviz.balance import Flight
+from clusterviz.balance.migration import Flight
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.errors import RankError
 from clusterviz.frame import Options, Run

@@ -11,10 +11,11 @@ from frame.test_mode import CPU, INSTANT, NODES, OPAQUE, RANKS, SLOW, SOURCE, sc
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Rendered, Run
+from clusterviz.frame.choice import candidates
 from clusterviz.frame.choosing import PAUSE, Choosing
 from clusterviz.frame.coherent import Coherent
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.mode import candidates, compositing_seconds
+from clusterviz.frame.mode import compositing_seconds
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.image import compare

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from frame.views import HIDDEN, check, draw_all, looks, views
 
-from clusterviz.balance import Move, dynamic
+from clusterviz.balance import dynamic
+from clusterviz.balance.rebalance import Move
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import InputError

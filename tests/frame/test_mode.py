@@ -12,9 +12,10 @@ from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import FrameLoop, Options, Run
+from clusterviz.frame.choice import candidates
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.holding import Holding
-from clusterviz.frame.mode import candidates, choose, forecast, held_bytes
+from clusterviz.frame.mode import choose, forecast, held_bytes
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.prepass import LOOKS, sound
 from clusterviz.frame.share import Share
