@@ -11,6 +11,7 @@ import json as json_text
 import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -33,10 +34,11 @@ Job = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 def command(
+    common: Annotated[bool, typer.Option("--common", help="Only those of a first picture, of 8-bit data.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON: compiled, kept, seconds, folder.")] = False,
 ) -> None:
     """Compile the kernels that most scenes need, so that no render waits for them; those that are kept stay."""
-    began, files = perf_counter(), _files(common_kernels(host_width().lanes))
+    began, files = perf_counter(), _files((first_kernels if common else common_kernels)(host_width().lanes))
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
     with show_progress(["compiling kernels"]) as progress:
@@ -70,6 +72,12 @@ def common_kernels(lanes: int) -> list[Kernel]:
         found.append(Kernel(kind, "linear", "maximum", "many", 0, lanes))
         found.append(Kernel(kind, "linear", "isosurface", "many", 0, lanes, light="far", surfaces=True))
     return found
+
+
+def first_kernels(lanes: int) -> list[Kernel]:
+    """Of `launch/demo`, and of a file of 8-bit data without a scene."""
+    names = [Kernel("u8", "linear", "composite", "many", 0, lanes, light=light) for light in ("", "far")]
+    return [replace(each, pieces="fitted", capacity=CAPACITIES[1]) for each in names] if lanes == MOST else names
 
 
 def _files(kernels: list[Kernel]) -> dict[Path, Job]:

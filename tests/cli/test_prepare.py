@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,9 @@ from typing import Any
 import pytest
 
 from clusterviz.cli import prepare
+from clusterviz.cli.progress import announce_compiling
 from clusterviz.kernels import objects
+from clusterviz.render.vectors.kernel import Kernel
 
 
 def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -18,6 +22,13 @@ def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.Monk
     monkeypatch.setattr(prepare, "_files", lambda kernels: {path: (objects._keep, (path, b"code"))})
     found = [json.loads(cli("prepare", "--json").out) for _ in range(2)]
     assert [(each["compiled"], each["kept"]) for each in found] == [(["cast"], []), ([], ["cast"])]
+
+
+def test_only_those_of_a_first_picture(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Kernel] = []
+    monkeypatch.setattr(prepare, "_files", lambda kernels: asked.extend(kernels) or {})
+    assert cli("prepare", "--common").status == 0
+    assert asked == prepare.first_kernels(prepare.host_width().lanes)
 
 
 def test_a_folder_that_cannot_be_written_is_said(
@@ -32,3 +43,18 @@ def test_the_common_kernels_have_names_of_their_own() -> None:
     for lanes in (4, 16):
         names = [kernel.name for kernel in prepare.common_kernels(lanes)]
         assert len(set(names)) == len(names) > 10
+        assert {kernel.name for kernel in prepare.first_kernels(lanes)} < set(names)
+
+
+def test_the_first_compilation_is_announced_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    ours, theirs = os.openpty()
+    os.set_blocking(ours, False)
+    monkeypatch.setattr(sys, "stderr", os.fdopen(theirs, "w"))
+    monkeypatch.setattr(objects, "on_compiling", objects.on_compiling)
+    monkeypatch.setattr(objects, "folder", lambda: tmp_path)
+    announce_compiling()
+    for name in ("cast", "put"):
+        with pytest.raises(KeyError):  # what would compile
+            objects.function_address(name, [b"source"], {}.popitem)
+    assert os.read(ours, 1000).count(b"compiling kernels") == 1
+    os.close(ours)
