@@ -34,10 +34,9 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     """Render one example, and write its picture."""
     paths = [f"volumes.{number}.path={fetch_sample(sample)}" for number, sample in enumerate(samples)]
     scene = clusterviz.load_scene(ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZE)}"])
-    pixels = clusterviz.render(scene)
     path = ROOT / "docs" / "pictures" / f"{name}.png"
     path.parent.mkdir(exist_ok=True)
-    clusterviz.write_image(path, pixels, scene.image.background)
+    clusterviz.render(scene).save(path)
     Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
     return path
 
