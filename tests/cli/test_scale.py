@@ -191,7 +191,7 @@ def test_threads_stay_the_same_at_every_count(counts: list[int], threads: str, m
     [
         (("--ranks", "1,two"), "--ranks: not a count; found two"),
         (("--ranks", "0"), "--ranks: not a count"),
-        (("--size", "0x3"), "--size: not a size"),
+        (("--size", "0x3"), "--size: too small"),
         (("--network", "carrier-pigeon"), "no such network file"),
         (("-D", "volumes=[]"), "nothing to measure"),
     ],

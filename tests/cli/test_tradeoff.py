@@ -169,7 +169,7 @@ def test_a_scene_that_cannot_be_drawn_leaves_nothing(
     ("options", "said"),
     [
         (("--knobs", "speed"), "--knobs: unknown knob; found speed"),
-        (("--size", "0x3"), "--size: not a size"),
+        (("--size", "0x3"), "--size: too small"),
         (("-D", "volumes=[]"), "nothing to trade"),
     ],
 )
