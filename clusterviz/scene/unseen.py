@@ -14,7 +14,7 @@ from clusterviz.scene.complete import VolumeFacts, transfer_function
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0
-"""Pixels: what is smaller in width and height is too small to be seen."""
+"""Pixels: what is smaller in width and height, and than a quarter of the picture's, is too small to be seen."""
 
 
 def unseen(scene: Scene, facts: Sequence[VolumeFacts], is_blank: bool) -> dict[str, str]:
@@ -93,7 +93,7 @@ def _out_of_sight(scene: Scene, corners: np.ndarray) -> str:
             f"the scene lies beside the picture: {_box(corners)} would be at pixels {_span(low[0], high[0])}, "
             f"{_span(low[1], high[1])} of {width} × {height}"
         )
-    if (high - low < SMALL).all():
+    if (high - low < np.minimum(SMALL, 0.25 * np.array([width, height]))).all():
         far, wide = float(ahead.mean()), float(np.ptp(corners, axis=0).max())
         across = " × ".join(f"{side:.2g}" for side in high - low)
         return f"the scene covers {across} pixels: the eye is {far:g} away from a box {wide:g} wide"
