@@ -105,8 +105,8 @@ def test_any_unit_of_length(record_property: Record, look: str, unit: float) -> 
 def test_pre_integrated_opacity_at_its_ends(record_property: Record, opacity: float, ramp: bool) -> None:
     """Sums of κ over the segments of a slab neither cancel nor overflow.
 
-    A slab that holds all colours and all of the light is known in its mean colour and its lean: 4e-3 in such a slab, and
-    5e-3 of the largest seen from here.
+    A slab that holds all colours and all of the light is known in its mean colour and its lean: 4e-3 in such a slab,
+    and 5e-3 of the largest seen from here.
     """
     camera = {"position": (22.5, 22.0, 21.5), "focal_point": (5.0, 4.5, 4.0), "view_angle": 30.0}
     points = ((0.0, 0.0), (1.0, opacity)) if ramp else opacity

@@ -7,7 +7,8 @@ When not: sparse images, which direct send moves with fewer bytes; n just above 
 whole images first.
 Cost, n = 2^d: d rounds, n·d messages, (n − 1)·P pixels, a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded:
 one round and r messages more, d·2^d messages in the swaps; a rank sends at most P and receives at most (2 − 2^−d)·P.
-Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: swaps merge neighbours in depth.
 Reference: K.-L. Ma, J. S. Painter, C. D. Hansen, M. F. Krogh, "Parallel volume rendering using binary-swap
 compositing", IEEE Computer Graphics and Applications 14(4), 1994. On folding: K. Moreland, "Comparing binary-swap
 algorithms for odd factors of processes", LDAV 2018.

@@ -6,7 +6,8 @@ When: rank counts that are no power of two; no round more than binary swap, and 
 When not: a power of two (it is binary swap then); sparse images, which direct send moves with fewer bytes.
 Cost: ⌊log₂ n⌋ rounds; M(m) = m − (m mod 2) + 2(m mod 2) + 2·M(⌊m/2⌋) messages with M(1) = 0; (n − 1)·P pixels; a rank
 that drops out sends P in all, the others less.
-Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: swaps merge neighbours in depth.
 Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018.
 """
 

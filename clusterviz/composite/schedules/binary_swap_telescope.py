@@ -8,7 +8,8 @@ When not: a power of two (it is binary swap then); sparse images, which direct s
 Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds (hand-over in one block hides behind swaps in the larger ones; a
 schedule that does not hide it needs d + popcount − 1), Σ d_i·2^d_i messages in swaps and Σ 2^d_i over all blocks but
 the smallest in hand-overs, (n − 1)·P pixels; a rank sends at most P.
-Limits: any number of ranks and pixels. One partial image a rank: swaps merge neighbours in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: swaps merge neighbours in depth.
 Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018; K. Moreland,
 W. Kendall, T. Peterka, J. Huang, "An image compositing solution at scale", SC 2011.
 """

@@ -4,7 +4,8 @@ What: a reduction tree over visibility order; position 0 ends with the picture.
 When: few ranks, small pictures, or links on which each message is dear: no algorithm sends fewer messages.
 When not: large pictures on many ranks: after round k only n/2^k ranks still work, on whole images.
 Cost: ⌈log₂ n⌉ rounds, n − 1 messages, (n − 1)·P pixels; a rank sends P and receives up to ⌈log₂ n⌉·P.
-Limits: any number of ranks and pixels. One partial image a rank: the tree merges neighbours in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: the tree merges neighbours in depth.
 Reference: C. D. Shaw, M. Green, J. Schaeffer, "Anti-aliasing issues in image composition", Eurographics workshop on
 graphics hardware, 1991.
 """

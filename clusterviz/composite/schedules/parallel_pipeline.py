@@ -7,7 +7,8 @@ at most two pieces in a round, mostly to and from the ranks beside it.
 When: rings and meshes of machines whose links to neighbours are the good ones; very large pictures.
 When not: many ranks on a switched network: n − 1 rounds, each of which waits for the one before.
 Cost: n − 1 rounds, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P.
-Limits: any number of ranks and pixels. One partial image a rank: the line is the order in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: the line is the order in depth.
 Reference: T.-Y. Lee, C. S. Raghavendra, J. B. Nicholas, "Image composition schemes for sort-last polygon rendering on
 2D mesh multicomputers", IEEE Transactions on Visualization and Computer Graphics 2(3), 1996. There all pieces run one
 way, and inner ranks receive a whole P; running both ways evens that out.

@@ -11,7 +11,7 @@ Cost, n = Π k_i: one round for each k_i, n·Σ(k_i − 1) messages, (n − 1)·
 (1 − 1/n)·P. With remainders M(m) = (m − r)(k − 1) + k·r + k·M(⌊m/k⌋) messages, r = m mod k, M(1) = 0; a rank sends at
 most P.
 Limits: any number of ranks and pixels; any k_i of which rounded-down division makes 1 of n, by default factors up to 8.
-One partial image a rank: groups merge neighbours in depth.
+One partial image a rank, or several side by side in depth: groups merge neighbours in depth.
 Reference: T. Peterka, D. Goodell, R. Ross, H.-W. Shen, R. Thakur, "A configurable algorithm for parallel image-
 compositing applications", SC 2009; W. Kendall, T. Peterka, J. Huang, H.-W. Shen, R. Ross, "Accelerating and
 benchmarking radix-k image compositing at large scale", EGPGV 2010.

@@ -9,7 +9,8 @@ When not: a power of two (it is binary swap then); sparse images, which direct s
 variants are often as fast (Moreland 2018): measure.
 Cost: ⌊log₂ n⌋ rounds, at most 2n·⌊log₂ n⌋ messages (16 at 5 ranks, 28 at 7, 1356 at 127, 13,400 at 1000), (n − 1)·P
 pixels; a rank sends P without its own piece and receives at most 1.11·P; in a stage, a few messages each way.
-Limits: any number of ranks and pixels. One partial image a rank: groups merge neighbours in depth.
+Limits: any number of ranks and pixels.
+One partial image a rank, or several side by side in depth: groups merge neighbours in depth.
 Reference: H. Yu, C. Wang, K.-L. Ma, "Massively parallel volume rendering using 2-3 swap image compositing", SC 2008.
 """
 
