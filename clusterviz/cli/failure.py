@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 import traceback
 from collections.abc import Mapping
 
 from clusterviz.errors import ClustervizError
 
 INTERRUPTED = 130
+TELLING_SECONDS = 1.0
 RANK_VARIABLES = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "PALS_RANKID", "SLURM_PROCID")
 
 
@@ -45,6 +47,8 @@ def fail(error: BaseException, debug: bool) -> int:
         if debug:
             traceback.print_exception(error)
         print(message(error, debug), file=sys.stderr, flush=True)
+    elif isinstance(error, ClustervizError) and not has_met_ranks():
+        time.sleep(TELLING_SECONDS)  # a launcher ends the others, rank 0 included, when the first exits with a failure
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
     return error.exit_status if isinstance(error, ClustervizError) else 1
