@@ -118,14 +118,11 @@ def _create(target: Path) -> Path:
         temporary = temporary_name(target)
         try:
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
-            if lock_temporary(temporary):
-                return temporary
-        except FileNotFoundError as error:
-            if target.parent.is_dir():
-                continue  # taken for a leftover before it was locked
-            raise no_place(target, error) from error
         except OSError as error:
             raise no_place(target, error) from error
+        with suppress(FileNotFoundError):  # taken for a leftover before it was locked
+            if lock_temporary(temporary):
+                return temporary
 
 
 def no_place(target: Path, error: OSError) -> OutputError:
