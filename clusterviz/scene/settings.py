@@ -71,6 +71,7 @@ class Settings(TypedDict, total=False):
     # Clip
     planes: Rows
     box: Numbers | None
+    cap: bool
     # ImageSettings
     size: Numbers
     background: str | Numbers

@@ -22,7 +22,14 @@ DEVICES: tuple[Device, ...] = (0, "cpu")
 
 
 def scene_of(adaptive: float, *more: str) -> Scene:
-    keys = ["image.size=[40,30]", "volumes.0.clim=[0,1]", "volumes.0.opacity=[[0,0],[1,0.08]]", "quality.step=0.25"]
+    keys = [
+        "camera.position=[3.864,3.864,3.864]",
+        "camera.focal_point=[0,0,0]",
+        "image.size=[40,30]",
+        "volumes.0.clim=[0,1]",
+        "volumes.0.opacity=[[0,0],[1,0.08]]",
+        "quality.step=0.25",
+    ]
     return scene_of_data(FIELD, [*keys, "cluster.brick=16", f"quality.adaptive={adaptive}", *more])
 
 

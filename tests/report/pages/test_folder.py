@@ -59,7 +59,7 @@ def test_other_files_are_not_overwritten(tmp_path: Path) -> None:
     for target, said in (
         ("used", "would overwrite other files"),
         ("file", "found a file"),
-        ("none/out", "no folder can"),
+        ("none/out", "none is missing"),
     ):
         with pytest.raises(OutputError, match=said):
             check_folder(tmp_path / target, MARK)
