@@ -42,8 +42,7 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
     """
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-    path = kept_path(name, sources)
-    code = read_code(path)
+    path, code = _find(name, sources)
     if code is None:
         on_compiling(name)
         code = make()
@@ -71,15 +70,29 @@ def machine() -> Any:
 
 def kept_path(name: str, sources: Iterable[bytes]) -> Path:
     """The file of a function's object code, be it there or not."""
-    return folder() / f"{name}-{fingerprint(sources)}.o"
+    return _find(name, sources)[0]
+
+
+def _find(name: str, sources: Iterable[bytes]) -> tuple[Path, bytes | None]:
+    """Where a function's code is, and the code; where it would be kept, and None."""
+    file = f"{name}-{fingerprint(sources)}.o"
+    for each in folders():
+        code = read_code(each / file)
+        if code is not None:
+            return each / file, code
+    return folder() / file, None
+
+
+def folders() -> tuple[Path, ...]:
+    """Where object files are looked for: beside Python's own compiled files, and in the user's cache."""
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    return Path(__file__).with_name("__pycache__"), cache_home / "clusterviz"
 
 
 def folder() -> Path:
-    """Where object files are kept: beside Python's own compiled files, or in the user's cache."""
-    beside = Path(__file__).with_name("__pycache__")
-    if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
-        return beside
-    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "clusterviz"
+    """Where new object files are kept: the first of `folders` that can be written, else the last."""
+    *first, last = folders()
+    return next((each for each in first if os.access(each if each.is_dir() else each.parent, os.W_OK)), last)
 
 
 def _engine() -> Any:

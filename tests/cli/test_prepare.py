@@ -54,7 +54,7 @@ def test_the_first_compilation_is_announced_once(monkeypatch: pytest.MonkeyPatch
     os.set_blocking(ours, False)
     monkeypatch.setattr(sys, "stderr", os.fdopen(theirs, "w"))
     monkeypatch.setattr(objects, "on_compiling", objects.on_compiling)
-    monkeypatch.setattr(objects, "folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "folders", lambda: (tmp_path,))
     announce_compiling()
     for name in ("cast", "put"):
         with pytest.raises(KeyError):  # what would compile

@@ -52,7 +52,7 @@ for source in (halves, np.concatenate(near)):
 
 OTHER_WAY = """
 vector_code.HALVES_IN_HARDWARE = False
-objects.folder = lambda: Path({folder!r})
+objects.folders = lambda: (Path({folder!r}),)
 """
 
 
@@ -60,7 +60,7 @@ objects.folder = lambda: Path({folder!r})
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty folder for the files; nothing is loaded yet."""
     native.kernel.cache_clear()
-    monkeypatch.setattr(objects, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(objects, "folders", lambda: (tmp_path / "kept",))
     yield tmp_path / "kept"
     native.kernel.cache_clear()
 
@@ -86,10 +86,29 @@ def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPa
         assert file.read_bytes() == whole
 
 
+def test_code_beside_the_package_serves_users_who_cannot_write_there(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a container image; what is missing there goes into their own folder."""
+    native.kernel(*NAME)
+    (file,) = folder.iterdir()
+    code, names = objects.read_code(file), []
+    monkeypatch.setattr(native, "_compile", lambda module, name: (names.append(name), code)[1])
+    monkeypatch.setattr(objects, "folders", lambda: (folder, tmp_path / "home"))
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    native.kernel.cache_clear()
+    native.kernel(*NAME)
+    assert (names, (tmp_path / "home").exists()) == ([], False)
+    file.unlink()
+    native.kernel.cache_clear()
+    native.kernel(*NAME)
+    assert (names, [each.name for each in (tmp_path / "home").iterdir()]) == (["put"], [file.name])
+
+
 def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     native.kernel.cache_clear()
-    monkeypatch.setattr(objects, "folder", lambda: tmp_path / "file")
+    monkeypatch.setattr(objects, "folders", lambda: (tmp_path / "file",))
     assert native.kernel(*NAME) is not None
     native.kernel.cache_clear()
 
