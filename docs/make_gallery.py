@@ -19,7 +19,6 @@ ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)
 COLOURS = 128  # of a picture's palette: a tenth of the bytes, and no difference that the eye sees
 SCENES: dict[str, tuple[str, ...]] = {
-    "head": ("mni152",),
     "skin_and_brain": ("ch2",),
     "bones": ("cranium",),
     "labels": ("frog",),
