@@ -3,6 +3,7 @@
 - choice.py       which ray caster draws
 - raycast.py      volumes by single-pass ray casting, in OpenGL
 - vectors/        the same on the processor
+- coherence/      where rays start, by what those of the last frame hit
 - drawn.py        what a ray caster gives
 - frame_block.py  the constants of a draw, shared with the shaders
 - variant.py      which shader files and constants a plan needs

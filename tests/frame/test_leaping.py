@@ -16,7 +16,7 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
-from clusterviz.render.vectors.coherence import last_frame
+from clusterviz.render.coherence import last_frame
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.path import orbit
 from clusterviz.scene.settings import with_settings

@@ -14,7 +14,6 @@
 - machine_code.py  the same, compiled
 - width.py         how wide vectors are
 - marching/        tiles, rays, and where their slabs are
-- coherence/       what a frame tells the next one
 - fields/          the scalar at a place, and its gradient
 - transfer/        what the transfer function gives
 - looks/           what samples come to, all in all

@@ -28,12 +28,12 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.bends import group_doublings
+from clusterviz.render.coherence.last_frame import LastFrame, depth_of
 from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.emptiness import visible_groups
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import store
-from clusterviz.render.vectors.coherence.last_frame import LastFrame, depth_of
 from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
@@ -116,7 +116,7 @@ class VectorCaster:
         self._kernel = self._kernel_of(plan)
         compiled(self._kernel)
         if self._kernel.leaping:
-            from clusterviz.render.vectors.coherence.reprojection import prepare_reprojection
+            from clusterviz.render.coherence.reprojection import prepare_reprojection
 
             prepare_reprojection()
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
-from clusterviz.render.vectors.coherence.reprojection import Box, is_coherent, projection_of, reproject
+from clusterviz.render.coherence.reprojection import Box, is_coherent, projection_of, reproject
 
 ALIKE = 4  # slabs between neighbouring hits on one surface
 FRESH_TILE, FRESH_TILES = 32, 16

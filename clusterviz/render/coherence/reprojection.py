@@ -169,7 +169,7 @@ def _object() -> bytes:
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
     from numba import float32, float64, int64, njit, types
 
-    from clusterviz.render.vectors.coherence import reprojection_kernel
+    from clusterviz.render.coherence import reprojection_kernel
 
     pointer: Any = types.CPointer
     kinds: tuple[Any, ...] = tuple(pointer(kind) for kind in (float64, int64, float32, float32, float32))
