@@ -63,7 +63,7 @@ def draw_frames(order_file: Path, output: Path) -> None:
     from clusterviz.frame import FrameLoop
 
     order, channel = json.loads(order_file.read_text()), open_channel()
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     scene, seconds = Scene.model_validate(order["scene"]), []
     views = [at(scene, position, order["size"]) for position in order["frames"]]
     with FrameLoop(views[0], channel) as loop:

@@ -127,7 +127,7 @@ def render(
     channel = open_channel() if comm is None else MpiChannel(comm)
     try:
         if channel.size > 1:
-            limit_threads(channel.place())
+            limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
             opened, source = _scene_and_source(scene, grid)
             opened = with_settings(opened, settings)

@@ -17,6 +17,7 @@ class ClustervizError(Exception):
     """Anything that clusterviz itself reports; `exit_status` is what a command ends with."""
 
     exit_status = 1
+    agreed = False
 
 
 class InputError(ClustervizError):
@@ -99,3 +100,14 @@ class RankError(ClustervizError):
         super().__init__(f"rank {rank}, frame {frame}, {stage}: {cause}")
         self.rank, self.frame, self.stage, self.cause = rank, frame, stage, cause
         self.exit_status = exit_status
+
+
+def mark_agreed(error: ClustervizError) -> ClustervizError:
+    """Say that every rank raises this very error."""
+    error.agreed = True
+    return error
+
+
+def is_agreed(error: BaseException) -> bool:
+    """Whether every rank raises this error."""
+    return isinstance(error, ClustervizError) and error.agreed

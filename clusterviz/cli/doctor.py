@@ -82,7 +82,7 @@ def examine(channel: Channel, warning: str = "") -> MachineReport:
         mpi_library=channel.broadcast(mpi_library() if channel.rank == 0 else ""),
         launcher=launcher(),
         size=channel.size,
-        nodes=channel.place().nodes,
+        nodes=channel.placement().nodes,
         warning=warning,
         ranks=tuple(ranks),
     )
@@ -102,7 +102,7 @@ def complaints(report: MachineReport) -> list[str]:
 
 
 def _examine_rank(channel: Channel) -> RankMachine:
-    place = channel.place()
+    place = channel.placement()
     threads = limit_threads(place, dict(os.environ))
     labels, chosen, opengl, problem = _examine_device(place.local_rank)
     return RankMachine(

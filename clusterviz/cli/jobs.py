@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from clusterviz.comm.library import mpirun_folders
-from clusterviz.comm.place import launched
+from clusterviz.comm.placement import launched
 from clusterviz.errors import ClustervizError, InputError
 
 # More ranks than cores are wanted here; Open MPI (4, then 5) allows that only when told.

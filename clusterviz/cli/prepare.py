@@ -20,7 +20,7 @@ import typer
 
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.verbosity import say
-from clusterviz.comm.place import granted_cores
+from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
 from clusterviz.kernels.objects import folder, kept_path, read_code

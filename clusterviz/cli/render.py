@@ -69,7 +69,7 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     reached, began = clusterviz.REACHED, time.perf_counter()
     age = _process_age()
     channel = open_channel(several_threads=several_threads)
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # a user needs no line of code
     if channel.rank == 0:
         announce_compiling()

@@ -23,7 +23,7 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.verbosity import say
 from clusterviz.comm import agree, limit_threads, open_channel
-from clusterviz.comm.place import THREAD_VARIABLES, granted_cores
+from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.report.pages.folder import check_folder, replacing_folder
@@ -175,7 +175,7 @@ class MpirunJob:
 def measure_job(task: Path, folder: Path) -> None:
     """What each rank of a job does; rank 0 leaves the picture and the result."""
     channel = open_channel()
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     with agree(channel, 0, "job"):
         read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
     order = channel.broadcast(read)  # other nodes may not see this one's temporary folder

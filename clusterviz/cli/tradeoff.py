@@ -96,7 +96,7 @@ class MpirunJob:
 def measure_job(task: Path, folder: Path) -> None:
     """What each rank of a job does; rank 0 leaves the result."""
     channel = open_channel()
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     with agree(channel, 0, "job"):
         read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
     order = channel.broadcast(read)  # other nodes may not see this one's temporary folder

@@ -27,8 +27,7 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.progress import show_progress
 from clusterviz.cli.verbosity import Verbosity, verbosity
 from clusterviz.cli.witness import Witness, compare_with_reference
-from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
-from clusterviz.comm.place import granted_cores
+from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
 from clusterviz.data import open_volume
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare, read_image

@@ -1,40 +1,37 @@
-"""The tool room where ranks talk: channels, where a rank runs, and how ranks agree on failure.
+"""Communication between ranks: channels, placement on nodes, and agreement on errors.
 
-channel.py   the contract of a channel
-mpi.py       over MPI; the only module that imports mpi4py
-loopback.py  all ranks in one process, and the single rank without MPI
-window.py    the contract of memory that the ranks of a node share; mpi_window.py, loopback_window.py: the two kinds
-counters.py  the contract of numbers that all ranks raise; mpi_counters.py, loopback_counters.py: the two kinds
-work_queue.py   numbered work that ranks or groups of ranks take from, by these counters
-nodes.py     which ranks share a node, or pretend to
-patience.py  waiting without taking the cores of others away
-throttled.py a slow link where there is none
-open.py      which of them a program gets
-place.py     nodes, cores, threads, and what launchers say
-agree.py     one failure, one message, every rank
-agreed.py    the mark of an error that all ranks raise
-library.py   which MPI, which launcher, and whether they match
+channel.py     contract of a channel
+mpi.py         channel over MPI; with mpi_window.py, the only modules that import mpi4py
+loopback.py    channel between threads of one process, and for a single rank without MPI
+throttled.py   channel through a simulated slow link
+open.py        choice of the channel that a program uses
+window.py      contracts of shared memory: windows of a node's ranks, counters of all ranks
+mpi_window.py  both over MPI's one-sided communication
+work_queue.py  queue of numbered work on these counters
+placement.py   nodes, cores, threads and the variables that launchers set
+library.py     MPI library and launcher, and a check that they match
+back_off.py    polling with back-off
+agree.py       errors that all ranks raise together
 """
 
 from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.agreed import mark_agreed
 from clusterviz.comm.channel import Channel, MessageError
-from clusterviz.comm.counters import Counters
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import as_channel, open_channel, opened_channel
-from clusterviz.comm.place import NodePlace, limit_threads
+from clusterviz.comm.placement import Placement, limit_threads
 from clusterviz.comm.throttled import ThrottledChannel
-from clusterviz.comm.window import SharedWindow, WindowError
+from clusterviz.comm.window import Counters, SharedWindow, WindowError
 from clusterviz.comm.work_queue import WorkQueue
+from clusterviz.errors import mark_agreed
 
 __all__ = [
     "Channel",
     "Counters",
     "LoopbackChannel",
     "MessageError",
-    "NodePlace",
+    "Placement",
     "SharedWindow",
     "ThrottledChannel",
     "WindowError",

@@ -1,9 +1,9 @@
-"""How a failure on one rank ends all ranks with one message, never with a hang.
+"""Agreement on errors: a failure of one rank ends all ranks with one message.
 
-Two kinds of stage need two ways. A stage that works alone (reading, drawing) runs under `agree`: at its end all ranks
-ask, with one small reduction, whether anyone failed, and then all raise the same error before the next collective
-call. A stage that talks (compositing, gathering) cannot be agreed on half way, since the others wait for messages of
-the rank that failed: it runs under `abort_on_failure`, as the whole program does, which ends the job.
+A stage without messages (reading, drawing) runs under `agree`. At its end one small reduction tells all ranks whether
+any failed, and all raise the same error before the next collective call. A stage with messages (compositing, gathering)
+runs under `abort_on_failure`, as the whole program does: the other ranks wait for messages that will not come, so the
+job is aborted.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from clusterviz.comm.agreed import is_agreed, mark_agreed
 from clusterviz.comm.channel import Channel
-from clusterviz.errors import ClustervizError, RankError
+from clusterviz.errors import ClustervizError, RankError, is_agreed, mark_agreed
 
 __all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
 
@@ -23,7 +22,7 @@ INTERRUPTED_STATUS = 130
 
 
 def describe(error: BaseException) -> str:
-    """One line for a reader: our own errors speak for themselves, others need their type."""
+    """Return the message of an error in one line, with its type unless it is a ClustervizError."""
     if isinstance(error, ClustervizError):
         return str(error)
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -35,14 +34,14 @@ def _status(error: BaseException) -> int:
 
 @contextmanager
 def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
-    """Run a stage that does not communicate; if it raises on one rank, it raises on every rank.
+    """Context of a stage without communication: an error on one rank is raised on every rank.
 
-    Where all ranks raise one and the same ClustervizError (a missing file, say), it comes out as it is.
+    If all ranks raise the same ClustervizError (a missing file, for example), it is raised unchanged.
 
     Raises
     ------
     RankError
-        On every rank with the same text: that of the lowest rank that failed. On that rank its cause is chained.
+        On every rank, with the text of the lowest rank that failed. On that rank the cause is chained.
     """
     error: Exception | None = None
     try:
@@ -54,7 +53,7 @@ def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
 
 
 def _raise_together(channel: Channel, frame: int, stage: str, error: Exception | None) -> None:
-    """Tell each other what went wrong, and raise the same error everywhere."""
+    """Gather the errors of all ranks, and raise the same error on each."""
     mine = None if error is None else (isinstance(error, ClustervizError), describe(error), _status(error))
     reports = channel.allgather(mine)
     if isinstance(error, ClustervizError) and all(report == reports[0] for report in reports):
@@ -69,11 +68,11 @@ def _raise_together(channel: Channel, frame: int, stage: str, error: Exception |
 def abort_on_failure(
     channel: Channel, frame: int | None = None, stage: str = "", debug: bool = False
 ) -> Iterator[None]:
-    """End all ranks when this one fails in a way that the others do not know of.
+    """Context that ends all ranks when this rank raises an error that was not agreed on.
 
-    Errors that were agreed on pass through, and so does everything where the rank is alone or shares its process. Any
-    other error, ctrl-C included, prints one message (a traceback too, with `debug`) and ends the job: with the error's
-    exit status, 1 for a bug, or 130 for ctrl-C.
+    Errors that were agreed on pass through, and so does any error on a channel of one rank. Any other error, ctrl-C
+    included, prints one message (with `debug`, a traceback too) and aborts the job with the error's exit status: 1 for
+    a bug, 130 for ctrl-C.
     """
     try:
         yield

@@ -1,14 +1,14 @@
-"""The contract of every channel: how ranks talk to each other, whatever carries the bytes.
+"""Contract of a channel: communication between ranks, independent of the transport.
 
-A channel knows its own rank and the number of ranks. Point-to-point calls are non-blocking and move whole contiguous
-NumPy buffers as bytes: post every receive, start the sends, then take what has arrived with `wait_some`, so that a
-rank works on one message while others travel. Messages from one source with one tag arrive in the order in which
-they were sent; only one receive at a time may be pending for a source and a tag. A sent buffer must stay as it is
-until `wait_sends` returns. A message may be shorter than the buffer posted for it; a longer one is a MessageError.
+Point-to-point calls are non-blocking and move whole C-contiguous NumPy buffers as bytes. Post every receive, start the
+sends, then take arrived messages with `wait_some`: a rank then works on one message while others travel. Messages from
+one source with one tag arrive in the order in which they were sent. Only one receive at a time may be pending for a
+source and a tag. A sent buffer must not change until `wait_sends` returns. A message may be shorter than its buffer; a
+longer one is a MessageError.
 
-Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `place`, `nodes`,
-`window`, `counters`, `for_thread`, `beside`, `close`) are made by every rank in the same order. They carry small Python
-objects, or few numbers; pixels travel point to point, or lie in a window that the ranks of a node share.
+Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `placement`, `nodes`,
+`window`, `counters`, `for_thread`, `duplicate`, `close`) are made by every rank in the same order. They carry small
+Python objects or a few numbers. Pixels travel point to point, or lie in a window that the ranks of a node share.
 """
 
 from __future__ import annotations
@@ -19,10 +19,8 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm.counters import Counters
-from clusterviz.comm.nodes import Nodes
-from clusterviz.comm.place import NodePlace
-from clusterviz.comm.window import Numbers, SharedWindow
+from clusterviz.comm.placement import Nodes, Placement
+from clusterviz.comm.window import Counters, Numbers, SharedWindow
 from clusterviz.errors import ClustervizError
 
 T = TypeVar("T")
@@ -30,12 +28,12 @@ Buffer = NDArray[Any]
 
 
 class Pending(Protocol):
-    """A receive that was posted, as `post_receive` returned it."""
+    """Posted receive, as `post_receive` returns it."""
 
 
 @runtime_checkable
 class Channel(Protocol):
-    """What the rest of clusterviz knows of the other ranks."""
+    """Connection of one rank to all ranks."""
 
     @property
     def rank(self) -> int: ...
@@ -48,13 +46,16 @@ class Channel(Protocol):
         ...
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
-        """Start to send all bytes of a C-contiguous buffer, of any size, above 2 GiB too."""
+        """Start to send all bytes of a C-contiguous buffer of any size, also above 2 GiB."""
         ...
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Wait until a message is here: (index in `pending`, bytes received) of each that has arrived, at least one.
+        """Wait until at least one message has arrived.
 
-        The caller takes them out of `pending` before the next call. Nothing pending gives an empty list.
+        Returns
+        -------
+        arrived : (index in `pending`, bytes received) of each message that has arrived; empty if nothing is pending.
+            The caller removes them from `pending` before the next call.
 
         Raises
         ------
@@ -64,7 +65,7 @@ class Channel(Protocol):
         ...
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """What `wait_some` gives for the messages that are here by now, maybe none; it also forgets what was sent.
+        """Return what `wait_some` returns, without waiting; possibly empty. Completed sends are released too.
 
         Raises
         ------
@@ -78,37 +79,38 @@ class Channel(Protocol):
         ...
 
     def allgather(self, value: T) -> list[T]:
-        """One value from each rank, on each rank."""
+        """Return one value of each rank, on each rank."""
         ...
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """Few numbers from each rank, on each rank: int64 (k,), the same k everywhere, gives int64 (size, k)."""
+        """Return k numbers of each rank, on each rank: int64 (k,), the same k everywhere, gives int64 (size, k)."""
         ...
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """One value from each rank, on the root; None elsewhere."""
+        """Return one value of each rank on the root, None elsewhere."""
         ...
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """The root's value, on each rank."""
+        """Return the root's value on each rank."""
         ...
 
     def maximum(self, value: int) -> int:
-        """The largest of the ranks' values, on each rank: the cheapest question that all can agree on."""
+        """Return the largest of the ranks' values on each rank; the cheapest collective call."""
         ...
 
     def barrier(self) -> None:
         """Wait for all ranks."""
         ...
 
-    def place(self) -> NodePlace:
-        """Where this rank runs, and with whom it shares the node."""
+    def placement(self) -> Placement:
+        """Return the node and the cores of this rank."""
         ...
 
     def nodes(self) -> Nodes:
-        """The ranks of each node, ascending, nodes by their first ranks.
+        """Return the ranks of each node, ascending, with the nodes in the order of their first ranks.
 
-        CLUSTERVIZ_RANKS_PER_NODE=m cuts every node into pretended ones of m ranks; `place` goes on telling the truth.
+        CLUSTERVIZ_RANKS_PER_NODE=m splits every node into simulated nodes of m ranks; `placement` still describes the
+        real ones.
 
         Raises
         ------
@@ -118,64 +120,68 @@ class Channel(Protocol):
         ...
 
     def window(self, own_bytes: int) -> SharedWindow:
-        """Memory that the ranks of each of these nodes share; each asks for its own part, of any size, 0 included.
+        """Allocate memory that the ranks of each node share.
+
+        Parameters
+        ----------
+        own_bytes : size of this rank's part, 0 or more; it may differ between ranks
 
         Raises
         ------
         InputError
             On every rank: a negative size.
         WindowError
-            On every rank: there is no such memory on some node.
+            On every rank: a node has no such memory.
         """
         ...
 
     def counters(self, count: int) -> Counters:
-        """So many numbers that every rank reads and raises; the same count on every rank."""
+        """Create `count` counters that every rank reads and raises; the same count on every rank."""
         ...
 
     def for_thread(self) -> Channel | None:
-        """Another channel to the same ranks, for one other thread of each: neither waits for the other's calls.
+        """Return another channel to the same ranks for one other thread of each rank, independent of this one.
 
-        None, on every rank, where MPI was started for one thread at a time.
+        None, on every rank, if MPI was not started for several threads.
         """
         ...
 
-    def beside(self) -> Channel:
-        """Another channel to the same ranks, for the same thread: `wait_sends` of one does not wait for the other's."""
+    def duplicate(self) -> Channel:
+        """Return another channel to the same ranks for the same thread, with its own messages and `wait_sends`."""
         ...
 
     def close(self) -> None:
-        """Give back what `beside` made; nothing is under way any more."""
+        """Free a channel that `duplicate` returned, once all its messages are complete."""
         ...
 
     def abort(self, status: int) -> None:
-        """End the processes of all ranks at once; returns only where the ranks share this process."""
+        """End the processes of all ranks at once; returns only if the ranks share this process."""
         ...
 
 
 class MessageError(ClustervizError):
-    """A message could not be received as it was expected."""
+    """Message that could not be received as expected."""
 
     @classmethod
     def too_long(cls, source: int, tag: int, room: int) -> MessageError:
-        """It does not fit into its buffer."""
+        """Return the error of a message that does not fit into its buffer of `room` bytes."""
         return cls(f"a message from rank {source} with tag {tag} is longer than the {room} bytes expected")
 
 
 def check_contiguous(buffer: Buffer) -> None:
-    """Refuse an array that does not lie in one piece, in C order.
+    """Check that an array is C-contiguous.
 
     Raises
     ------
     ValueError
-        The array is not C-contiguous.
+        It is not.
     """
     if not buffer.flags.c_contiguous:
         raise ValueError("only C-contiguous buffers can be sent or received")
 
 
 def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
-    """The bytes of a C-contiguous array, without a copy.
+    """Return a view of the bytes of a C-contiguous array, uint8 (nbytes,).
 
     Raises
     ------

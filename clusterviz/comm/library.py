@@ -1,7 +1,7 @@
-"""The MPI library that mpi4py loads, the launcher that started the process, and whether the two belong together.
+"""MPI library that mpi4py loads, launcher that started the process, and a check that they match.
 
-A launcher of another MPI starts N processes of which each is alone, and would do the whole work, or end in MPI_Init
-without a word for users. No message is sent, and MPI is not started, to find that out.
+A launcher of another MPI starts N processes that each see one rank. Each would do the whole work, or end in MPI_Init
+without a message. The check sends no message and does not start MPI.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from clusterviz.comm.place import launched_size
+from clusterviz.comm.placement import launched_size
 from clusterviz.errors import InputError
 
-# The first name that is set tells the launcher; narrow names come before those that several launchers share.
+# The first variable that is set names the launcher. Variables that several launchers set come last.
 _LAUNCHERS = (
     ("OMPI_COMM_WORLD_SIZE", "Open MPI's mpirun"),
     ("PALS_RANKID", "PALS's mpiexec"),
@@ -39,18 +39,18 @@ print(MPI.Get_library_version().strip("\\0"))
 
 
 def launcher(environment: Mapping[str, str] | None = None) -> str:
-    """Who started this process, told from its environment; "none" where no launcher did."""
+    """Return the name of the launcher that started this process, by its environment; "none" without one."""
     variables = os.environ if environment is None else environment
     return next((name for variable, name in _LAUNCHERS if variable in variables), "none")
 
 
 def mpi_library() -> str:
-    """Name and version of the MPI library that mpi4py loads, one line; or why it cannot load one."""
+    """Return name and version of the MPI library that mpi4py loads in one line, or why it loads none."""
     if "mpi4py.MPI" in sys.modules:
         from mpi4py import MPI
 
         return _one_line(MPI.Get_library_version())
-    # Loading MPI without starting it would spoil it for later use in this process, so another process is asked.
+    # MPI that is loaded but not started cannot be used later in this process, so another process loads it.
     answer = subprocess.run([sys.executable, "-c", _ASK], capture_output=True, text=True, check=False)
     if answer.returncode:
         return f"none: {(answer.stderr.strip() or 'mpi4py ended without a word').splitlines()[-1]}"
@@ -58,19 +58,19 @@ def mpi_library() -> str:
 
 
 def check_launcher(description: str, size: int | None, environment: Mapping[str, str] | None = None) -> None:
-    """Refuse a launcher that belongs to another MPI than the one that mpi4py loads.
+    """Check that the launcher belongs to the MPI library that mpi4py loads.
 
     Parameters
     ----------
-    description : what the MPI library says of itself
-    size : the number of processes that MPI sees; None before MPI_Init, in which MPICH ends a process that was started
-        through PMIx, unless it was built for that
-    environment : what launchers leave there; by default this process's
+    description : version text of the MPI library
+    size : number of processes that MPI sees; None before MPI_Init, in which MPICH ends a process that was started
+        through PMIx unless it was built for it
+    environment : variables that launchers set; by default those of this process
 
     Raises
     ------
     InputError
-        In one line: both MPIs, and what to start with.
+        It does not; the message names both MPIs and the launcher to use.
     """
     variables = os.environ if environment is None else environment
     started = launched_size(variables)
@@ -90,7 +90,7 @@ def check_launcher(description: str, size: int | None, environment: Mapping[str,
 
 
 def _mpirun_of(library: str) -> str:
-    """The path of the mpirun that belongs to Open MPI, or to a relative of MPICH; "" where none is found."""
+    """Return the path of the mpirun of Open MPI or of an MPICH derivative; "" if none is found."""
     by_hydra = not library.startswith("Open MPI")
     for name in ("mpirun", "mpirun.openmpi", "mpirun.mpich"):
         for folder in mpirun_folders():
@@ -102,12 +102,12 @@ def _mpirun_of(library: str) -> str:
 
 
 def mpirun_folders() -> list[str | None]:
-    """Where to look for mpirun: by the library that MPI4PY_LIBMPI names, beside this Python; None is the PATH."""
+    """Return the folders to search for mpirun: that of MPI4PY_LIBMPI, that of this Python, and None (the PATH)."""
     named = os.environ.get("MPI4PY_LIBMPI")
     by_library: list[str | None] = [str(Path(named).parents[1] / "bin")] if named and os.path.isabs(named) else []
     return [*by_library, str(Path(sys.executable).parent), None]
 
 
 def _one_line(version: str) -> str:
-    """The first line of a library's own description; MPICH goes on with dates and configure options."""
+    """Return the first line of a library's version text; MPICH's goes on with dates and configure options."""
     return " ".join(version.strip("\0\n ").split("\n")[0].split())

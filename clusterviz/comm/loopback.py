@@ -1,7 +1,7 @@
-"""All ranks in one process, one thread each: for tests, and (with one rank) for work without MPI.
+"""Channel between threads of one process: for tests, and with one rank for work without MPI.
 
-Buffers are not copied when sent but when received, as a large MPI message does, so that a test meets the same faults.
-A rank that raises ends all ranks; a rank that waits longer than the time-out raises TimeoutError, which ends them too.
+Buffers are copied when received, not when sent, as MPI does with large messages, so tests find the same faults. A rank
+that raises ends all ranks. A rank that waits longer than the time-out raises TimeoutError.
 """
 
 from __future__ import annotations
@@ -16,11 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes
-from clusterviz.comm.loopback_counters import LoopbackCounters
-from clusterviz.comm.loopback_window import LoopbackWindow, empty_boards
-from clusterviz.comm.nodes import Nodes, group_by_node
-from clusterviz.comm.place import NodePlace, single_place
-from clusterviz.comm.window import Numbers, check_sizes
+from clusterviz.comm.placement import Nodes, Placement, group_by_node, single_placement
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, check_index, check_numbers, check_sizes
 
 T = TypeVar("T")
 
@@ -31,7 +28,7 @@ class _EndedError(Exception):
 
 @dataclass
 class _Receive:
-    """A posted receive: where the bytes go, and from whom."""
+    """Posted receive."""
 
     buffer: NDArray[np.uint8]
     source: int
@@ -40,7 +37,7 @@ class _Receive:
 
 @dataclass
 class _World:
-    """What the ranks share; `changed` guards all of it."""
+    """State that the ranks share, guarded by `changed`."""
 
     size: int
     timeout_seconds: float
@@ -51,33 +48,128 @@ class _World:
     offered: dict[int, dict[int, Any]] = field(default_factory=dict)
     taken: dict[int, int] = field(default_factory=dict)
     failed: bool = False
-    others: list[_World] = field(default_factory=list)
+    duplicates: list[_World] = field(default_factory=list)
 
     def wait(self, ready: Callable[[], bool], what: str) -> None:
-        """Wait (with `changed` held) until something is so, a rank has failed, or the time is out."""
+        """Wait (with `changed` held) until `ready` holds, a rank has failed, or the time-out has passed."""
         if not self.changed.wait_for(lambda: self.failed or ready(), self.timeout_seconds):
             raise TimeoutError(f"no progress for {self.timeout_seconds} s: {what}")
         if self.failed and not ready():
             raise _EndedError
 
     def fail(self) -> None:
-        """Wake every rank, to end."""
+        """Wake every rank so that it ends."""
         with self.changed:
             self.failed = True
             self.changed.notify_all()
-        for other in self.others:
+        for other in self.duplicates:
             other.fail()
 
-    def beside(self) -> _World:
-        """Another one of the same ranks, which ends with this one."""
+    def duplicate(self) -> _World:
+        """Return another world of the same ranks, which ends with this one."""
         other = _World(self.size, self.timeout_seconds, self.ranks_per_node, unread=[0] * self.size)
         with self.changed:
-            self.others.append(other)
+            self.duplicates.append(other)
         return other
 
 
+def empty_boards(members: int) -> Numbers:
+    """Return boards without tickets, int64 (boards, members, row)."""
+    return np.zeros((BOARDS, members, ROW_NUMBERS), np.int64)
+
+
+class LoopbackWindow:
+    """Shared memory of a simulated node, in plain arrays, as one thread sees it.
+
+    Parameters
+    ----------
+    world : of the threads
+    members, index : the channel's ranks of the node, and the index of this one
+    parts : of all members
+    boards : of the node
+    """
+
+    def __init__(
+        self, world: _World, members: tuple[int, ...], index: int, parts: Sequence[NDArray[np.uint8]], boards: Numbers
+    ) -> None:
+        self._world = world
+        self._members = members
+        self._index = index
+        self._parts = list(parts)
+        self._boards = boards
+        self._round = 0
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """The channel's ranks on this node."""
+        return self._members
+
+    @property
+    def index(self) -> int:
+        """The index of this rank among the members."""
+        return self._index
+
+    def part(self, index: int) -> NDArray[np.uint8]:
+        """Return the part of a member."""
+        return self._parts[index]
+
+    def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
+        """Write the own row and ticket, wait for the tickets of all members, and return a copy of all rows."""
+        count = len(numbers)
+        check_numbers(count)
+        self._round = ticket = self._round + 1
+        rows = self._boards[ticket % BOARDS]
+        rows[self._index, 1 : 1 + count] = numbers
+        with self._world.changed:
+            rows[self._index, 0] = ticket
+            self._world.changed.notify_all()
+            self._world.wait(
+                lambda: bool((rows[:, 0] == ticket).all()), f"rank {self._members[self._index]} waits in a window"
+            )
+        seen: Numbers = rows[:, 1 : 1 + count].copy()
+        return seen
+
+    def free(self) -> None:
+        """Wait until no member reads any longer, and release the memory."""
+        self.exchange(())
+        self._parts.clear()
+
+
+class LoopbackCounters:
+    """Counters of threads: a list under the lock of their world.
+
+    Parameters
+    ----------
+    changed : guards the numbers
+    numbers : the list that all ranks share
+    barrier : waits for all ranks
+    """
+
+    def __init__(self, changed: threading.Condition, numbers: list[int], barrier: Callable[[], None]) -> None:
+        self._changed, self._numbers, self._barrier = changed, numbers, barrier
+
+    def add(self, index: int, amount: int) -> int:
+        """Raise a counter and return its previous value."""
+        check_index(index, len(self._numbers))
+        with self._changed:
+            before = self._numbers[index]
+            self._numbers[index] += amount
+        return before
+
+    def reset(self) -> None:
+        """Set all counters to 0, between two barriers."""
+        self._barrier()
+        with self._changed:
+            self._numbers[:] = [0] * len(self._numbers)
+        self._barrier()
+
+    def free(self) -> None:
+        """Wait for all ranks; there is nothing to release."""
+        self._barrier()
+
+
 class LoopbackChannel:
-    """One rank of a world of threads; `LoopbackChannel()` alone is a world of one rank."""
+    """Channel of one thread; `LoopbackChannel()` is the channel of a single rank."""
 
     def __init__(self, world: _World | None = None, rank: int = 0) -> None:
         self._world = world or _World(1, 60.0, unread=[0])
@@ -86,16 +178,16 @@ class LoopbackChannel:
 
     @property
     def rank(self) -> int:
-        """This rank."""
+        """Rank of this thread."""
         return self._rank
 
     @property
     def size(self) -> int:
-        """The number of ranks."""
+        """Number of ranks."""
         return self._world.size
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
-        """Remember where the message shall go."""
+        """Post a receive."""
         return _Receive(as_bytes(buffer), source, tag)
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
@@ -107,7 +199,7 @@ class LoopbackChannel:
             world.changed.notify_all()
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Copy every message that is here."""
+        """Wait for a message, and copy every one that has arrived."""
         world = self._world
         receives = cast(Sequence[_Receive], pending)
         if not receives:
@@ -123,7 +215,7 @@ class LoopbackChannel:
         return done
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Copy every message that is here, and wait for none."""
+        """Copy every message that has arrived."""
         world, receives = self._world, cast(Sequence[_Receive], pending)
         with world.changed:
             here = [i for i, r in enumerate(receives) if world.sent.get((r.source, self._rank, r.tag))]
@@ -140,13 +232,13 @@ class LoopbackChannel:
         return data.size
 
     def wait_sends(self) -> None:
-        """Wait until all that this rank sent was received."""
+        """Wait until everything that this rank sent has been received."""
         world = self._world
         with world.changed:
             world.wait(lambda: world.unread[self._rank] == 0, f"rank {self._rank} waits for its sends")
 
     def allgather(self, value: T) -> list[T]:
-        """One value from each rank; the objects are shared, not copied."""
+        """Return one value of each rank; the objects are shared, not copied."""
         world = self._world
         call, self._calls = self._calls, self._calls + 1
         with world.changed:
@@ -160,36 +252,36 @@ class LoopbackChannel:
         return [offered[rank] for rank in range(world.size)]
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """Few numbers from each rank."""
+        """Return k numbers of each rank."""
         return np.stack(self.allgather(np.array(values, np.int64)))
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """One value from each rank, on the root."""
+        """Return one value of each rank on the root."""
         values = self.allgather(value)
         return values if self._rank == root else None
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """The root's value."""
+        """Return the root's value."""
         return self.allgather(value)[root]
 
     def maximum(self, value: int) -> int:
-        """The largest value."""
+        """Return the largest value."""
         return max(self.allgather(value))
 
     def barrier(self) -> None:
         """Wait for all ranks."""
         self.allgather(None)
 
-    def place(self) -> NodePlace:
-        """All ranks share one node."""
-        return single_place(self._rank, self.size)
+    def placement(self) -> Placement:
+        """Return the placement on one node that all ranks share."""
+        return single_placement(self._rank, self.size)
 
     def nodes(self) -> Nodes:
-        """One node, or pretended ones as `run_loopback` was told."""
+        """Return one node, or simulated nodes of `ranks_per_node` ranks."""
         return group_by_node([0] * self.size, self._world.ranks_per_node)
 
     def window(self, own_bytes: int) -> LoopbackWindow:
-        """Each rank brings its own part; the boards are those of the node's first member."""
+        """Allocate a part on each rank, and the boards on each node's first member."""
         check_sizes(self.allgather(own_bytes))
         members = next(node for node in self.nodes() if self._rank in node)
         brought = self.allgather((np.zeros(own_bytes, np.uint8), empty_boards(len(members))))
@@ -197,22 +289,22 @@ class LoopbackChannel:
         return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
 
     def counters(self, count: int) -> LoopbackCounters:
-        """One list for all ranks: that of rank 0."""
+        """Create counters in a list of rank 0 that all ranks share."""
         return LoopbackCounters(self._world.changed, self.broadcast([0] * count), self.barrier)
 
     def for_thread(self) -> LoopbackChannel:
-        """A channel of another world."""
-        return LoopbackChannel(self.broadcast(self._world.beside() if self._rank == 0 else None), self._rank)
+        """Return a channel of another world."""
+        return LoopbackChannel(self.broadcast(self._world.duplicate() if self._rank == 0 else None), self._rank)
 
-    def beside(self) -> LoopbackChannel:
-        """A channel of another world."""
+    def duplicate(self) -> LoopbackChannel:
+        """Return a channel of another world."""
         return self.for_thread()
 
     def close(self) -> None:
-        """Nothing: there is only memory, which goes by itself."""
+        """Do nothing: the channel holds only Python objects."""
 
     def abort(self, status: int) -> None:
-        """Nothing: the error itself ends the ranks, which share this process."""
+        """Do nothing: the error itself ends the ranks, which share this process."""
 
 
 def run_loopback(
@@ -222,16 +314,16 @@ def run_loopback(
     timeout_seconds: float = 30.0,
     ranks_per_node: int | None = None,
 ) -> list[T]:
-    """Run a function on each of `ranks` ranks, one thread each, on pretended nodes of `ranks_per_node` ranks.
+    """Run a function on `ranks` ranks, one thread each, on simulated nodes of `ranks_per_node` ranks.
 
     Returns
     -------
-    results : what the function returned, by rank
+    results : values that the function returned, by rank
 
     Raises
     ------
     Exception
-        The error of the lowest rank that failed; TimeoutError where ranks wait for each other without end.
+        The error of the lowest rank that failed; TimeoutError if ranks wait for each other without end.
     """
     world = _World(ranks, timeout_seconds, ranks_per_node, unread=[0] * ranks)
     results: list[Any] = [None] * ranks

@@ -1,12 +1,11 @@
-"""A channel over MPI: the only module that imports mpi4py.
+"""Channel over MPI.
 
-MPI is loaded and started when a channel is first asked for. One thread at a time talks through a channel; several
-threads, each through its own, only where MPI was started for that (MPI_THREAD_MULTIPLE), which it is if the first
-channel is asked for with `several_threads`. The communicator is duplicated, so that no message meets those of the
-caller.
+MPI is loaded and started when the first channel is opened. One thread at a time uses a channel. Several threads, each
+with its own channel, need MPI_THREAD_MULTIPLE, which the first channel requests with `several_threads`. The
+communicator is duplicated, so that messages never match those of the caller.
 
-A message longer than a chunk (1 GiB) travels in pieces, because an MPI before version 4 counts bytes in 31 bits. The
-last piece is the first one that is shorter than a chunk (empty, if need be): the receiver needs to know no sizes.
+A message longer than a chunk (1 GiB) is sent in chunks, because MPI before version 4 counts bytes in 31 bits. The last
+chunk is the first that is shorter than a full one (possibly empty), so the receiver needs no sizes.
 """
 
 from __future__ import annotations
@@ -28,13 +27,19 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
+from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
 from clusterviz.comm.library import check_launcher
-from clusterviz.comm.mpi_counters import MpiCounters
-from clusterviz.comm.mpi_window import MpiWindow, open_window
-from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE, Nodes, group_by_node, ranks_per_node
-from clusterviz.comm.patience import ask_until
-from clusterviz.comm.place import NodePlace, core_share, granted_cores
+from clusterviz.comm.mpi_window import MpiCounters, MpiWindow, open_window
+from clusterviz.comm.placement import (
+    RANKS_PER_NODE_VARIABLE,
+    Nodes,
+    Placement,
+    core_share,
+    granted_cores,
+    group_by_node,
+    parse_ranks_per_node,
+)
 from clusterviz.comm.window import Numbers
 
 if TYPE_CHECKING:
@@ -47,7 +52,7 @@ _LAST_WORDS_SECONDS = 0.2
 
 @dataclass(slots=True)
 class _Receive:
-    """A receive under way: the request of its present chunk, and what has arrived before."""
+    """Receive in progress: the request of its current chunk, and the bytes received before."""
 
     buffer: Buffer
     source: int
@@ -57,7 +62,7 @@ class _Receive:
 
 
 def _load_mpi(several_threads: bool = False) -> Any:
-    """The MPI module, started for no more threads than needed where nobody has done so before.
+    """Return the MPI module, started with the thread level needed unless MPI runs already.
 
     Raises
     ------
@@ -69,7 +74,7 @@ def _load_mpi(several_threads: bool = False) -> Any:
 
         mpi4py.rc.initialize, mpi4py.rc.finalize = False, True
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of another MPI's launcher: `check_launcher` says it better
+        warnings.simplefilter("ignore", RuntimeWarning)  # about another MPI's launcher: `check_launcher` reports it
         from mpi4py import MPI
 
         if not MPI.Is_initialized():
@@ -77,12 +82,12 @@ def _load_mpi(several_threads: bool = False) -> Any:
             MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
             handler = signal.getsignal(signal.SIGHUP)
             if handler is not None and threading.current_thread() is threading.main_thread():
-                signal.signal(signal.SIGHUP, handler)  # UCX has taken it, and would wait for a debugger
+                signal.signal(signal.SIGHUP, handler)  # UCX's handler would wait for a debugger
     return MPI
 
 
 def _unlink_segments() -> None:
-    """Take the names from MPICH's shared memory, which all ranks have mapped by now: if killed, they leave no file."""
+    """Unlink MPICH's shared-memory files, which all ranks have mapped: killed ranks then leave no files."""
     with suppress(OSError):  # no /proc
         mapped = re.findall(r"(/dev/shm/mpich_shm_\w+)$", Path("/proc/self/maps").read_text(), re.MULTILINE)
         for name in set(mapped):
@@ -91,19 +96,19 @@ def _unlink_segments() -> None:
 
 @functools.cache
 def _channel_key() -> int:
-    """Under which MPI keeps the channel of a communicator; duplicates of a communicator do not inherit it."""
+    """Return the MPI attribute key of a communicator's channel; duplicates do not inherit the attribute."""
     mpi = _load_mpi()
     return int(mpi.Comm.Create_keyval(delete_fn=lambda comm, key, channel: channel.close()))
 
 
 class MpiChannel:
-    """One rank of an MPI communicator.
+    """Channel of one rank of an MPI communicator.
 
     Parameters
     ----------
-    comm : the communicator to duplicate; all processes of the job where None is given
-    chunk_bytes : the longest single MPI message
-    several_threads : whether other threads may talk too; where MPI runs already, it stays as it is
+    comm : communicator to duplicate; by default that of all processes of the job
+    chunk_bytes : size of the longest single MPI message
+    several_threads : whether other threads communicate too; without effect if MPI runs already
     """
 
     def __init__(
@@ -115,16 +120,16 @@ class MpiChannel:
             _unlink_segments()
         self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
-        # Kept from call to call: a status object costs more than asking.
+        # Reused in every call: creating a status object costs more than testing a request.
         self._statuses: list[Any] = []
         self._sends: list[Any] = []
-        self._beside: MpiChannel | None = None
-        self._place: NodePlace | None = None
+        self._thread_channel: MpiChannel | None = None
+        self._placement: Placement | None = None
         self._nodes: Nodes | None = None
 
     @classmethod
     def of(cls, comm: MPI.Comm) -> MpiChannel:
-        """The one channel of a communicator: made by the first call (collective), freed with the communicator."""
+        """Return the channel of a communicator: made by the first call (collective), freed with the communicator."""
         key = _channel_key()
         found = comm.Get_attr(key)
         if found is None:
@@ -134,18 +139,18 @@ class MpiChannel:
 
     @property
     def rank(self) -> int:
-        """This rank."""
+        """Rank in the communicator."""
         return int(self._comm.rank)
 
     @property
     def size(self) -> int:
-        """The number of ranks."""
+        """Number of ranks."""
         return int(self._comm.size)
 
     def close(self) -> None:
         """Free the duplicated communicator (collective)."""
-        if self._beside is not None:
-            self._beside.close()
+        if self._thread_channel is not None:
+            self._thread_channel.close()
         self._comm.Free()
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
@@ -181,7 +186,7 @@ class MpiChannel:
         return finished
 
     def _finished(self, receives: Sequence[_Receive], arrived: Sequence[int]) -> list[tuple[int, int]]:
-        """Of the chunks that have arrived, those that end a message; the others have their next ones received."""
+        """Return the messages that the arrived chunks complete; post the next receive of the others."""
         finished = []
         for index, status in zip(arrived, self._statuses, strict=False):
             receive, count = receives[index], status.Get_count(self._byte)
@@ -193,17 +198,17 @@ class MpiChannel:
         return finished
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Whole messages that are here; sends that are over are forgotten."""
+        """Return the whole messages that have arrived, and release completed sends."""
         self._sends = [request for request in self._sends if not request.Test()]
         receives = cast(Sequence[_Receive], pending)
         return self._finished(receives, self._tested(receives)) if receives else []
 
     def _arrived(self, receives: Sequence[_Receive]) -> list[int]:
-        """Wait for a chunk: which have arrived; as many statuses tell of them."""
-        return self._tested(receives) or ask_until(lambda: self._tested(receives))
+        """Wait for a chunk; return the indices of the chunks that have arrived, with their statuses in order."""
+        return self._tested(receives) or poll_until(lambda: self._tested(receives))
 
     def _tested(self, receives: Sequence[_Receive]) -> list[int]:
-        """Which chunks have arrived by now."""
+        """Return the indices of the chunks that have arrived."""
         requests, statuses = [receive.request for receive in receives], self._statuses
         while len(statuses) < len(requests):
             statuses.append(self._mpi.Status())
@@ -214,7 +219,7 @@ class MpiChannel:
         return cast(list[int], done or [])
 
     def _message_error(self, receives: Sequence[_Receive], error: Any) -> MessageError:
-        """Which message went wrong, and how, in words without the library's own stack."""
+        """Return the error of the failed message, without the MPI library's stack trace."""
         bad = next((status for status in self._statuses if status.error != self._mpi.SUCCESS), None)
         code = error if bad is None else self._mpi.Exception(bad.error)
         if bad is None or code.Get_error_class() != self._mpi.ERR_TRUNCATE:
@@ -231,10 +236,10 @@ class MpiChannel:
     def _finish(self, requests: list[Any]) -> None:
         testall = self._mpi.Request.Testall
         if not testall(requests):
-            ask_until(lambda: testall(requests))
+            poll_until(lambda: testall(requests))
 
     def allgather(self, value: T) -> list[T]:
-        """One value from each rank."""
+        """Return one value of each rank."""
         mine = np.frombuffer(pickle.dumps(value), np.uint8)
         sizes = np.zeros(self.size, np.int64)
         self._finish([self._comm.Iallgather(np.array([mine.size], np.int64), sizes)])
@@ -244,19 +249,19 @@ class MpiChannel:
         return [cast(T, pickle.loads(part.tobytes())) for part in parts]
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """Few numbers from each rank: one call, no pickle."""
+        """Return k numbers of each rank, by one call without pickling."""
         mine = np.ascontiguousarray(values, np.int64)
         everything = np.empty((self.size, mine.size), np.int64)
         self._finish([self._comm.Iallgather(mine, everything)])
         return everything
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """One value from each rank, on the root."""
+        """Return one value of each rank on the root."""
         values = self.allgather(value)
         return values if self.rank == root else None
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """The root's value."""
+        """Return the root's value."""
         data = np.frombuffer(pickle.dumps(value if self.rank == root else None), np.uint8)
         size = np.array([data.size], np.int64)
         self._finish([self._comm.Ibcast(size, root)])
@@ -265,9 +270,9 @@ class MpiChannel:
         return value if self.rank == root else cast(T, pickle.loads(received.tobytes()))
 
     def maximum(self, value: int) -> int:
-        """The largest value: one reduction of eight bytes."""
-        # Named, to last until the end: mpi4py 4.1 keeps no reference to what Iallreduce and Iallgatherv send, and where
-        # the library reads it late (Open MPI), memory that is used again gives wrong values.
+        """Return the largest value, by one reduction of eight bytes."""
+        # The variable keeps the send buffer alive: mpi4py 4.1 keeps no reference to it in Iallreduce and Iallgatherv,
+        # and Open MPI may read it late.
         mine, largest = np.array([value], np.int64), np.empty(1, np.int64)
         self._finish([self._comm.Iallreduce(mine, largest, self._mpi.MAX)])
         return int(largest[0])
@@ -276,22 +281,22 @@ class MpiChannel:
         """Wait for all ranks."""
         self._finish([self._comm.Ibarrier()])
 
-    def place(self) -> NodePlace:
-        """Found by splitting the communicator into groups that can share memory; collective on the first call."""
-        if self._place is None:
+    def placement(self) -> Placement:
+        """Return the placement, found by MPI_Comm_split_type; collective on the first call."""
+        if self._placement is None:
             node = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
             cores = core_share(node.rank, node.allgather(granted_cores()))
             first = node.bcast(self.rank)
             firsts = sorted(set(self.allgather(first)))
             host = self._mpi.Get_processor_name()
-            self._place = NodePlace(host, node.rank, node.size, firsts.index(first), len(firsts), cores)
+            self._placement = Placement(host, node.rank, node.size, firsts.index(first), len(firsts), cores)
             node.Free()
-        return self._place
+        return self._placement
 
     def nodes(self) -> Nodes:
-        """Found by splitting the communicator; collective on the first call. Rank 0's environment counts for all."""
+        """Return the ranks of each node; collective on the first call. Rank 0's environment counts for all."""
         if self._nodes is None:
-            ranks_each = ranks_per_node(self.broadcast(os.environ.get(RANKS_PER_NODE_VARIABLE)))
+            ranks_each = parse_ranks_per_node(self.broadcast(os.environ.get(RANKS_PER_NODE_VARIABLE)))
             node = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED, self.rank)
             first = node.bcast(self.rank)
             node.Free()
@@ -299,29 +304,29 @@ class MpiChannel:
         return self._nodes
 
     def window(self, own_bytes: int) -> MpiWindow:
-        """An MPI-3 window on each node."""
+        """Allocate an MPI-3 shared-memory window on each node."""
         return open_window(self._mpi, self._comm, self, own_bytes)
 
     def counters(self, count: int) -> MpiCounters:
-        """Numbers in rank 0's memory."""
+        """Create counters in the memory of rank 0."""
         return MpiCounters(self._mpi, self._comm, count, self.barrier)
 
     def for_thread(self) -> MpiChannel | None:
-        """A duplicate of the communicator, whose messages never meet this one's; freed with it."""
-        if self._beside is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
-            self._beside = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
-        return self._beside
+        """Return a duplicate of the communicator as a channel; it is freed with this one."""
+        if self._thread_channel is None and not self.maximum(self._mpi.Query_thread() < self._mpi.THREAD_MULTIPLE):
+            self._thread_channel = MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
+        return self._thread_channel
 
-    def beside(self) -> MpiChannel:
-        """A duplicate of the communicator."""
+    def duplicate(self) -> MpiChannel:
+        """Return a duplicate of the communicator as a channel."""
         return MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
 
     def abort(self, status: int) -> None:
-        """MPI_Abort: ends every process of the job, this one at once."""
+        """End every process of the job by MPI_Abort, this one included."""
         sys.stdout.flush()
         sys.stderr.flush()
-        # A launcher may throw away what it has not yet read from its ranks when it learns of the end.
+        # Some launchers drop output that they have not read when the job is aborted.
         time.sleep(_LAST_WORDS_SECONDS)
         self._mpi.COMM_WORLD.Abort(status)
-        # Some libraries return from it and wait to be killed; nothing more shall be said meanwhile.
+        # Some libraries return from Abort and wait to be killed.
         os._exit(status)

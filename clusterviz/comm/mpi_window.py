@@ -1,39 +1,47 @@
-"""An MPI-3 shared-memory window: the parts of a node's ranks, and the board through which they exchange small numbers.
+"""MPI windows: shared memory of a node's ranks (MPI-3), and counters in the memory of rank 0.
 
-Each rank's segment lies by itself (`alloc_shared_noncontig`) and is touched first by its owner, so that its pages lie
-in the memory next to the owner's cores. The board lies in front of the part of the node's first member.
+Each rank's segment is allocated separately (`alloc_shared_noncontig`) and touched first by its owner, so that its pages
+lie in the owner's NUMA domain. The board lies before the part of the node's first member.
 
-Memory order. MPI_Win_sync is a full memory barrier in the processor, on ARM too. One stands between what a member
-writes and its ticket, and one between the last ticket seen and what is read. A ticket is one aligned word, which
-arrives whole.
+Memory order: MPI_Win_sync is a full memory barrier, on ARM too. One stands between a member's writes and its ticket,
+and one between the last ticket seen and the reads. A ticket is one aligned word, written atomically.
+
+Counters are raised by one-sided MPI_Fetch_and_op, without a call by rank 0. Within a node, and over networks whose
+adapters support it, an access takes microseconds. A library that does it in software does it when rank 0 next calls
+MPI, so rank 0 should take work from the queue too, in items that are not long.
+
+References
+----------
+MPI Forum: MPI, a message-passing interface standard, version 3.1, sections 11.3.4 (MPI_Fetch_and_op) and 11.5.3
+(MPI_Win_lock_all).
 """
 
 from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm.agreed import mark_agreed
+from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Channel
-from clusterviz.comm.patience import ask_until
-from clusterviz.comm.place import granted_cores
-from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_numbers, check_sizes
+from clusterviz.comm.placement import granted_cores
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_index, check_numbers, check_sizes
+from clusterviz.errors import mark_agreed
 
-# A look takes a tenth of a microsecond. It pays only where the member that is waited for has a core meanwhile.
-_EAGER_LOOKS = 100
-_LOOKS_PER_PROGRESS = 32
-# Where MPI libraries keep what processes share, unless they are told otherwise.
-_SHARED_FOLDER = Path("/dev/shm")
+# A poll takes 0.1 microseconds. Spinning pays only if every member has a core of its own.
+_SPIN_CALLS = 100
+_CALLS_PER_PROGRESS = 32
+# The default place of MPI libraries for shared memory.
+_SHM_FOLDER = Path("/dev/shm")
 
 
 def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWindow:
-    """Make a window on each of the channel's nodes, with a part of so many bytes for this rank; collective.
+    """Make a window on each of the channel's nodes, with `own_bytes` bytes for this rank; collective.
 
     Raises
     ------
@@ -43,9 +51,9 @@ def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWin
     sizes = channel.allgather_numbers([own_bytes])[:, 0].tolist()
     check_sizes(sizes)
     number, members = next((i, node) for i, node in enumerate(channel.nodes()) if channel.rank in node)
-    # Pretended nodes share the memory of a real one.
-    largest_node = channel.place().local_size * max(map(_segment_bytes, sizes))
-    _agree(channel, _lack_of_room(min(largest_node, sum(map(_segment_bytes, sizes)))))
+    # Simulated nodes share the memory of a real one.
+    largest_node = channel.placement().local_size * max(map(_segment_bytes, sizes))
+    _agree(channel, _space_fault(min(largest_node, sum(map(_segment_bytes, sizes)))))
     window: MpiWindow | None = None
     fault = ""
     try:
@@ -55,25 +63,28 @@ def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWin
         fault = str(error).splitlines()[0]
     except OSError as error:
         fault = f"{error.strerror} while {own_bytes} bytes were filled with zeros"
-    # Also the barrier after which all boards are zero.
+    # This is also the barrier after which all boards are zero.
     _agree(channel, fault)
     return cast(MpiWindow, window)
 
 
 def _agree(channel: Channel, fault: str) -> None:
-    """Raise the first fault of any rank on every rank. What another rank got is left to the end of the program."""
+    """Raise the first fault of any rank on every rank. Windows that other ranks got are freed at exit."""
     if channel.maximum(bool(fault)):
         faults = channel.allgather(fault)
         raise mark_agreed(WindowError(next(f"rank {rank}: {text}" for rank, text in enumerate(faults) if text)))
 
 
-def _lack_of_room(needed: int) -> str:
-    """Why a node's windows do not fit; asked first, since one rank that fails inside MPI may leave the others there."""
-    if not _SHARED_FOLDER.is_dir():
+def _space_fault(needed: int) -> str:
+    """Return why /dev/shm is too small, or "".
+
+    Checked first, since one rank that fails inside MPI may leave the others waiting.
+    """
+    if not _SHM_FOLDER.is_dir():
         return ""
-    usage = os.statvfs(_SHARED_FOLDER)
+    usage = os.statvfs(_SHM_FOLDER)
     left = usage.f_bavail * usage.f_frsize
-    return f"{_SHARED_FOLDER} has {left} bytes left of the {needed} needed" if left < needed else ""
+    return f"{_SHM_FOLDER} has {left} bytes left of the {needed} needed" if left < needed else ""
 
 
 def _segment_bytes(own_bytes: int) -> int:
@@ -81,14 +92,14 @@ def _segment_bytes(own_bytes: int) -> int:
 
 
 class MpiWindow:
-    """The memory of one node, seen by one rank.
+    """Shared memory of one node, as one rank sees it.
 
     Parameters
     ----------
     mpi : the MPI module
     comm : the ranks of the node
     members : their ranks in the channel
-    part_bytes : of each member's part
+    part_bytes : size of each member's part
 
     Raises
     ------
@@ -104,34 +115,34 @@ class MpiWindow:
         sizes = [
             _whole_pages(size) + (0 if index else _whole_pages(board_bytes)) for index, size in enumerate(part_bytes)
         ]
-        # Where a library does not begin segments at a page, the first page is given up.
+        # A library may begin segments within a page: one more page allows for alignment.
         info = mpi.Info.Create({"alloc_shared_noncontig": "true"})
         self._window = mpi.Win.Allocate_shared(sizes[self._index] + mmap.PAGESIZE, 1, info, comm)
         info.Free()
-        # Win_sync belongs into an epoch.
+        # MPI_Win_sync needs an access epoch.
         self._window.Lock_all(mpi.MODE_NOCHECK)
         segments = [self._segment(index)[:size] for index, size in enumerate(sizes)]
         ends = zip(segments, part_bytes, strict=True)
         self._parts = [segment[segment.size - _whole_pages(size) :][:size] for segment, size in ends]
         self._boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
         self._tickets = [[memoryview(row[:1]) for row in board] for board in self._boards]
-        self._eager_looks = _EAGER_LOOKS if len(members) <= len(granted_cores()) else 0
+        self._spin_calls = _SPIN_CALLS if len(members) <= len(granted_cores()) else 0
         self._round = 0
         self._sync = self._window.Sync
         self._mine = segments[self._index]
 
     def touch(self) -> None:
-        """Fill my memory with zeros, before anybody's first `exchange`.
+        """Fill the own segment with zeros, before any member's first `exchange`.
 
         Raises
         ------
         OSError
-            There is no room for it.
+            There is not enough memory.
         """
         _zero(self._mine)
 
     def _segment(self, index: int) -> NDArray[np.uint8]:
-        """A member's segment from its first whole page on."""
+        """Return a member's segment from its first whole page on."""
         memory, _ = self._window.Shared_query(index)
         data = np.frombuffer(memory, np.uint8)
         return data[-data.ctypes.data % mmap.PAGESIZE :]
@@ -143,15 +154,15 @@ class MpiWindow:
 
     @property
     def index(self) -> int:
-        """Which of them this rank is."""
+        """The index of this rank among the members."""
         return self._index
 
     def part(self, index: int) -> NDArray[np.uint8]:
-        """A member's part."""
+        """Return the part of a member."""
         return self._parts[index]
 
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
-        """Write my row, raise my ticket, wait for the tickets of all, copy all rows."""
+        """Write the own row and ticket, wait for the tickets of all members, and return a copy of all rows."""
         count = len(numbers)
         check_numbers(count)
         self._round = ticket = self._round + 1
@@ -167,20 +178,20 @@ class MpiWindow:
         return seen
 
     def _wait(self, raised: memoryview, ticket: int) -> None:
-        """Wait for one member's ticket; now and then let MPI work on messages that the member may be waiting for."""
-        looks = 0
+        """Wait for one member's ticket, with MPI progress for messages that the member may wait for."""
+        calls = 0
 
-        def look() -> bool:
-            nonlocal looks
-            looks += 1
-            if not looks % _LOOKS_PER_PROGRESS:
+        def is_raised() -> bool:
+            nonlocal calls
+            calls += 1
+            if not calls % _CALLS_PER_PROGRESS:
                 self._comm.Iprobe()
             return bool(raised[0] == ticket)
 
-        ask_until(look, self._eager_looks)
+        poll_until(is_raised, self._spin_calls)
 
     def free(self) -> None:
-        """Give the memory back."""
+        """Release the memory."""
         self._parts.clear()
         self._window.Unlock_all()
         self._window.Free()
@@ -192,12 +203,52 @@ def _whole_pages(size: int) -> int:
 
 
 def _zero(memory: NDArray[np.uint8]) -> None:
-    """Touch all pages and fill them with zeros.
+    """Fill memory with zeros, and so touch all its pages.
 
-    The system writes them, since it reports memory that is not there as an error, where a write of our own would end
-    the process: an MPI library may well promise more pages than /dev/shm has left.
+    The operating system writes them, because it reports missing memory as an error; an own write would end the process.
+    An MPI library may allocate more pages than /dev/shm has left.
     """
     with open("/dev/zero", "rb", buffering=0) as zeros:
         done = 0
         while done < memory.size:
             done += zeros.readinto(memory[done:].data)
+
+
+class MpiCounters:
+    """Counters on rank 0 of a communicator; construction is collective.
+
+    Parameters
+    ----------
+    mpi : the MPI module
+    comm : of all ranks
+    count : number of counters
+    barrier : waits for all ranks
+    """
+
+    def __init__(self, mpi: Any, comm: Any, count: int, barrier: Callable[[], None]) -> None:
+        self._count, self._barrier, self._first = count, barrier, comm.rank == 0
+        self._sum = mpi.SUM
+        self._window = mpi.Win.Allocate(8 * count if self._first else 0, 8, comm=comm)
+        self._window.Lock_all()
+        self.reset()
+
+    def add(self, index: int, amount: int) -> int:
+        """Raise a counter by MPI_Fetch_and_op and return its previous value."""
+        check_index(index, self._count)
+        given, before = np.array([amount], np.int64), np.zeros(1, np.int64)
+        self._window.Fetch_and_op(given, before, 0, index, self._sum)
+        self._window.Flush(0)
+        return int(before[0])
+
+    def reset(self) -> None:
+        """Set all counters to 0, by rank 0 between two barriers."""
+        self._barrier()
+        if self._first:
+            self._window.Put(np.zeros(self._count, np.int64), 0)
+            self._window.Flush(0)
+        self._barrier()
+
+    def free(self) -> None:
+        """Free the MPI window."""
+        self._window.Unlock_all()
+        self._window.Free()

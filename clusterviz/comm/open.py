@@ -1,4 +1,4 @@
-"""Which channel a program gets: when it asks for none in particular, or brings a communicator of its own."""
+"""Choice of the channel that a program uses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from clusterviz.comm.channel import Channel
 from clusterviz.comm.library import check_launcher
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.comm.mpi import MpiChannel
-from clusterviz.comm.place import launched
+from clusterviz.comm.placement import launched
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.errors import InputError
 
@@ -17,13 +17,13 @@ _OPENED: list[Channel] = []
 
 
 def open_channel(*, several_threads: bool = False) -> Channel:
-    """The channel to all ranks of this job, the same in every call; one rank alone where nobody launched it with MPI.
+    """Return the channel to all ranks of this job, the same in every call; that of a single rank without MPI.
 
-    MPI is used where a launcher's variables are in the environment, or where the caller has imported mpi4py.MPI.
+    MPI is used if a launcher's variables are in the environment, or if the caller has imported mpi4py.MPI.
 
     Parameters
     ----------
-    several_threads : whether other threads will talk too, through `for_thread`; the first call starts MPI so
+    several_threads : whether other threads communicate too, through `for_thread`; the first call starts MPI accordingly
 
     Raises
     ------
@@ -40,15 +40,15 @@ def open_channel(*, several_threads: bool = False) -> Channel:
 
 
 def opened_channel() -> Channel | None:
-    """What `open_channel` has opened; None before its first call, and after one that failed."""
+    """Return the channel that `open_channel` has opened; None before its first call, and after one that failed."""
     return _OPENED[0] if _OPENED else None
 
 
 def as_channel(comm_or_channel: Any) -> Channel:
-    """A channel as it is; for an mpi4py communicator its channel, the same in every call.
+    """Return the channel of an mpi4py communicator, the same in every call; a channel is returned as it is.
 
-    The first call for a communicator is collective: it is duplicated, so that no message meets those of the caller.
-    The duplicate is freed when the communicator is.
+    The first call for a communicator is collective and duplicates it, so that messages never match those of the caller.
+    The duplicate is freed with the communicator.
 
     Raises
     ------
@@ -57,12 +57,12 @@ def as_channel(comm_or_channel: Any) -> Channel:
     """
     if isinstance(comm_or_channel, MpiChannel | LoopbackChannel | ThrottledChannel):
         return comm_or_channel
-    # Whoever holds a communicator has imported mpi4py.MPI.
+    # A caller with a communicator has imported mpi4py.MPI.
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is not None and isinstance(comm_or_channel, mpi.Comm):
         if isinstance(comm_or_channel, mpi.Intracomm) and comm_or_channel != mpi.COMM_NULL:
             return MpiChannel.of(comm_or_channel)
-    # Channels made elsewhere; this question takes a hundred times as long as the first.
+    # Channels of other classes; this check takes a hundred times as long as the first.
     elif isinstance(comm_or_channel, Channel) and not isinstance(comm_or_channel, type):
         return comm_or_channel
     allowed = "an mpi4py intracommunicator or a clusterviz channel"

@@ -1,14 +1,13 @@
-"""A slow link where there is none: to see what a codec brings on a network that one does not have.
+"""Channel through a simulated slow link, to measure codecs for networks that are not at hand.
 
-What is modelled: each rank receives through one link of a given rate, one message after the other. A message reaches
-the link (a latency after the channel beneath has it), waits until the link is free, takes bytes / rate to pass, and is
-reported then. What has arrived beneath is noticed when the receiver asks, and once more whenever a message has passed.
+Each rank receives through one link of a given rate, one message at a time. A message reaches the link one latency after
+the inner channel has it, waits until the link is free, and takes bytes / rate to pass. Arrivals are noticed when the
+receiver polls, and once more whenever a message has passed.
 
-What is not: the sender's link (wait_sends returns as early as beneath), links that the ranks of a node share, switches,
-packets and their headers, congestion, and the processor time that a network's protocol takes. The bytes really pass
-through the channel beneath first, whose time comes on top, and one that arrives at an idle link while its receiver
-works begins to pass only when the receiver asks again: times are rather too long than too short. Collective calls,
-numbers and windows pass at full speed.
+Not simulated: the sender's link (`wait_sends` returns as early as the inner channel's), links that the ranks of a node
+share, switches, packet headers, congestion, and CPU time of the network's protocol. Messages really pass through the
+inner channel first, whose time is added, and a message for an idle link starts only when the receiver polls: times are
+too long rather than too short. Collective calls, counters and windows run at full speed.
 """
 
 from __future__ import annotations
@@ -21,41 +20,39 @@ from typing import TypeVar, cast
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, Channel, Pending
-from clusterviz.comm.counters import Counters
-from clusterviz.comm.nodes import Nodes
-from clusterviz.comm.place import NodePlace
-from clusterviz.comm.window import Numbers, SharedWindow
+from clusterviz.comm.placement import Nodes, Placement
+from clusterviz.comm.window import Counters, Numbers, SharedWindow
 from clusterviz.errors import InputError
 
 T = TypeVar("T")
 
-# The highest that every MPI has; nobody else sends messages to himself.
-_QUESTION_TAG = 32767
+# The highest tag that every MPI allows; only this module sends messages to the own rank.
+_PROBE_TAG = 32767
 
 
 @dataclass(slots=True)
 class _Receive:
-    """A posted receive; once it is here, its size, and when it will have passed the link."""
+    """Posted receive; once received by the inner channel, its size and the time at which it has passed the link."""
 
-    beneath: Pending
+    inner: Pending
     size: int = 0
-    passed: float | None = None
+    arrival: float | None = None
 
 
 class ThrottledChannel:
-    """A channel whose messages reach this rank through a slow link.
+    """Channel whose messages reach this rank through a simulated slow link.
 
     Parameters
     ----------
-    channel : what carries the messages
+    channel : inner channel, which carries the messages
     bytes_per_second : rate of each rank's incoming link, above 0
-    latency_seconds : how long a message is on its way to the link
-    clock, sleep : the time in seconds, and how to let it pass
+    latency_seconds : time from the inner channel to the link
+    clock, sleep : functions that return the time in seconds and wait
 
     Raises
     ------
     InputError
-        A rate or latency that cannot be.
+        An invalid rate or latency.
     """
 
     def __init__(
@@ -79,16 +76,16 @@ class ThrottledChannel:
 
     @property
     def rank(self) -> int:
-        """This rank."""
+        """Rank of the inner channel."""
         return self._channel.rank
 
     @property
     def size(self) -> int:
-        """The number of ranks."""
+        """Number of ranks."""
         return self._channel.size
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
-        """Start to receive beneath."""
+        """Post a receive of the inner channel."""
         return _Receive(self._channel.post_receive(buffer, source, tag))
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
@@ -100,102 +97,104 @@ class ThrottledChannel:
         receives = cast(Sequence[_Receive], pending)
         if not receives:
             return []
-        self._notice(receives, wait=all(receive.passed is None for receive in receives))
-        first = min(receive.passed for receive in receives if receive.passed is not None)
+        self._enqueue(receives, wait=all(receive.arrival is None for receive in receives))
+        first = min(receive.arrival for receive in receives if receive.arrival is not None)
         while (now := self._clock()) < first:
             self._sleep(first - now)
-        # What came meanwhile passes next, at once, however long the caller now works.
-        self._notice(receives, wait=False)
-        return [(i, r.size) for i, r in enumerate(receives) if r.passed is not None and r.passed <= now]
+        # Messages that arrived meanwhile start to pass now, not when the caller polls again.
+        self._enqueue(receives, wait=False)
+        return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """What has passed the link by now."""
+        """Return the messages that have passed the link."""
         receives = cast(Sequence[_Receive], pending)
         if receives:
-            self._notice(receives, wait=False)
+            self._enqueue(receives, wait=False)
         now = self._clock()
-        return [(i, r.size) for i, r in enumerate(receives) if r.passed is not None and r.passed <= now]
+        return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]
 
-    def _notice(self, receives: Sequence[_Receive], *, wait: bool) -> None:
-        """Put what has arrived beneath in line for the link."""
-        on_their_way = [receive for receive in receives if receive.passed is None]
-        asked = [receive.beneath for receive in on_their_way]
+    def _enqueue(self, receives: Sequence[_Receive], *, wait: bool) -> None:
+        """Put messages that the inner channel has received in line for the link."""
+        in_transit = [receive for receive in receives if receive.arrival is None]
+        inner_pending = [receive.inner for receive in in_transit]
         if not wait:
-            # A message to oneself makes a question of a wait.
-            asked.append(self._channel.post_receive(np.empty(0, np.uint8), self.rank, _QUESTION_TAG))
-            self._channel.isend(np.empty(0, np.uint8), self.rank, _QUESTION_TAG)
-        answered = wait
+            # A message to the own rank turns the wait into a poll.
+            inner_pending.append(self._channel.post_receive(np.empty(0, np.uint8), self.rank, _PROBE_TAG))
+            self._channel.isend(np.empty(0, np.uint8), self.rank, _PROBE_TAG)
+        probed = wait
         while True:
-            for index, size in self._channel.wait_some(asked):
-                if index == len(on_their_way):
-                    answered = True
+            for index, size in self._channel.wait_some(inner_pending):
+                if index == len(in_transit):
+                    probed = True
                     continue
                 self._free = max(self._free, self._clock() + self._latency) + size / self._rate
-                on_their_way[index].size, on_their_way[index].passed = size, self._free
-            if answered:
+                in_transit[index].size, in_transit[index].arrival = size, self._free
+            if probed:
                 return
-            on_their_way = [receive for receive in on_their_way if receive.passed is None]
-            asked = [*(receive.beneath for receive in on_their_way), asked[-1]]
+            in_transit = [receive for receive in in_transit if receive.arrival is None]
+            inner_pending = [*(receive.inner for receive in in_transit), inner_pending[-1]]
 
     def wait_sends(self) -> None:
-        """As beneath."""
+        """Wait for the inner channel's sends."""
         self._channel.wait_sends()
 
     def allgather(self, value: T) -> list[T]:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.allgather(value)
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.allgather_numbers(values)
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.gather(value, root)
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.broadcast(value, root)
 
     def maximum(self, value: int) -> int:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.maximum(value)
 
     def barrier(self) -> None:
-        """As beneath."""
+        """Call the inner channel."""
         self._channel.barrier()
 
-    def place(self) -> NodePlace:
-        """As beneath."""
-        return self._channel.place()
+    def placement(self) -> Placement:
+        """Call the inner channel."""
+        return self._channel.placement()
 
     def nodes(self) -> Nodes:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.nodes()
 
     def window(self, own_bytes: int) -> SharedWindow:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.window(own_bytes)
 
     def counters(self, count: int) -> Counters:
-        """As beneath."""
+        """Call the inner channel."""
         return self._channel.counters(count)
 
     def for_thread(self) -> ThrottledChannel | None:
-        """As beneath, through a link of its own that is as slow."""
-        beneath = self._channel.for_thread()
-        if beneath is None:
+        """Return the inner channel's channel for a thread, through a link of its own with the same rate."""
+        inner = self._channel.for_thread()
+        if inner is None:
             return None
-        return ThrottledChannel(beneath, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+        return ThrottledChannel(inner, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
 
-    def beside(self) -> ThrottledChannel:
-        """As beneath, through a link of its own that is as slow."""
-        return ThrottledChannel(self._channel.beside(), self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+    def duplicate(self) -> ThrottledChannel:
+        """Return a duplicate of the inner channel, through a link of its own with the same rate."""
+        return ThrottledChannel(
+            self._channel.duplicate(), self._rate, self._latency, clock=self._clock, sleep=self._sleep
+        )
 
     def close(self) -> None:
-        """As beneath."""
+        """Call the inner channel."""
         self._channel.close()
 
     def abort(self, status: int) -> None:
-        """As beneath."""
+        """Call the inner channel."""
         self._channel.abort(status)

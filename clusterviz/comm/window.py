@@ -1,16 +1,18 @@
-"""The contract of memory that the ranks of a node share: pixels in place, and small numbers exchanged without messages.
+"""Contracts of shared memory: windows of a node's ranks, and counters of all ranks.
 
 A window has one part for each member, which the member fills and the others read, and a board of small numbers.
-`exchange` is the only way to synchronise: whatever a member wrote into its part before the call, all members see after
-it, and nobody returns before all have called. So two calls a frame suffice: one when the parts are filled, and one
+`exchange` is the only synchronisation: all members see after the call what any member wrote into its part before it,
+and no call returns before all members have called. A frame needs two calls: one when the parts are filled, and one
 before they are filled again.
 
-The board. Each member has a row of numbers with a ticket. It writes the numbers, then raises the ticket to the number
-of this round; whoever finds the tickets of all members raised may read all rows. There are two boards, and rounds take
-turns on them. One would not do: a fast member could enter the next round and overwrite its row while a slow one still
-reads. Two suffice: who writes in round t + 2 has returned from round t + 1, so has seen the tickets of all members for
-t + 1; each member raised that one after it had returned from round t, with its copy of the rows of t in hand. So
-nobody reads the rows of round t any longer, and their board is free.
+The board has a row of numbers and a ticket for each member. A member writes its numbers, then sets its ticket to the
+number of the round. A member that finds the tickets of all members set may read all rows. Rounds alternate between two
+boards. With one board, a fast member could enter the next round and overwrite its row while a slow one still reads. Two
+suffice: a member that writes in round t + 2 has seen all tickets of round t + 1, and each member set that ticket after
+it had copied the rows of round t.
+
+Counters implement a work queue without a server: the rank that raises a counter from k to k + 1 takes item k. A server
+rank would cost two messages an item and its attention; MPI's one-sided fetch-and-op costs one access.
 """
 
 from __future__ import annotations
@@ -21,19 +23,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm.agreed import mark_agreed
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import ClustervizError, InputError, mark_agreed
 
 Numbers = NDArray[np.int64]
 
-MOST_NUMBERS = 16
+MAX_NUMBERS = 16
 BOARDS = 2
-# A ticket and the numbers, in whole cache lines of 64 bytes, so that no line has two writers.
+# A ticket and the numbers, padded to whole cache lines of 64 bytes, so that no line has two writers.
 ROW_NUMBERS = 24
 
 
 class WindowError(ClustervizError):
-    """The ranks of a node cannot have shared memory."""
+    """The ranks of a node cannot share memory."""
 
     def __init__(self, cause: str) -> None:
         super().__init__(
@@ -52,18 +53,15 @@ class SharedWindow(Protocol):
 
     @property
     def index(self) -> int:
-        """Which of the members this rank is."""
+        """The index of this rank among the members."""
         ...
 
     def part(self, index: int) -> NDArray[np.uint8]:
-        """A member's part, uint8 (bytes that it asked for,), page-aligned, zero at first; writable.
-
-        It must not be touched after `free`.
-        """
+        """Return a member's part, uint8 (its own_bytes,), page-aligned, initially zero, writable until `free`."""
         ...
 
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
-        """Give small numbers, get those of all members; all members call it, and nobody returns before all have.
+        """Exchange small numbers between all members, and synchronise them.
 
         Parameters
         ----------
@@ -71,7 +69,7 @@ class SharedWindow(Protocol):
 
         Returns
         -------
-        rows : int64 (members, k), the caller's own copy
+        rows : int64 (members, k), a copy
 
         Raises
         ------
@@ -81,18 +79,24 @@ class SharedWindow(Protocol):
         ...
 
     def free(self) -> None:
-        """Give the memory back; all members call it."""
+        """Release the memory; all members call it."""
         ...
 
 
 def check_numbers(count: int) -> None:
-    """Refuse numbers that a row does not hold."""
-    if count > MOST_NUMBERS:
-        raise ValueError(f"{count} numbers do not fit into a row of {MOST_NUMBERS}")
+    """Check that numbers fit into a row of the board.
+
+    Raises
+    ------
+    ValueError
+        More than 16 numbers.
+    """
+    if count > MAX_NUMBERS:
+        raise ValueError(f"{count} numbers do not fit into a row of {MAX_NUMBERS}")
 
 
 def check_sizes(sizes: Sequence[int]) -> None:
-    """Refuse sizes that cannot be, given what all ranks asked for; so every rank raises the same.
+    """Check the sizes that all ranks requested, with the same result on every rank.
 
     Raises
     ------
@@ -101,3 +105,39 @@ def check_sizes(sizes: Sequence[int]) -> None:
     """
     if min(sizes) < 0:
         raise mark_agreed(InputError("wrong bytes of a shared window", found=list(sizes), allowed="0 and more"))
+
+
+class Counters(Protocol):
+    """Integers, initially 0, that every rank reads and raises; `Channel.counters` makes them."""
+
+    def add(self, index: int, amount: int) -> int:
+        """Raise a counter atomically and return its previous value; not collective.
+
+        An amount of 0 reads it. What one rank adds to different counters is seen in the order in which it was added.
+
+        Raises
+        ------
+        IndexError
+            There is no such counter.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Set all counters to 0; collective, and complete on return."""
+        ...
+
+    def free(self) -> None:
+        """Release the counters; collective."""
+        ...
+
+
+def check_index(index: int, count: int) -> None:
+    """Check the index of a counter; one-sided access to a wrong one would change other memory.
+
+    Raises
+    ------
+    IndexError
+        There is no such counter.
+    """
+    if not 0 <= index < count:
+        raise IndexError(f"no counter {index} of {count}")

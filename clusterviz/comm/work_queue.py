@@ -1,46 +1,46 @@
-"""A queue of numbered work that groups of ranks take from: each item once, all members of a group the same items.
+"""Queue of numbered work items that groups of ranks take, each item once.
 
-Where a group is one rank, taking is one access to a counter. Where it has several, whoever of them comes first to the
-group's k-th turn takes an item and writes down which; the others read it. So the quicker members run ahead, and nobody
-waits for a leader.
+All members of a group take the same items. In a group of one rank, taking is one access to a counter. In a larger group
+the first member that reaches the group's k-th turn takes an item and stores its number; the others read it. Fast
+members run ahead, and no member waits for a leader.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Channel
-from clusterviz.comm.patience import ask_until
 
 
 class WorkQueue:
-    """The queue, as one rank has it; making, starting and freeing it are collective.
+    """Work queue of one rank; construction, `start` and `free` are collective.
 
     Parameters
     ----------
     channel : to the other ranks
-    most : items that it can hold
-    group, groups : the group of this rank, and how many there are
+    most : largest number of items
+    group, groups : index of this rank's group, and number of groups
     alone : whether every group is one rank
     """
 
     def __init__(self, channel: Channel, most: int, group: int, groups: int, alone: bool) -> None:
         self._most, self._alone = most, alone
-        # The next item; then for each group and turn whether somebody came, and what was taken, plus one.
+        # Counter 0: the next item. Then two a group and turn: members that have come, and the item taken plus one.
         turns = most + 1
         self._first = 1 + 2 * turns * group
         self._counters = channel.counters(1 if alone else 1 + 2 * turns * groups)
 
     def start(self) -> None:
-        """Nothing is taken yet."""
+        """Reset the queue."""
         self._counters.reset()
 
     def take(self, items: int) -> Iterator[int]:
-        """The numbers below `items` that come to this rank's group, each when it is asked for; not collective.
+        """Yield the numbers below `items` that this rank's group takes, each on request; not collective.
 
         Parameters
         ----------
-        items : how many there are, the same on every rank, at most `most`
+        items : number of items, the same on every rank, at most `most`
         """
         turn = 0
         while (item := self._next(turn)) < items:
@@ -48,7 +48,7 @@ class WorkQueue:
             turn += 1
 
     def free(self) -> None:
-        """Give the counters back."""
+        """Release the counters."""
         self._counters.free()
 
     def _next(self, turn: int) -> int:
@@ -60,4 +60,4 @@ class WorkQueue:
             item = counters.add(0, 1)
             counters.add(here + 1, item + 1)
             return item
-        return ask_until(lambda: counters.add(here + 1, 0)) - 1
+        return poll_until(lambda: counters.add(here + 1, 0)) - 1

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.comm.channel import Channel
-from clusterviz.comm.window import MOST_NUMBERS
+from clusterviz.comm.window import MAX_NUMBERS
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.exchange import Link, run_exchange
 from clusterviz.composite.footprints import Footprint, Footprints
@@ -71,9 +71,9 @@ def place_images(
         memory.grow(images)
     members = memory.window.members
     most = max((image.image + 1 for image in footprints.layers if image.rank in members), default=1)
-    rows = np.zeros(-(-most // MOST_NUMBERS) * MOST_NUMBERS, np.int64)
+    rows = np.zeros(-(-most // MAX_NUMBERS) * MAX_NUMBERS, np.int64)
     rows[: len(places)] = places
-    told = np.concatenate([memory.exchange(part) for part in rows.reshape(-1, MOST_NUMBERS)], axis=1)
+    told = np.concatenate([memory.exchange(part) for part in rows.reshape(-1, MAX_NUMBERS)], axis=1)
     here = {rank: told[index].tolist() for index, rank in enumerate(members)}
     layers = (
         replace(image, place=here[image.rank][image.image]) if image.rank in here else image

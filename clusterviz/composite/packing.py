@@ -21,7 +21,7 @@ def packer(codec: str, network: Network, nodes: int) -> Pack:
 
 def compile_codecs(channel: Channel, dtype: np.dtype[Any]) -> None:
     """Compile what codecs need, once: one rank of each node does, and the others find it done; collective."""
-    if channel.place().local_rank == 0:
+    if channel.placement().local_rank == 0:
         prepare_codecs((dtype,))
     channel.barrier()
     prepare_codecs((dtype,))

@@ -105,7 +105,7 @@ class Courier:
     """
 
     def __init__(self, channel: Channel, parcels: Parcels, time_slice: TimeSlice) -> None:
-        self._channel, self._slice = channel.beside(), time_slice
+        self._channel, self._slice = channel.duplicate(), time_slice
         nodes = len(channel.nodes())
         network = default_network(nodes)
         if parcels.most_bytes(0) > MIN_BYTES:  # smaller ones are never packed

@@ -65,7 +65,7 @@ class Drawing:
             return
         bricks = load_bricks(run, opened, plan, missing, holds)
         with run.together("context", "context"):
-            place = run.channel.place()
+            place = run.channel.placement()
         with run.alone("context", "context"):
             if holds:
                 caster.open(plan, place.local_rank, run.options.device)

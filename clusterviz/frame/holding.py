@@ -56,7 +56,7 @@ def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
     """
     limit = cluster.memory_limit
     if limit is None and shares_screen:
-        mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
+        mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
         limit = -run.channel.maximum(-int(mine))
     if limit is None:
         return Holding()

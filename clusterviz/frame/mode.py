@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.comm.nodes import Nodes
+from clusterviz.comm.placement import Nodes
 from clusterviz.composite.model.choice import Wanted, fastest
 from clusterviz.composite.model.moves import Scene
 from clusterviz.composite.model.network import Network

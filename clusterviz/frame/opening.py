@@ -54,7 +54,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
         ]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
     with run.together("read", "load"):
-        most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.place().local_size
+        most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
     with run.alone("read", "load"):
         shares = [_equal_share(layout, run) for layout in layouts]
         samples = sum(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.comm.place import granted_cores
+from clusterviz.comm.placement import granted_cores
 from clusterviz.data.source import Index
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
@@ -92,7 +92,7 @@ def sound(
     """
     channel = run.channel
     with run.together("plan", "plan"):
-        place = channel.place()
+        place = channel.placement()
     with run.alone("plan", "plan"):
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))

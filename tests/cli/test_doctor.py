@@ -10,7 +10,7 @@ import pytest
 from clusterviz.cli.doctor import command, complaints, examine, remove_segments
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.library import check_launcher
-from clusterviz.comm.place import SIZE_VARIABLES
+from clusterviz.comm.placement import SIZE_VARIABLES
 from clusterviz.errors import DeviceError
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from clusterviz.cli import scale
 from clusterviz.cli.scale import threads_per_rank
-from clusterviz.comm.place import THREAD_VARIABLES
+from clusterviz.comm.placement import THREAD_VARIABLES
 from clusterviz.errors import ClustervizError
 from clusterviz.report.pages.scale.measure import Measured, Seat
 from clusterviz.report.statistics import STAGES, RankFrame

@@ -1,4 +1,4 @@
-"""A job of several ranks in which rank 1 fails, in the way that the first argument names."""
+"""Job of several ranks in which rank 1 fails as the first argument says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One failure ends every rank with the same words."""
+"""Agreement on errors: one failure ends every rank with the same message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counters that all ranks raise: nothing is taken twice, nothing is left out, and whose memory it is need not help."""
+"""Counters and work queues: each item is taken once, also while rank 0 makes no MPI calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rank that fails ends the whole job: non-zero, soon, with one message, while others wait for messages or numbers."""
+"""A failing rank ends the job with one message and a non-zero status, while others wait in calls."""
 
 from __future__ import annotations
 

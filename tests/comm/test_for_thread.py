@@ -1,4 +1,4 @@
-"""A second channel for a second thread: collective calls and messages of both are under way at once, and never meet."""
+"""Channels of two threads: their messages and collective calls run at once without mixing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranks in one process behave as ranks do."""
+"""The loopback channel."""
 
 from __future__ import annotations
 
@@ -106,4 +106,4 @@ def test_one_rank_alone_needs_no_thread_and_no_mpi() -> None:
     assert channel.gather("b") == ["b"]
     assert channel.broadcast("c") == "c"
     assert channel.maximum(-3) == -3
-    assert channel.place().local_size == 1
+    assert channel.placement().local_size == 1

@@ -1,4 +1,4 @@
-"""The MPI channel keeps the promises of the contract, on real ranks."""
+"""The MPI channel, on real ranks."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _check_collectives(channel: MpiChannel) -> None:
     assert channel.maximum(-channel.rank) == 0
     assert channel.allgather_numbers([channel.rank, -(2**62)]).tolist() == [[rank, -(2**62)] for rank in range(n)]
     assert channel.allgather_numbers([]).shape == (n, 0)
-    place = channel.place()
+    place = channel.placement()
     assert (place.local_size, place.node, place.nodes) == (n, 0, 1)
     assert sorted(channel.allgather(place.local_rank)) == list(range(n))
     channel.barrier()

@@ -1,4 +1,4 @@
-"""Channels for those who bring a communicator of their own."""
+"""Channels of mpi4py communicators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The slow link passes one message after the other, on a clock that the tests turn."""
+"""The simulated slow link, with a clock that the tests advance."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_everything_else_passes_at_full_speed() -> None:
         slow.barrier()
         numbers = slow.allgather_numbers([slow.rank, 7]).tolist()
         told = slow.allgather("a"), slow.gather(slow.rank), slow.broadcast(slow.rank, 1), slow.maximum(slow.rank)
-        return rows, numbers, told, slow.nodes(), slow.place().local_size, slow.wait_some([]), clock.now
+        return rows, numbers, told, slow.nodes(), slow.placement().local_size, slow.wait_some([]), clock.now
 
     rows, numbers = [[0], [1]], [[0, 7], [1, 7]]
     assert run_loopback(2, run) == [

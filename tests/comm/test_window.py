@@ -1,4 +1,4 @@
-"""Memory that ranks share: seen by all, in rounds that none can overtake."""
+"""Shared-memory windows and their synchronisation."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, WindowError, mpi_window, run_loopback
-from clusterviz.comm.agreed import is_agreed
 from clusterviz.comm.mpi import MpiChannel
-from clusterviz.comm.nodes import RANKS_PER_NODE_VARIABLE
-from clusterviz.errors import InputError
+from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE
+from clusterviz.errors import InputError, is_agreed
 
 ROUNDS = 300
 
@@ -66,7 +65,7 @@ def test_processes_share_memory_within_pretended_nodes(mpi_ranks: int, monkeypat
     monkeypatch.setenv(RANKS_PER_NODE_VARIABLE, "2")
     channel = MpiChannel()
     assert channel.nodes() == ((0, 1), (2, 3), (4,))
-    assert channel.place().local_size == mpi_ranks
+    assert channel.placement().local_size == mpi_ranks
     check_window(channel, 10)
     channel.close()
 

@@ -7,9 +7,8 @@ import pytest
 
 from clusterviz.codec import CODECS
 from clusterviz.comm import Channel, run_loopback
-from clusterviz.comm.agreed import is_agreed
 from clusterviz.composite.tiles import TileCollector
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, is_agreed
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 

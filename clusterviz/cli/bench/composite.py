@@ -61,7 +61,7 @@ def command(
 ) -> None:
     """Measure compositing of given images on the ranks of an mpirun."""
     channel: Channel = open_channel()
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     if link:
         channel = ThrottledChannel(channel, link * 1e9 / 8)
     with agree(channel, 0, "options"):

@@ -21,7 +21,7 @@ import typer
 from clusterviz.cli.bench.probes import TINY, time_blend, time_copy, time_link, time_step, time_tiny
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
-from clusterviz.comm.place import granted_cores
+from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.model.fitting import fit_program
 from clusterviz.composite.model.network import FILE_VARIABLE, Network, keep_network, kept_path, open_network
 from clusterviz.composite.over.blend import compile_kernels
@@ -47,7 +47,7 @@ def command(
 ) -> None:
     """Measure the links between the ranks of an mpirun, and blending, and keep what compositing chooses by."""
     channel = open_channel()
-    limit_threads(channel.place())
+    limit_threads(channel.placement())
     path = output or kept_path()
     with agree(channel, 0, "options"):
         if channel.size < 2:
@@ -79,7 +79,7 @@ def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
     step, others = time_step(channel, frames), ranks / min(cores, ranks) - 1
     laptop = open_network("laptop")
     plain = Network(
-        name=f"measured on {channel.broadcast(channel.place().host)}",
+        name=f"measured on {channel.broadcast(channel.placement().host)}",
         source=f"clusterviz bench network on {datetime.now(UTC):%Y-%m-%d}; {channel.size} ranks on {len(nodes)} "
         f"{'nodes' if len(nodes) > 1 else 'node'} of {cores} cores; {frames} repetitions",
         latency_seconds=between.latency_seconds,
@@ -118,7 +118,7 @@ def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
 
 def _cores(channel: Channel) -> int:
     """The cores that the ranks of the smallest machine may use together."""
-    granted = channel.allgather((channel.place().node, granted_cores()))
+    granted = channel.allgather((channel.placement().node, granted_cores()))
     return min(len(frozenset().union(*(cores for _, cores in group))) for group in _by_node(granted))
 
 

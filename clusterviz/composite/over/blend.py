@@ -140,7 +140,7 @@ def compile_kernels(channel: Channel) -> None:
     """
     if channel.size == 1:
         return
-    if channel.place().local_rank == 0:
+    if channel.placement().local_rank == 0:
         _load_kernels()
     channel.barrier()
     _load_kernels()

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm.place import kernel_threads
+from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box

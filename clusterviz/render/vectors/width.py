@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from clusterviz.comm.place import kernel_threads
+from clusterviz.comm.placement import kernel_threads
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
-from clusterviz.comm.place import granted_cores
+from clusterviz.comm.placement import granted_cores
 from clusterviz.composite import Compositor
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
@@ -170,7 +170,7 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
 
 def _seat(channel: Channel, drawn: DrawnFrame, plan: Plan) -> Seat:
     """Where this rank sits, and what it drew on."""
-    place, gpu = channel.place(), None
+    place, gpu = channel.placement(), None
     if drawn.counts.bricks and not on_processor(plan):
         devices = egl_devices()
         chosen = choose_device(devices, place.local_rank)

@@ -1,4 +1,4 @@
-"""A second channel for the same thread, and messages that are asked for without waiting."""
+"""Duplicated channels, and `test_some`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from clusterviz.comm.mpi import MpiChannel
 
 def ask(channel: Channel) -> None:
     """What is late is not waited for; what is here is told once; sends of one channel do not hold up the other."""
-    second = channel.beside()
+    second = channel.duplicate()
     right, left = (channel.rank + 1) % channel.size, (channel.rank - 1) % channel.size
     buffers = [np.zeros(200_000, np.int64) for _ in range(2)]
     pending = [second.post_receive(buffer, left, tag) for tag, buffer in enumerate(buffers)]

@@ -1,4 +1,4 @@
-"""Shares of cores, limits of threads, and launchers that belong to another MPI."""
+"""Nodes, shares of cores, thread limits, and launchers of another MPI."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from contextlib import nullcontext
 
 import pytest
 
+from clusterviz.comm import run_loopback
 from clusterviz.comm.library import check_launcher
-from clusterviz.comm.place import (
+from clusterviz.comm.placement import (
     THREAD_VARIABLES,
-    NodePlace,
+    Placement,
     core_share,
     granted_cores,
+    group_by_node,
     launched,
     limit_threads,
-    single_place,
+    parse_ranks_per_node,
+    single_placement,
 )
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, is_agreed
 
 OPEN_MPI = "Open MPI v4.1.4, package: Debian OpenMPI, ident: 4.1.4"
 MPICH = "MPICH Version:      5.0.2\n"
@@ -38,13 +41,13 @@ def test_cores_are_shared_by_those_that_may_use_them(granted: list[range], share
 
 
 def test_a_rank_alone_has_all_cores() -> None:
-    assert single_place().cores == len(granted_cores())
-    assert single_place(1, 100_000).cores == 1
+    assert single_placement().cores == len(granted_cores())
+    assert single_placement(1, 100_000).cores == 1
 
 
 def test_threads_are_limited_where_the_user_has_not_said_otherwise() -> None:
     environment = {"OMP_NUM_THREADS": "7"}
-    limits = limit_threads(NodePlace("node", 0, 4, 0, 1, 3), environment)
+    limits = limit_threads(Placement("node", 0, 4, 0, 1, 3), environment)
     assert limits == environment == dict.fromkeys(THREAD_VARIABLES, "3") | {"OMP_NUM_THREADS": "7"}
 
 
@@ -92,3 +95,39 @@ def test_one_process_is_never_refused(environment: dict[str, str]) -> None:
 def test_a_batch_script_is_not_a_rank() -> None:
     assert not launched({"SLURM_NTASKS": "16", "SLURM_PROCID": "0", "SLURM_STEP_NUM_TASKS": "1"})
     assert launched({"PMI_RANK": "0"})
+
+
+@pytest.mark.parametrize(
+    ("firsts", "ranks_each", "nodes"),
+    [
+        ([0], None, ((0,),)),
+        ([0, 0, 2, 2, 2], None, ((0, 1), (2, 3, 4))),
+        ([0, 1, 0, 1, 0], None, ((0, 2, 4), (1, 3))),
+        ([0, 1, 0, 1, 0], 2, ((0, 2), (1, 3), (4,))),
+        ([0] * 7, 3, ((0, 1, 2), (3, 4, 5), (6,))),
+        ([0] * 3, 9, ((0, 1, 2),)),
+        ([0] * 3, 1, ((0,), (1,), (2,))),
+    ],
+)
+def test_each_rank_is_on_one_node(
+    firsts: list[int], ranks_each: int | None, nodes: tuple[tuple[int, ...], ...]
+) -> None:
+    assert group_by_node(firsts, ranks_each) == nodes
+
+
+def test_a_silent_variable_pretends_nothing() -> None:
+    assert parse_ranks_per_node(None) is None
+    assert parse_ranks_per_node("") is None
+    assert parse_ranks_per_node("12") == 12
+
+
+@pytest.mark.parametrize("text", ["0", "-2", "2.5", "two", "²", " 2"])
+def test_a_size_that_cannot_be_is_refused_by_all(text: str) -> None:
+    with pytest.raises(InputError, match=r"CLUSTERVIZ_RANKS_PER_NODE: .*a positive integer") as caught:
+        parse_ranks_per_node(text)
+    assert is_agreed(caught.value)
+
+
+def test_threads_pretend_nodes_but_tell_their_true_place() -> None:
+    found = run_loopback(5, lambda channel: (channel.nodes(), channel.placement().local_size), ranks_per_node=2)
+    assert found == [(((0, 1), (2, 3), (4,)), 5)] * 5
