@@ -1,11 +1,14 @@
-"""The pixel room: what a picture is, where its pieces lie, and how it reaches the disk.
+"""Pictures and partial images: pixels, rectangles, merge operators and files.
 
-- region.py   rectangles of pixels
-- partial.py  what one rank saw
-- finish.py   over the background, to bytes
-- files.py    .png, .npy and .exr, written whole or not at all
-- replace.py  the temporary-name-and-rename behind every output
-- compare.py  how far two pictures are apart
+region.py   rectangles of pixels
+partial.py  partial image of one rank
+merge.py    merge operators of partial images
+finish.py   conversion to bytes over the background
+picture.py  rendered picture as an array that can show and save itself
+files.py    picture files: .png, .jpg, .gif, .npy, .exr
+movie.py    movie files: .mp4, .gif
+replace.py  atomic replacement of output files
+compare.py  difference of two pictures
 """
 
 from __future__ import annotations

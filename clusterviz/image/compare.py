@@ -1,4 +1,4 @@
-"""How far two pictures are apart: one value that `verify`, the tests and the trade-off report all read."""
+"""Difference of two pictures, as `verify`, the tests and the trade-off report measure it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from clusterviz.errors import InputError
 
 @dataclass(frozen=True)
 class Difference:
-    """The distance between two pictures, in their own unit (0…1 for floats, levels for bytes).
+    """Difference of two pictures, in their own unit (0…1 for floats, levels for bytes).
 
     Attributes
     ----------
-    max : largest absolute difference of any channel; inf where a value is NaN or infinite in either picture
+    max : largest absolute difference of any channel; inf if a value of either picture is NaN or infinite
     rms : root of the mean square over all pixels and channels; inf likewise
     tolerance : a pixel is wrong if one of its channels differs by more than this, or is not finite
     count : number of wrong pixels
@@ -32,7 +32,7 @@ class Difference:
     first_wrong_pixel: tuple[int, int] | None
 
     def __str__(self) -> str:
-        """One line: max, rms, and where the first wrong pixel is."""
+        """Return one line: max, rms, and the position of the first wrong pixel."""
         text = f"max {self.max:.3g}, rms {self.rms:.3g}"
         if self.first_wrong_pixel is None:
             return f"{text}, no pixel above {self.tolerance:.3g}"
@@ -47,7 +47,7 @@ def compare(a: NDArray[Any], b: NDArray[Any], tolerance: float = 0.0) -> Differe
     Parameters
     ----------
     a, b : (h, w) or (h, w, channels), same shape; both floats or both integers
-    tolerance : the largest difference that is still right, in the pictures' unit
+    tolerance : largest difference that still counts as equal, in the pictures' unit
 
     Raises
     ------
@@ -67,7 +67,7 @@ def compare(a: NDArray[Any], b: NDArray[Any], tolerance: float = 0.0) -> Differe
     wrong = np.flatnonzero((error > tolerance).any(axis=-1) | np.isinf(error).any(axis=-1))
     first = divmod(int(wrong[0]), a.shape[1]) if wrong.size else None
     largest = float(error.max())
-    # Scaled by the largest, the squares neither vanish nor overflow.
+    # Scaling by the largest avoids underflow and overflow of the squares.
     scale = largest if 0 < largest < math.inf else 1.0
     rms = scale * math.sqrt(float(np.mean(np.square(error / scale))))
     return Difference(largest, rms, tolerance, int(wrong.size), first)

@@ -1,4 +1,4 @@
-"""Pictures on disk: .npy and .exr keep the float32 pixels before the background, .png is what a screen shows."""
+"""Picture files: .npy and .exr hold float32 pixels before the background, .png, .jpg and .gif bytes over it."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ TEXT_KEY = "clusterviz scene"
 
 
 def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour | None, text: str = "") -> None:
-    """Write a picture in the format of its extension; the file appears whole or not at all.
+    """Write a picture in the format of its extension, atomically.
 
     Parameters
     ----------
-    path : ends in .npy, .exr (float32, premultiplied, before the background) or .png (8 bit, over the background)
+    path : ends in .npy, .exr (float32, premultiplied, before the background) or .png, .jpg, .gif (8 bit, over it)
     rgba : float32 (h, w, 4), premultiplied
-    background : (r, g, b) in [0, 1] or None for transparent; used by .png only
-    text : what the picture shows, kept in a .png for `read_text`
+    background : (r, g, b) in [0, 1] or None for transparent; unused by .npy and .exr
+    text : description of the picture, kept in a .png for `read_text`
 
     Raises
     ------
     OutputError
-        Unknown extension, missing or unwritable folder, disk full. Nothing is left behind.
+        Unknown extension, missing or unwritable folder, disk full. No file is left behind.
     InputError
         `rgba` is not (h, w, 4), or has no pixels.
     """
@@ -47,22 +47,23 @@ def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour |
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise now what `write_image` would raise later: unknown extension, missing or unwritable folder.
+    """Check early that `write_image` can write to a path.
 
     Raises
     ------
     OutputError
+        Unknown extension, missing or unwritable folder.
     """
     _extension(path)
     check_replaceable(path)
 
 
 def read_image(path: str | os.PathLike[str]) -> Pixels:
-    """Read a picture that `write_image` wrote, or any PNG.
+    """Read a picture that `write_image` wrote, or any PNG, JPEG or GIF.
 
     Returns
     -------
-    rgba : float32 (h, w, 4), premultiplied. A PNG comes as it is on the screen: its background is part of it.
+    rgba : float32 (h, w, 4), premultiplied. An 8-bit picture includes its background.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text that `write_image` kept in a PNG.
+    """Return the text that `write_image` kept in a PNG.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def _extension(path: str | os.PathLike[str]) -> str:
 
 def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
     pixels = np.ascontiguousarray(rgba, np.float32)
-    # Not numpy.save: it writes through C's stdio, whose last buffer can be lost unreported on a full disk.
+    # numpy.save writes through C's stdio, which may lose its last buffer on a full disk without an error.
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(pixels))
         file.write(pixels.data)
@@ -150,7 +151,7 @@ def _write_exr(path: Path, rgba: Pixels, background: Colour | None) -> None:
     try:
         with OpenEXR.File(header, {"RGBA": pixels}) as file:
             file.write(str(path))
-        # The library says nothing when the disk is full as it closes the file; only reading it again tells.
+        # The library reports no error if the disk is full when it closes the file, so the file is read again.
         _read_exr(path)
     except (RuntimeError, ValueError) as error:
         raise OSError(str(error)) from error

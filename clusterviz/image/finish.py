@@ -1,4 +1,4 @@
-"""The last step before a screen or a PNG: float pixels over the background, then bytes, rounded once."""
+"""Conversion of float pixels over a background to bytes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Colour = tuple[float, float, float]
 
 
 def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.uint8]:
-    """Put a premultiplied picture over its background and round it to bytes.
+    """Blend a premultiplied picture over its background and round it to bytes.
 
     Parameters
     ----------
@@ -20,8 +20,8 @@ def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.u
 
     Returns
     -------
-    pixels : uint8 (h, w, 3) over the background, or uint8 (h, w, 4) with straight alpha where it is transparent.
-        Values are clipped to [0, 1] and rounded to the nearest of the 256 levels; NaN becomes 0.
+    pixels : uint8 (h, w, 3) over the background, or uint8 (h, w, 4) with straight alpha if it is transparent. Values
+        are clipped to [0, 1] and rounded to the nearest of 256 levels; NaN becomes 0.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.u
         raise InputError("not a picture", where="finish", found=f"shape {rgba.shape}", allowed="(h, w, 4)")
     alpha = rgba[..., 3:]
     if background is not None:
-        # float32 errs by about 1e-7 here, a level is 4e-3: the byte is right but where exact arithmetic is at a tie.
+        # The error of float32 is about 1e-7, a level 4e-3: the byte is exact except at ties.
         return _bytes(rgba[..., :3] + (1 - alpha) * np.asarray(background, np.float32))
     straight = np.zeros(rgba.shape, np.float32)
     with np.errstate(over="ignore"):

@@ -1,17 +1,16 @@
-"""How the pixels of two parts of a volume become one: the over operator, and those of projections.
+"""Merge operators of partial images: over, and those of projections.
 
-A part's pixel is four floats; all zeros are a pixel in which the part has no sample, whatever the operator, so that
-blank pixels need not travel. What the floats mean:
+A pixel is four floats. All zeros mean that the part has no sample in the pixel, whatever the operator, so blank pixels
+need not be sent. Otherwise they are:
 
 - `over`: premultiplied colour and opacity.
 - `maximum`, `minimum`: the scalar, 0, 0, 1.
-- `sum`: the sum of opacity × scalar × slabs, 0, 0, and the number of slabs with samples, cut ones by their share.
-- `stretch`: the largest scalar of the first stretch of samples that are not below a threshold, the largest scalar of
-  all, what is known of the stretch (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
+- `sum`: the sum of opacity × scalar × slabs, 0, 0, and the number of slabs with samples, cut slabs by their share.
+- `stretch`: the largest scalar of the first run of samples at or above a threshold, the largest scalar of all, the
+  state of the run (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
 
-Scalars are in units of clim. All operators are associative, `sum` but for rounding; `over` and `stretch` need the order
-from front to back, the others (`ORDER_FREE`) do not.
-The picture is made from merged pixels by `render/projection.py`.
+Scalars are in units of clim. All operators are associative, `sum` up to rounding. `over` and `stretch` need the order
+from front to back, the others (`ORDER_FREE`) do not. `render/projection.py` makes the picture from merged pixels.
 
 References
 ----------
@@ -32,33 +31,33 @@ Operator = Literal["over", "maximum", "minimum", "sum", "stretch"]
 Pixels = NDArray[Any]
 ORDER_FREE: frozenset[Operator] = frozenset(("maximum", "minimum", "sum"))
 STARTS, CLOSED, EXISTS = 1, 2, 4
-"""The part's first sample is in the stretch; a later sample has ended it; there is one."""
+"""The run includes the part's first sample; a later sample has ended it; there is a run."""
 
 
 def over(front: Pixels, behind: Pixels) -> Pixels:
-    """Porter and Duff's operator for premultiplied pixels."""
+    """Porter and Duff's over operator for premultiplied pixels."""
     pixels: Pixels = front + (1 - front[..., 3:]) * behind
     return pixels
 
 
 def maximum(front: Pixels, behind: Pixels) -> Pixels:
-    """The larger scalar, where there are two."""
+    """Larger scalar, of the parts that have samples."""
     return _where_both(front, behind, np.maximum(front, behind))
 
 
 def minimum(front: Pixels, behind: Pixels) -> Pixels:
-    """The smaller scalar, where there are two."""
+    """Smaller scalar, of the parts that have samples."""
     return _where_both(front, behind, np.minimum(front, behind))
 
 
 def total(front: Pixels, behind: Pixels) -> Pixels:
-    """Sums and slabs, added."""
+    """Sums and numbers of slabs, added."""
     pixels: Pixels = front + behind
     return pixels
 
 
 def stretch(front: Pixels, behind: Pixels) -> Pixels:
-    """The first stretch: that of the front, or what is behind goes on with it, or the one behind."""
+    """First run: that of the front, continued by the part behind if it is open, or else that of the part behind."""
     ahead, after = front[..., 2].astype(int), behind[..., 2].astype(int)
     exists, open_end = ahead & EXISTS > 0, ahead & (EXISTS | CLOSED) == EXISTS
     goes_on = open_end & (after & STARTS > 0)
@@ -79,11 +78,16 @@ MERGES: dict[Operator, Callable[[Pixels, Pixels], Pixels]] = {
 
 
 def merge_partials(partials: Iterable[PartialImage], size: tuple[int, int], operator: Operator) -> NDArray[np.float32]:
-    """Merge the parts of a picture, the first in front: float32 (h, w, 4).
+    """Merge partial images, the first in front, into a picture.
 
     Parameters
     ----------
+    partials : of the same operator
     size : (width, height) of the picture
+
+    Returns
+    -------
+    pixels : float32 (h, w, 4)
     """
     pixels = np.zeros((size[1], size[0], 4), np.float32)
     for partial in partials:
@@ -93,6 +97,6 @@ def merge_partials(partials: Iterable[PartialImage], size: tuple[int, int], oper
 
 
 def _where_both(front: Pixels, behind: Pixels, both: Pixels) -> Pixels:
-    """`both` where each part has samples, else the part that has."""
+    """Return `both` where each part has samples, else the part that has."""
     merged = np.where(behind[..., 3:] == 0, front, both)
     return np.where(front[..., 3:] == 0, behind, merged)

@@ -1,4 +1,4 @@
-"""Movies: finished pictures to one MP4 (H.264), by the ffmpeg that imageio-ffmpeg brings."""
+"""Movie files: MP4 (H.264) by the ffmpeg of imageio-ffmpeg, and animated GIF."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Bytes = NDArray[np.uint8]
 
 
 def check_encoder(path: Path) -> None:
-    """Find out before hours of work whether a movie can be written.
+    """Check early that movies can be encoded.
 
     Raises
     ------
@@ -33,13 +33,15 @@ def check_encoder(path: Path) -> None:
 
 
 def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_second: float) -> None:
-    """Write a movie; it appears whole or not at all.
+    """Write a movie in the format of its extension, atomically.
 
     Parameters
     ----------
-    pictures : uint8 (h, w, 3), all of one size; H.264 halves the resolution of colour, so that an odd side gets one
-        more row or column, a copy of the last
-    count : how many there are
+    path : ends in .gif, or is encoded as H.264
+    pictures : uint8 (h, w, 3), all of one size. H.264 halves the resolution of colour, so an odd side is padded with a
+        copy of its last row or column.
+    count : number of pictures
+    frames_per_second : rate
 
     Raises
     ------
@@ -74,7 +76,7 @@ def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_se
 
 
 def _write_gif(path: Path, pictures: Iterable[Bytes], frames_per_second: float) -> None:
-    """An endless GIF: 256 colours a picture, and its times are hundredths of a second."""
+    """Write an endless GIF with 256 colours a picture and times in hundredths of a second."""
     from PIL import Image
 
     first, *others = (Image.fromarray(picture).quantize() for picture in pictures)
@@ -84,7 +86,7 @@ def _write_gif(path: Path, pictures: Iterable[Bytes], frames_per_second: float) 
 
 
 def _check_whole(path: Path, count: int) -> None:
-    """The encoder says nothing when the disk is full as it ends; only reading the movie again tells."""
+    """Count the frames of a movie: the encoder reports no error if the disk is full at its end."""
     import imageio_ffmpeg
 
     try:

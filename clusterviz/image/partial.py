@@ -1,4 +1,4 @@
-"""A partial image: what one rank saw, as a rectangle of premultiplied pixels."""
+"""Partial image: rectangle of premultiplied pixels that one rank drew."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clusterviz.image.region import EMPTY, Rect
 
 @dataclass(frozen=True)
 class PartialImage:
-    """What one rank drew; everything outside `rect` is fully transparent.
+    """Pixels that one rank drew; everything outside `rect` is fully transparent.
 
     Attributes
     ----------
@@ -27,12 +27,12 @@ class PartialImage:
 
 
 def blank() -> PartialImage:
-    """The partial image of a rank that saw nothing: an empty rectangle."""
+    """Return an empty partial image."""
     return PartialImage(EMPTY, np.zeros((0, 0, 4), np.float32))
 
 
 def joined(parts: Sequence[PartialImage]) -> PartialImage:
-    """Partial images of which no two overlap as one, transparent between them; of the first one's type."""
+    """Return partial images that do not overlap as one of the first one's type, transparent between them."""
     rect = EMPTY
     for part in parts:
         rect = rect.unite(part.rect)

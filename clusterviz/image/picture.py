@@ -1,4 +1,4 @@
-"""A rendered picture: an array of pixels that knows its background, and how to show and to save itself."""
+"""Rendered picture: array of pixels with a background, which can show and save itself."""
 
 from __future__ import annotations
 
@@ -17,37 +17,36 @@ from clusterviz.image.finish import Colour, finish
 
 
 class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
-    """A picture: a float32 array (h, w, 4) of pixels premultiplied by alpha, before the background.
+    """Rendered picture, a float32 array (h, w, 4) of premultiplied pixels before the background.
 
-    It is an array, so that whatever takes arrays takes it; `np.asarray` gives the same pixels, premultiplied. Straight
-    colours are `rgba[..., :3] / rgba[..., 3:]` where alpha is above 0. Row 0 is the top. A crop is a picture, too; any
-    other result of a computation is a plain array.
+    `np.asarray` gives the same premultiplied pixels. Straight colours are `rgba[..., :3] / rgba[..., 3:]` where alpha
+    is above 0. Row 0 is the top. A crop is an Image too; other results of computations are plain arrays.
 
     Attributes
     ----------
-    background : (r, g, b) in [0, 1], or None for transparent; what `show`, `save` and a notebook put behind the pixels
+    background : (r, g, b) in [0, 1], or None for transparent; `show`, `save` and notebooks blend the pixels over it
     """
 
     background: Colour | None
 
     def __new__(cls, rgba: NDArray[np.float32], background: Colour | None = None) -> Image:
-        """A view of the pixels; nothing is copied."""
+        """Return a view of the pixels, without a copy."""
         image = np.asarray(rgba, np.float32).view(cls)
         image.background = background
         return image
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the picture: over its background in 8 bits, or float32 premultiplied before it, as the extension says.
+        """Write the picture in the format of its extension: 8 bit over the background, or float32 before it.
 
         Raises
         ------
         OutputError
-            Unknown extension, missing or unwritable folder, disk full. Nothing is left behind.
+            Unknown extension, missing or unwritable folder, disk full. No file is left behind.
         """
         write_image(path, np.asarray(self), self.background)
 
     def show(self) -> None:
-        """Show the picture over its background: in a notebook there, else in the system's viewer.
+        """Show the picture over its background, in a notebook or else in the system's viewer.
 
         Raises
         ------
@@ -64,7 +63,7 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
             raise OutputError("no program shows pictures here", where="show", allowed="image.save('picture.png')")
 
     def _repr_png_(self) -> bytes | None:
-        """What a notebook shows, over the background."""
+        """Return the picture over its background as a PNG file for notebooks."""
         from PIL import Image as Pillow
 
         if not self._is_picture():

@@ -1,4 +1,4 @@
-"""Rectangles of pixels: where on the screen a partial image lies."""
+"""Rectangle of pixels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Rect:
-    """Pixels [x_begin, x_end) × [y_begin, y_end); row 0 is the top. Empty where an end is not past its begin."""
+    """Pixels [x_begin, x_end) × [y_begin, y_end); row 0 is the top. Empty if an end is not past its begin."""
 
     x_begin: int
     y_begin: int
@@ -21,7 +21,7 @@ class Rect:
 
     @property
     def height(self) -> int:
-        """Rows, 0 if empty."""
+        """Number of rows, 0 if empty."""
         return max(0, self.y_end - self.y_begin)
 
     @property
@@ -30,7 +30,7 @@ class Rect:
         return self.width * self.height
 
     def intersect(self, other: Rect) -> Rect:
-        """The pixels in both."""
+        """Return the pixels in both rectangles."""
         return Rect(
             max(self.x_begin, other.x_begin),
             max(self.y_begin, other.y_begin),
@@ -39,7 +39,7 @@ class Rect:
         )
 
     def unite(self, other: Rect) -> Rect:
-        """The smallest rectangle that holds both; an empty one adds nothing."""
+        """Return the smallest rectangle that contains both; an empty one adds nothing."""
         if self.pixels == 0:
             return other
         if other.pixels == 0:

@@ -1,9 +1,9 @@
-"""Whole files or none: an output appears under its name only once it is complete.
+"""Atomic replacement of output files: an output appears under its name only when it is complete.
 
-Everything that clusterviz writes (pictures, statistics, movies) goes through `replacing`, so that a full disk, an
-exception or ctrl-C leaves neither half a file nor a damaged older one. A process that is killed leaves its temporary
-files. Their names tell the machine, and each is locked while its process lives: the next process that writes into the
-folder on that machine removes those that are not.
+All outputs (pictures, statistics, movies) are written through `replacing`, so that a full disk, an exception or ctrl-C
+leaves neither part of a file nor a damaged older one. A process that is killed leaves its temporary files. Their names
+contain the machine's name, and each is locked while its process lives. The next process that writes into the folder on
+that machine removes those that are not locked.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pathlib import Path
 from clusterviz.errors import OutputError
 
 _MARK = f"clusterviz-{re.sub('[^A-Za-z0-9]', '-', socket.gethostname())[:40]}-"
-_locks: dict[Path, int] = {}  # of this process's temporary files and folders, the descriptors that hold their locks
-_clean_folders: set[Path] = set()  # as far as killed processes of this machine are concerned
+_locks: dict[Path, int] = {}  # descriptors that hold the locks of this process's temporary files and folders
+_clean_folders: set[Path] = set()  # folders without leftovers of this machine's killed processes
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary file in the folder of `path`; when the block ends well, it becomes `path`, else it is removed.
+    """Context with a temporary file in the folder of `path`, renamed to `path` on success and removed on failure.
 
     The temporary name is hidden and keeps the extension, since many writers choose the format by it.
 
@@ -49,7 +49,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def check_replaceable(path: str | os.PathLike[str]) -> None:
-    """Find out before hours of work whether `replacing(path)` could begin: makes and removes a temporary file.
+    """Check early that `replacing(path)` can begin, by making and removing a temporary file.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check_replaceable(path: str | os.PathLike[str]) -> None:
 
 
 def temporary_name(target: Path) -> Path:
-    """A hidden name beside `target`, with its extension; what killed processes left in this folder is removed first."""
+    """Return a hidden name in the folder of `target`, with its extension; removes the folder's leftovers first."""
     if target.parent not in _clean_folders:
         _clean_folders.add(target.parent)
         remove_leftovers(target.parent)
@@ -68,15 +68,15 @@ def temporary_name(target: Path) -> Path:
 
 
 def lock_temporary(path: Path) -> bool:
-    """Say that this process lives and needs a temporary file or folder; whether it is still there."""
+    """Lock a temporary file or folder of this process; return whether it still exists."""
     handle = _locks[path] = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    with suppress(OSError):  # a file system without locks: nobody takes it for a leftover then
+    with suppress(OSError):  # a file system without locks, on which no file counts as a leftover
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     return os.fstat(handle).st_nlink > 0
 
 
 def remove_temporary(path: Path) -> None:
-    """Remove a temporary file or folder of this process, if it has not become something else."""
+    """Remove a temporary file or folder of this process, unless it has been renamed, and its lock."""
     _remove(path)
     handle = _locks.pop(path, None)
     if handle is not None:
@@ -84,13 +84,18 @@ def remove_temporary(path: Path) -> None:
 
 
 def remove_temporaries() -> None:
-    """Remove all temporary files and folders of this process, which is about to end."""
+    """Remove all temporary files and folders of this process, at its end."""
     for path in list(_locks):
         remove_temporary(path)
 
 
 def remove_leftovers(folder: Path) -> list[Path]:
-    """Remove temporary files and folders of this user whose processes, on this machine, have ended; which."""
+    """Remove temporary files and folders of this user's ended processes on this machine.
+
+    Returns
+    -------
+    removed : their paths
+    """
     removed = []
     for path in folder.glob(f".*.{_MARK}*"):
         with suppress(OSError):
@@ -111,7 +116,7 @@ def _remove(path: Path) -> None:
 
 
 def _create(target: Path) -> Path:
-    """An empty new file beside `target`, with the permissions that any new file would get."""
+    """Create an empty temporary file for `target`, with the permissions of a new file."""
     if target.is_dir():
         raise OutputError("cannot be written", where=str(target), found="a folder", allowed="a file name")
     while True:
@@ -119,14 +124,14 @@ def _create(target: Path) -> Path:
         try:
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         except OSError as error:
-            raise no_place(target, error) from error
-        with suppress(FileNotFoundError):  # taken for a leftover before it was locked
+            raise folder_error(target, error) from error
+        with suppress(FileNotFoundError):  # removed as a leftover before it was locked
             if lock_temporary(temporary):
                 return temporary
 
 
-def no_place(target: Path, error: OSError) -> OutputError:
-    """Why nothing can be made beside `target`."""
+def folder_error(target: Path, error: OSError) -> OutputError:
+    """Return the error of a target in whose folder no file can be made."""
     folder = target.parent
     if not folder.exists() and not isinstance(error, NotADirectoryError):
         return OutputError(f"the folder {folder} is missing", where=str(target), allowed="a folder that is there")
@@ -136,7 +141,7 @@ def no_place(target: Path, error: OSError) -> OutputError:
 
 
 def _flush_to_disk(path: Path) -> None:
-    """Wait for the bytes: a quota or a network disk may report only now that it is full."""
+    """Flush a file to disk; a quota or a network disk may report only now that it is full."""
     handle = os.open(path, os.O_RDWR)
     try:
         os.fsync(handle)

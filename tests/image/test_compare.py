@@ -1,4 +1,4 @@
-"""Differences: sizes, places, and values that are not numbers."""
+"""Difference of two pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures on disk: what is written comes back, and what cannot be written leaves nothing."""
+"""Picture files: round trips and failed writes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The merge operators against what they stand for: sequences of samples, cut anywhere."""
+"""The merge operators against their definitions on sequences of samples."""
 
 from __future__ import annotations
 

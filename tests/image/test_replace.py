@@ -1,4 +1,4 @@
-"""Temporary files: hidden, removed at the end, and after a process that was killed by the next one."""
+"""Temporary files: hidden, removed at the end, or by the next process."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from clusterviz.errors import OutputError
-from clusterviz.image.replace import lock_temporary, no_place, remove_temporary, temporary_name
+from clusterviz.image.replace import folder_error, lock_temporary, remove_temporary, temporary_name
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def _create(target: Path, known_by: str) -> Path:
         temporary.mkdir()
         lock_temporary(temporary)
     except OSError as error:
-        raise no_place(target, error) from error
+        raise folder_error(target, error) from error
     return temporary
 
 
