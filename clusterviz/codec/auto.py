@@ -23,8 +23,7 @@ import numpy as np
 
 from clusterviz.codec.chain import CODECS
 from clusterviz.codec.contract import Bytes, Pixels, Rows
-from clusterviz.codec.message import open_message, pack
-from clusterviz.codec.prepare import prepare_codecs
+from clusterviz.codec.message import open_message, pack, prepare_codecs
 
 MIN_BYTES = 64 << 10
 
@@ -140,7 +139,7 @@ class AutoCodec:
     def _worth_trying(self, itemsize: int) -> list[str]:
         """The candidates that can pay on this link."""
         squeezes = self._seconds_per_byte >= SQUEEZE_SECONDS_PER_BYTE
-        return [name for name in CANDIDATES[itemsize] if squeezes or not CODECS[name].squeeze]
+        return [name for name in CANDIDATES[itemsize] if squeezes or not CODECS[name].compressor]
 
     def _try(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
         """Send by the next candidate of a look, and measure all of it; after the last, choose."""

@@ -1,10 +1,10 @@
-"""Codecs are chains of stages, joined by "+": `rectangle+shuffle+lz4`.
+"""Codecs: chains of stages, joined by "+", such as `rectangle+shuffle+lz4`.
 
-The order is fixed, since no other pays: a selection leaves fewer pixels, filters rearrange what is left, a squeeze
-makes it fewer bytes. Filters save nothing by themselves, so they stand only before a squeeze. The bits of a chain's
-stages are the first byte of its messages; a message may name fewer stages than its codec has, where some do not pay.
+The order is fixed: a selection leaves fewer pixels, filters rearrange their bytes, a compressor shortens them. Filters
+alone save nothing, so they stand only before a compressor. The first byte of a message has the bits of its stages. A
+message may use fewer stages than its codec has, if some do not save bytes.
 
-**Adding a stage**: one file, one line in `STAGES` with a bit of its own, and its place in the order below.
+**Adding a stage**: one file, one line in `STAGES` with a new bit, and its place in the order below.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from clusterviz.codec import active, delta, lz4_block, rectangle, shuffle
-from clusterviz.codec.contract import Filter, Selection, Squeeze, Stage
+from clusterviz.codec.contract import Compressor, Filter, Selection, Stage
 from clusterviz.errors import InputError
 
 STAGES: dict[str, Stage] = {
@@ -21,12 +21,12 @@ STAGES: dict[str, Stage] = {
     "rectangle": Selection(2, rectangle.select, rectangle.restore),
     "delta": Filter(4, delta.apply, delta.undo),
     "shuffle": Filter(8, shuffle.apply, shuffle.undo),
-    "lz4": Squeeze(16, lz4_block.compress, lz4_block.expand),
+    "lz4": Compressor(16, lz4_block.compress, lz4_block.decompress),
 }
 
 SELECTIONS = ("", "active", "rectangle")
 FILTERS = ("", "delta", "shuffle", "delta+shuffle")
-SQUEEZES = ("lz4",)
+COMPRESSORS = ("lz4",)
 
 ALLOWED = (
     'raw, auto, or stages joined by "+" in this order, each at most once: active or rectangle, delta, shuffle, lz4; '
@@ -36,43 +36,43 @@ ALLOWED = (
 
 @dataclass(frozen=True)
 class Chain:
-    """The stages of one codec, in the order in which they pack.
+    """Stages of one codec, in the order in which they pack.
 
     Attributes
     ----------
-    name : of the stages, joined by "+"; "raw" where there is none
-    selection, filters, squeeze : the stages
+    name : names of the stages, joined by "+"; "raw" without stages
+    selection, filters, compressor : the stages
     """
 
     name: str
     selection: Selection | None = None
     filters: tuple[Filter, ...] = ()
-    squeeze: Squeeze | None = None
+    compressor: Compressor | None = None
 
     @property
     def flag(self) -> int:
         """The bits of all stages."""
-        stages = (self.selection, *self.filters, self.squeeze)
+        stages = (self.selection, *self.filters, self.compressor)
         return sum(stage.bit for stage in stages if stage is not None)
 
 
 def _chain(*parts: str) -> Chain:
-    """The chain of these stages; empty parts are left out."""
+    """Return the chain of the named stages; empty names are left out."""
     name = "+".join(filter(None, parts))
     stages = [STAGES[part] for part in name.split("+") if part]
     selection = next((stage for stage in stages if isinstance(stage, Selection)), None)
-    squeeze = next((stage for stage in stages if isinstance(stage, Squeeze)), None)
-    return Chain(name or "raw", selection, tuple(stage for stage in stages if isinstance(stage, Filter)), squeeze)
+    compressor = next((stage for stage in stages if isinstance(stage, Compressor)), None)
+    return Chain(name or "raw", selection, tuple(stage for stage in stages if isinstance(stage, Filter)), compressor)
 
 
-_ALL = [_chain(name) for name in SELECTIONS] + [_chain(*parts) for parts in product(SELECTIONS, FILTERS, SQUEEZES)]
+_ALL = [_chain(name) for name in SELECTIONS] + [_chain(*parts) for parts in product(SELECTIONS, FILTERS, COMPRESSORS)]
 
 CODECS: dict[str, Chain] = {chain.name: chain for chain in _ALL}
 BY_FLAG: dict[int, Chain] = {chain.flag: chain for chain in _ALL if chain.flag}
 
 
 def choose_codec(name: str) -> str:
-    """The codec to use where each message is packed alike; `auto` is raw then.
+    """Return the codec that packs every message of a transfer; raw for `auto`.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""What a stage of a codec is: one of three kinds, each a pair of exact inverses.
+"""Contracts of the stages of a codec: selection, filter and compressor, each a pair of exact inverses.
 
-A *selection* drops blank pixels: it says in which runs of the message the others lie, and codes the runs as a table. A
-*filter* rearranges the bytes of the pixels without changing their number, so that a squeeze finds more in them. A
-*squeeze* makes bytes fewer. `chain.py` says in which order they join, `message.py` how a message is laid out.
+A *selection* drops blank pixels: it finds the runs of the other pixels and encodes them as a table. A *filter*
+rearranges the bytes of pixels without changing their number, so that a compressor finds more repetition. A *compressor*
+shortens bytes. `chain.py` defines their order, `message.py` the layout of messages.
 
-The decoding half of each pair gets bytes from outside. It raises `CodecError` for anything that its encoding half
-cannot have written: it checks every size, offset and run before it uses it.
+The decoding half of each pair gets bytes from outside. It checks every size, offset and run before use, and raises
+`CodecError` for anything that its encoding half cannot have written.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ Runs = NDArray[np.int32]
 
 
 class CodecError(ClustervizError):
-    """Bytes that are not what their codec wrote: damaged or cut off on the way."""
+    """Bytes that their codec did not write: damaged or truncated in transfer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """How the pixels of a message lie in rows: pixel k is in column (first + k) % width.
+    """Layout of a message's pixels in rows: pixel k is in column (first + k) % width.
 
     Attributes
     ----------
-    first : the column of the first pixel, 0 or more
+    first : column of the first pixel, 0 or more
     width : pixels in a row, 1 or more
     """
 
@@ -44,14 +44,14 @@ class Rows:
 
 @dataclass(frozen=True)
 class Selection:
-    """A stage that keeps some runs of the pixels.
+    """Stage that keeps some runs of the pixels.
 
     Attributes
     ----------
-    bit : of the message's first byte, never changed once given out
+    bit : flag in the message's first byte; part of the format, so it never changes
     select : pixels (n, 4), rows -> table uint8 (bytes,), runs int32 (k, 2) of [first pixel, length], ascending and
-        disjoint, and how many pixels they hold; None where that is no shorter than the pixels themselves
-    restore : table, n, rows -> runs and how many pixels they hold
+        disjoint, and the number of their pixels; None if that is no shorter than the pixels
+    restore : table, n, rows -> runs and the number of their pixels
     """
 
     bit: int
@@ -61,12 +61,13 @@ class Selection:
 
 @dataclass(frozen=True)
 class Filter:
-    """A stage that rearranges bytes.
+    """Stage that rearranges bytes.
 
     Attributes
     ----------
-    bit : of the message's first byte, never changed once given out
-    apply, undo : source uint8 (bytes,), read-only, whole pixels; target, as many; type of the pixels' components
+    bit : flag in the message's first byte; part of the format, so it never changes
+    apply, undo : source uint8 (bytes,), read-only, whole pixels; target of the same size; dtype of the pixels'
+        components
     """
 
     bit: int
@@ -75,19 +76,19 @@ class Filter:
 
 
 @dataclass(frozen=True)
-class Squeeze:
-    """A stage that makes bytes fewer.
+class Compressor:
+    """Stage that shortens bytes.
 
     Attributes
     ----------
-    bit : of the message's first byte, never changed once given out
-    compress : uint8 (bytes,) -> fewer bytes, or None where it finds nothing to save
-    expand : those bytes, how many they stand for -> uint8 (bytes,), writable
+    bit : flag in the message's first byte; part of the format, so it never changes
+    compress : uint8 (bytes,) -> fewer bytes, or None if nothing is saved
+    decompress : those bytes, original size -> uint8 (size,), writable
     """
 
     bit: int
     compress: Callable[[Bytes], Bytes | None]
-    expand: Callable[[Bytes, int], Bytes]
+    decompress: Callable[[Bytes, int], Bytes]
 
 
-Stage = Selection | Filter | Squeeze
+Stage = Selection | Filter | Compressor

@@ -1,9 +1,9 @@
-"""Differences of each component to the pixel before.
+"""Delta filter: differences of each component to the previous pixel.
 
-What: a rearrangement of values, for `lz4` after it: slopes become equal small numbers. Floats are subtracted as the
-integers that their bits are, which grow with them, so that nothing is rounded; the sign goes into the lowest bit.
+What: a rearrangement of values for `lz4`: gradients become equal small numbers. The bit patterns of floats are
+subtracted as integers, which increase with the values, so nothing is rounded. The sign goes into the lowest bit.
 When: before `lz4`, on smooth 8-bit images; before `shuffle+lz4`, on smooth float images.
-When not: noise; floats without `shuffle` behind it, whose lowest bytes are noise to LZ4.
+When not: noise; floats without `shuffle` after it, whose lowest bytes are noise to LZ4.
 Cost: one pass, at memory speed. Limits: none.
 Reference: the Sub filter of PNG, ISO/IEC 15948:2004, 9.2.
 """
@@ -18,15 +18,15 @@ from clusterviz.codec.contract import Bytes
 
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
-    """Subtract."""
-    from clusterviz.codec import difference_kernels
+    """Subtract the previous pixel."""
+    from clusterviz.codec import filter_kernels
 
     bits = np.dtype(f"i{dtype.itemsize}")
-    difference_kernels.subtract(source.view(bits), target.view(bits))
+    filter_kernels.subtract(source.view(bits), target.view(bits))
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
-    """Add up."""
-    from clusterviz.codec import difference_kernels
+    """Add up the differences."""
+    from clusterviz.codec import filter_kernels
 
-    difference_kernels.add(source, 8 * dtype.itemsize, target)
+    filter_kernels.add(source, 8 * dtype.itemsize, target)

@@ -1,46 +1,55 @@
-"""Messages: pixels packed by a codec, and what a receiver makes of them.
+"""Messages: pixels packed by a codec, their layout, and unpacking.
 
-Sender and receiver both know how many pixels a message holds, their type, and how they lie in rows; hence its raw size.
-A message of exactly the raw size holds the pixels as they lie in memory. A shorter one was packed. A longer one does
-not exist, so a receiver posts a buffer of the raw size. A packed message is
+Sender and receiver both know the number of pixels of a message, their type and their rows, hence its raw size. A
+message of the raw size holds the pixels as they lie in memory, and is sent without a copy. A shorter one is packed. A
+longer one is invalid, so a receiver posts a buffer of the raw size. Every codec falls back to raw where it saves no
+bytes. A packed message is
 
     uint32  the bits of its stages in the lowest byte, else 0         little-endian
     uint32  bytes of the table (0 without a selection)
-    uint32  how many pixels it holds (all of them without a selection)
-    body    the table, then the pixels, through the filters; both together through the squeeze
+    uint32  number of pixels in it (all of them without a selection)
+    body    the table, then the filtered pixels; both together compressed
 
-The numbers of table and pixels are as the sender's processor writes them, as they are in a raw message.
+Table and pixels have the sender's byte order, as in a raw message.
 """
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from clusterviz.codec.chain import BY_FLAG, CODECS, Chain
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
-from clusterviz.codec.scratch import scratch
 
 HEADER_BYTES = 12
 _HEADER = np.dtype("<u4")
-# Pixels and tables are read in place, so that a message begins where any of them may.
+# Pixels and tables are read in place, so a message needs the alignment of their numbers.
 _ALIGNMENT = 4
+
+# Largest scratch array that is kept; a thread keeps at most two.
+KEEP_BYTES = 64 << 20
+
+# Together they use every kernel.
+_CODECS = ("active", "rectangle+delta+shuffle+lz4")
 
 
 def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None = None) -> Bytes:
-    """The message for some pixels.
+    """Return the message of pixels.
 
     Parameters
     ----------
     pixels : uint8, float16 or float32 (n, 4), C order
     codec : a name from `CODECS`
-    rows : how the pixels lie in rows; in a single one where it is not given
-    out : uint8, at least as many bytes as the pixels, none of theirs: where a packed message is put, if given
+    rows : layout of the pixels in rows; by default a single row
+    out : uint8, buffer for a packed message, at least as large as the pixels and not overlapping them
 
     Returns
     -------
-    message : uint8, fewer bytes than the pixels, or a view of the pixels themselves where no stage pays
+    message : uint8, fewer bytes than the pixels, or a view of the pixels if no stage saves bytes
     """
     chain = CODECS[codec]
     flat: Bytes = pixels.reshape(-1).view(np.uint8)
@@ -48,13 +57,13 @@ def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None
         return flat
     target = np.empty(flat.size, np.uint8) if out is None else out[: flat.size]
     flag, table_bytes, kept, body = _selected(pixels, flat, chain, rows or Rows(0, len(pixels)), target)
-    if chain.squeeze:
-        squeezed = chain.squeeze.compress(_filtered(body, table_bytes, chain, pixels.dtype))
-        # A selection that paid has a header already; without one the squeeze must make up for it.
-        if squeezed is not None and squeezed.size + (0 if flag else HEADER_BYTES) < body.size:
+    if chain.compressor:
+        compressed = chain.compressor.compress(_filtered(body, table_bytes, chain, pixels.dtype))
+        # Without a selection the compressor must save more than the header takes.
+        if compressed is not None and compressed.size + (0 if flag else HEADER_BYTES) < body.size:
             flag |= chain.flag - (chain.selection.bit if chain.selection else 0)
-            body = target[HEADER_BYTES : HEADER_BYTES + squeezed.size]
-            body[:] = squeezed
+            body = target[HEADER_BYTES : HEADER_BYTES + compressed.size]
+            body[:] = compressed
     if not flag:
         return flat
     target[:HEADER_BYTES] = np.array([flag, table_bytes, kept], _HEADER).view(np.uint8)
@@ -62,11 +71,11 @@ def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None
 
 
 def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Bytes) -> tuple[int, int, int, Bytes]:
-    """Flag, bytes of the table, number of pixels and body after the selection, or of all pixels where it does not pay.
+    """Apply the selection: flag, bytes of the table, number of pixels, and body; all pixels if it saves no bytes.
 
-    The body is put where it will be in the message: the table, then the pixels of the runs.
+    The body is written at its position in the message: the table, then the pixels of the runs.
     """
-    from clusterviz.codec import run_kernels
+    from clusterviz.codec import active_kernels
 
     selected = chain.selection.select(pixels, rows) if chain.selection else None
     if chain.selection and selected:
@@ -75,13 +84,13 @@ def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Byt
         if size < flat.size:
             body = target[HEADER_BYTES:size]
             body[: table.size] = table
-            run_kernels.gather(_read_only(flat), _read_only(runs), 4 * pixels.itemsize, body[table.size :])
+            active_kernels.gather(_read_only(flat), _read_only(runs), 4 * pixels.itemsize, body[table.size :])
             return chain.selection.bit, table.size, kept, body
     return 0, 0, len(pixels), flat
 
 
 def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any]) -> Bytes:
-    """The body with its pixels through the filters, in memory that the next message reuses."""
+    """Return the body with filtered pixels, in scratch memory."""
     for number, stage in enumerate(chain.filters):
         filtered = scratch(body.size, number % 2)
         filtered[:table_bytes] = body[:table_bytes]
@@ -91,7 +100,7 @@ def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any])
 
 
 def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
-    """Take the pixels back through the filters, in place."""
+    """Undo the filters in place."""
     source, target = pixels, scratch(pixels.size, 0) if chain.filters else pixels
     for stage in reversed(chain.filters):
         stage.undo(_read_only(source), target, dtype)
@@ -103,23 +112,23 @@ def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
 def open_message(
     message: Bytes, count: int, dtype: np.dtype[Any], rows: Rows | None = None
 ) -> tuple[Pixels, Runs | None]:
-    """The pixels of a message as they lie in it.
+    """Return the pixels of a message, with their runs.
 
     Parameters
     ----------
     message : uint8 (bytes,)
-    count, dtype, rows : of the pixels, as they were when they were packed
+    count, dtype, rows : of the pixels that were packed
 
     Returns
     -------
-    pixels : (count, 4), or those of the runs, one run after the other; views of the message where no stage changed them
-    runs : int32 (k, 2) of [first pixel, length], ascending and disjoint, read-only; pixels outside are blank. None
-        where there are all pixels
+    pixels : (count, 4), or those of the runs, one run after the other; views of the message if no stage changed them
+    runs : int32 (k, 2) of [first pixel, length], ascending and disjoint, read-only; pixels outside are blank. None if
+        all pixels are there
 
     Raises
     ------
     CodecError
-        The message is not what `pack` makes of such pixels: its size, its header or what it holds.
+        `pack` cannot have made the message from such pixels.
     """
     raw_size = count * 4 * dtype.itemsize
     if message.size > raw_size or (message.size < HEADER_BYTES and message.size != raw_size):
@@ -131,8 +140,8 @@ def open_message(
     chain, table_bytes, kept = _read_header(message, count, dtype)
     size = table_bytes + kept * 4 * dtype.itemsize
     body = message[HEADER_BYTES:]
-    if chain.squeeze:
-        body = chain.squeeze.expand(body, size)
+    if chain.compressor:
+        body = chain.compressor.decompress(body, size)
     if body.size != size:
         raise CodecError(f"a message of {message.size} bytes whose header says {HEADER_BYTES + size}")
     runs = None
@@ -147,7 +156,7 @@ def open_message(
 
 
 def _read_header(message: Bytes, count: int, dtype: np.dtype[Any]) -> tuple[Chain, int, int]:
-    """The stages, the table's bytes and the number of pixels, none of them larger than a packed message can have."""
+    """Return the stages, the table's bytes and the number of pixels, all checked to be possible."""
     flag, table_bytes, kept = message[:HEADER_BYTES].view(_HEADER).tolist()
     chain = BY_FLAG.get(flag)
     if chain is None:
@@ -166,16 +175,16 @@ def _read_header(message: Bytes, count: int, dtype: np.dtype[Any]) -> tuple[Chai
 def unpack(
     message: Bytes, count: int, dtype: np.dtype[Any], rows: Rows | None = None, out: Pixels | None = None
 ) -> Pixels:
-    """All pixels of a message.
+    """Return all pixels of a message.
 
     Parameters
     ----------
     message, count, dtype, rows : as for `open_message`
-    out : (count, 4), C order: where the pixels are put if they must be copied, if given
+    out : (count, 4), C order: buffer for the pixels if they must be copied
 
     Returns
     -------
-    pixels : (count, 4); a view of the message where it holds them as they are
+    pixels : (count, 4); a view of the message if it is raw
 
     Raises
     ------
@@ -185,16 +194,53 @@ def unpack(
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:
         return pixels
-    from clusterviz.codec import run_kernels
+    from clusterviz.codec import active_kernels
 
     whole: Pixels = np.empty((count, 4), dtype) if out is None else out
     packed = _read_only(pixels.reshape(-1).view(np.uint8))
-    run_kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
+    active_kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
     return whole
 
 
 def _read_only(array: Any) -> Any:
-    """A read-only view: such arrays are a type of their own to numba, and one type is compiled once."""
+    """Return a read-only view; numba compiles separately for read-only arrays."""
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def prepare_codecs(dtypes: Iterable[np.dtype[Any]]) -> None:
+    """Compile the kernels for pixels of these types, or load them from numba's cache, ahead of the first frame."""
+    for dtype in dtypes:
+        _prepare(np.dtype(dtype))
+
+
+@cache
+def _prepare(dtype: np.dtype[Any]) -> None:
+    pixels = np.zeros((4096, 4), dtype)
+    pixels[1000:2000] = 1
+    for codec in _CODECS:
+        unpack(pack(pixels, codec, Rows(0, 64)), len(pixels), dtype, Rows(0, 64))
+
+
+class _Kept(threading.local):
+    """Scratch arrays of a thread; the ranks of a loopback channel are threads."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[int, Bytes] = {}
+
+
+_kept = _Kept()
+
+
+def scratch(size: int, slot: int) -> Bytes:
+    """Return uint8 (size,) of any content, the same memory for the same slot (0 or 1) in every call of a thread.
+
+    First touches of new memory would cost more than the filters, for messages of megabytes.
+    """
+    if size > KEEP_BYTES:
+        return np.empty(size, np.uint8)
+    array = _kept.arrays.get(slot)
+    if array is None or array.size < size:
+        array = _kept.arrays[slot] = np.empty(size, np.uint8)
+    return array[:size]

@@ -1,11 +1,10 @@
-"""Bounding rectangle: only the smallest box that holds all pixels that are not blank travels.
+"""Bounding rectangle: the smallest box that contains all active pixels.
 
-What: the box, 16 bytes, and its pixels row by row. A message may begin and end in the middle of a row of the picture;
-the box lies in the rows of the picture all the same.
-When: compact objects, and as the first stage of a chain, where it leaves fewer bytes to work on than nothing at all
-and fewer pieces than runs do.
-When not: round or ragged objects, whose corners runs leave out; messages that are no rows of a picture (it then cuts
-off blank pixels at both ends).
+What: the box, 16 bytes, and its pixels row by row. A message may begin and end within a row of the picture; the box
+always refers to the picture's rows.
+When: compact objects; as the first stage of a chain, where fewer pieces than the runs of `active` are an advantage.
+When not: round or ragged objects, whose corners runs leave out; messages that are not rows of a picture (only blank
+pixels at both ends are then cut off).
 Cost: one pass over the pixels, one copy of the box. The receiver blends the rows of the box as runs, in place.
 Limits: fewer than 2³¹ pixels a message, as runs.
 Reference: K.-L. Ma, J. S. Painter, C. D. Hansen, M. F. Krogh, "Parallel volume rendering using binary-swap
@@ -16,20 +15,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.codec.active import MOST_PIXELS, marks_of
+from clusterviz.codec.active import MAX_PIXELS, active_mask
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
 
 TABLE_BYTES = 16
 
 
 def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
-    """The rows of the smallest box; None where it is no smaller than the message."""
-    from clusterviz.codec import box_kernels
+    """Find the rows of the bounding box; None if it saves no bytes."""
+    from clusterviz.codec import active_kernels
 
-    if len(pixels) > MOST_PIXELS:
+    if len(pixels) > MAX_PIXELS:
         return None
     first, width = rows.first % rows.width, rows.width
-    box = np.array(box_kernels.find_box(marks_of(pixels), len(pixels), first, width), np.int32)
+    box = np.array(active_kernels.find_box(active_mask(pixels), len(pixels), first, width), np.int32)
     runs, kept = _rows_of(box, len(pixels), first, width)
     if TABLE_BYTES + kept * 4 * pixels.itemsize >= pixels.nbytes:
         return None
@@ -37,7 +36,7 @@ def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
 
 
 def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
-    """The rows of the box.
+    """Return the rows of a box.
 
     Raises
     ------
@@ -57,7 +56,7 @@ def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
 
 
 def _rows_of(box: Runs, count: int, first: int, width: int) -> tuple[Runs, int]:
-    """The box's rows as runs of the message's pixels; whole rows are one run."""
+    """Return the box's rows as runs of the message's pixels; full rows are one run."""
     top, bottom, left, right = box.tolist()
     if right - left == width:
         starts, ends = np.array([top * width]), np.array([bottom * width])

@@ -1,7 +1,7 @@
-"""Byte planes: the first bytes of all pixels, then their second bytes, and so on.
+"""Shuffle filter: byte planes, the first bytes of all pixels, then their second bytes, and so on.
 
-What: a rearrangement, for `lz4` after it. Four, eight or sixteen planes, as many as a pixel has bytes. Neighbours agree
-in the signs, exponents and leading digits of each component, so those planes hold long repeats.
+What: a rearrangement for `lz4`, into four, eight or sixteen planes, as many as a pixel has bytes. Neighbours agree in
+the signs, exponents and leading digits of each component, so these planes have long repeats.
 When: before `lz4`, for floats always, for 8-bit images mostly.
 When not: alone, since it saves nothing.
 Cost: one pass, at memory speed. Limits: none.
@@ -19,14 +19,14 @@ from clusterviz.codec.contract import Bytes
 
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
-    """Take the pixels apart."""
-    from clusterviz.codec import plane_kernels
+    """Split the pixels into byte planes."""
+    from clusterviz.codec import filter_kernels
 
-    plane_kernels.split_planes(source, 4 * dtype.itemsize, target)
+    filter_kernels.split_planes(source, 4 * dtype.itemsize, target)
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
-    """Put them together."""
-    from clusterviz.codec import plane_kernels
+    """Join the byte planes."""
+    from clusterviz.codec import filter_kernels
 
-    plane_kernels.join_planes(source, 4 * dtype.itemsize, target)
+    filter_kernels.join_planes(source, 4 * dtype.itemsize, target)

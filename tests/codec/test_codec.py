@@ -1,4 +1,4 @@
-"""Messages: raw ones cost no copy, packed ones come back exactly, and are never longer than the pixels."""
+"""Messages: raw ones without a copy, packed ones lossless and never longer than the pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages that were damaged on the way are refused or give wrong pixels, and never more than that."""
+"""Damaged messages: a CodecError or wrong pixels, never a crash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiling with numba, and the few things that its compiler must be told in LLVM's words."""
+"""numba decorator with a cache, and LLVM intrinsics for the compiled loops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numba import extending
 from numba.core import cgutils, types
 from numba.np.arrayobj import make_array
 
-# numba's own building blocks carry no types, or those of their inner side.
+# numba's internal functions have no usable type annotations.
 intrinsic: Callable[..., Any] = extending.intrinsic
 _array: Callable[..., Any] = make_array
 _memcpy: Callable[..., Any] = cgutils.raw_memcpy
@@ -20,8 +20,8 @@ _memset: Callable[..., Any] = cgutils.memset
 LONG = ir.IntType(64)
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compiled once for all, or for each process where no folder for numba's cache can be written."""
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile with numba, cached on disk if a cache folder can be written."""
     try:
         return numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:
@@ -29,23 +29,23 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def vector(bits: int, lanes: int) -> Any:
-    """LLVM's type for `lanes` integers of `bits` each."""
+    """Return LLVM's type of a vector of `lanes` integers of `bits` each."""
     return ir.VectorType(ir.IntType(bits), lanes)
 
 
-def lanes_of(numbers: list[int]) -> Any:
-    """Which lanes a shuffle takes."""
+def lane_indices(numbers: list[int]) -> Any:
+    """Return the constant that lists the lanes of a shuffle."""
     return ir.Constant(vector(32, len(numbers)), numbers)
 
 
 def address(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    """Where byte `index` of a uint8 array lies."""
+    """Return the address of byte `index` of a uint8 array."""
     return builder.gep(_array(kind)(context, builder, array).data, [index])
 
 
 @intrinsic
 def copy_bytes(typing_context, target, at, source, start, count):  # type: ignore[no-untyped-def]
-    """target[at : at + count] = source[start : start + count], uint8, without a check of any bound."""
+    """target[at : at + count] = source[start : start + count], uint8, without bounds checks."""
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         into = address(context, builder, signature.args[0], args[0], args[1])
@@ -58,7 +58,7 @@ def copy_bytes(typing_context, target, at, source, start, count):  # type: ignor
 
 @intrinsic
 def clear_bytes(typing_context, target, at, count):  # type: ignore[no-untyped-def]
-    """target[at : at + count] = 0, uint8, without a check of any bound."""
+    """target[at : at + count] = 0, uint8, without bounds checks."""
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         _memset(builder, address(context, builder, signature.args[0], args[0], args[1]), args[2], 0)
@@ -69,7 +69,7 @@ def clear_bytes(typing_context, target, at, count):  # type: ignore[no-untyped-d
 
 @intrinsic
 def low_zeros(typing_context, word):  # type: ignore[no-untyped-def]
-    """How many of the lowest bits of a uint64 are 0; 64 for 0."""
+    """Number of trailing zero bits of a uint64; 64 for 0."""
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
@@ -79,7 +79,7 @@ def low_zeros(typing_context, word):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def high_zeros(typing_context, word):  # type: ignore[no-untyped-def]
-    """How many of the highest bits of a uint64 are 0; 64 for 0."""
+    """Number of leading zero bits of a uint64; 64 for 0."""
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.ctlz(args[0], ir.Constant(ir.IntType(1), 0))
