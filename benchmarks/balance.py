@@ -35,9 +35,9 @@ from clusterviz.partition import (
     visible_groups,
 )
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.scene.complete import VolumeFacts, complete_scene
+from clusterviz.scene.animation import orbit
+from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.files import load_scene
-from clusterviz.scene.path import orbit
 
 Costs = NDArray[np.float64]
 CORNERS = ((0.1, 0.15, 0.2, 0.18), (0.9, 0.8, 0.2, 0.15), (0.5, 0.1, 0.9, 0.25))  # centre and width
@@ -167,7 +167,7 @@ def plans(frames: int, brick: int, nearer: float) -> list[Plan]:
     wanted = [(z, y, x) for z, y, x in np.ndindex(layout.counts_zyx)]
     summary = summarise(source.dtype, layout, lambda: read_bricks(source, layout, wanted), lambda value: [value])
     percentiles = (summary.percentile(1.0), summary.percentile(99.0))
-    facts = VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, *summary.value_range, *percentiles)
+    facts = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, *summary.value_range, *percentiles)
     complete = complete_scene(scene, (facts,))
     position, focal = (np.array(point) for point in (complete.camera.position, complete.camera.focal_point))
     moved = tuple(float(value) for value in focal + (position - focal) * nearer)

@@ -25,7 +25,7 @@ from clusterviz.data.source import Source
 from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.scene import Scene
-from clusterviz.scene.path import orbit
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.settings import with_settings
 
 Opener = Callable[[], Source]

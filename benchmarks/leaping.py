@@ -21,7 +21,7 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop
 from clusterviz.frame.run import Options
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.path import orbit
+from clusterviz.scene.animation import orbit
 
 FRAMES = 8
 DEGREES = (0.5, 2.0)

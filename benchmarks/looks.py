@@ -28,7 +28,7 @@ from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.choice import Device, egl_device, on_processor
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.vectors.caster import VectorCaster
-from clusterviz.scene import Scene, VolumeFacts, complete_scene
+from clusterviz.scene import Scene, VolumeInfo, complete_scene
 from clusterviz.scene.values import ImageSettings, Volume
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
@@ -84,11 +84,11 @@ def planned(
     return make_plan(completed, source.grid, source.dtype, layout, summary), bricks
 
 
-def facts_of(source: Source, summary: VolumeSummary) -> VolumeFacts:
+def facts_of(source: Source, summary: VolumeSummary) -> VolumeInfo:
     """What completing a scene needs."""
     grid, (low, high) = source.grid, summary.value_range
     ends = summary.percentile(1.0), summary.percentile(99.0)
-    return VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, low, high, *ends)
+    return VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, low, high, *ends)
 
 
 def whole_pieces(plan: Plan) -> tuple[Piece, ...]:

@@ -17,7 +17,7 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.path import scenes_along
+from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.settings import with_settings
 
 FIELDS = ("head", "hydrogen", "marschner-lobb", "shells")

@@ -25,7 +25,7 @@ from clusterviz.comm import Channel, open_channel
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop
 from clusterviz.scene import load_scene
-from clusterviz.scene.path import orbit
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.settings import with_settings
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "head.yaml"

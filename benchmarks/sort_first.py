@@ -42,8 +42,8 @@ from clusterviz.partition.screen import (
 )
 from clusterviz.plan.plan import Plan
 from clusterviz.scene import Scene, Volume
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.files import load_scene
-from clusterviz.scene.path import orbit
 from clusterviz.scene.settings import with_settings
 
 WAYS: dict[str, dict[str, Any]] = {

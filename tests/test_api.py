@@ -25,11 +25,12 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
-from clusterviz.scene.complaints import KEYS, SECTIONS
-from clusterviz.scene.kinds import Section
-from clusterviz.scene.light import Light
+from clusterviz.scene import cluster, values
+from clusterviz.scene.field_types import Section
 from clusterviz.scene.settings import Settings, with_settings
 from clusterviz.scene.transfer_2d import Transfer2d
+from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
+from clusterviz.scene.values import Light
 
 ROOT = Path(__file__).parents[1]
 VOXELS = np.random.default_rng(0).random((12, 13, 14), np.float32)
@@ -200,6 +201,11 @@ def test_the_help_of_a_section_lists_its_keys_on_two_screens(kind: Any) -> None:
     assert "model_validate" not in text
 
 
+CHOICES = {
+    kind: name for module in (cluster, values) for name, kind in vars(module).items() if get_origin(kind) is Literal
+}
+
+
 def _words(kind: Any) -> list[str]:
     """The type of a scene's key as `Settings` writes it: sequences for tuples, mappings for sections."""
     origin, parts = get_origin(kind), get_args(kind)
@@ -208,7 +214,7 @@ def _words(kind: Any) -> list[str]:
     if origin in (Union, UnionType):
         return [word for part in parts for word in _words(part)]
     if origin is Literal:
-        return [f"Literal[{', '.join(map(repr, parts))}]"]
+        return [CHOICES.get(kind, f"Literal[{', '.join(map(repr, parts))}]")]
     if origin is tuple:
         inner = [word for part in parts if part is not ... for word in _words(part)]
         return ["Rows" if {"Numbers", "Rows"} & set(inner) else "Numbers"]
@@ -254,7 +260,7 @@ SECTIONS_OF_KEYS = ("volumes", "camera", "clip", "image", "quality", "cluster")
 
 def test_settings_lead_to_every_key_by_one_name() -> None:
     names = [name for section in SECTIONS_OF_KEYS for name in _fields(section)]
-    assert sorted(names) == sorted(KEYS)
+    assert sorted(names) == sorted(KEY_PATHS)
 
 
 def _fields(section: str) -> list[str]:

@@ -24,7 +24,7 @@ from clusterviz.report.leaping import Leaping, together
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import Scene, open_scene
-from clusterviz.scene.path import KeyFrames, load_path, scenes_along
+from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
 
 
 def command(

@@ -41,7 +41,7 @@ def parse_size(text: str) -> tuple[int, int]:
     InputError
         It is not of that form, or a side is none, or longer than a picture's can be.
     """
-    from clusterviz.scene.kinds import LARGEST_SIDE
+    from clusterviz.scene.field_types import LARGEST_SIDE
 
     found = re.fullmatch(r"(\d{1,20})[xX×](\d{1,20})", text.strip())
     if not found:

@@ -22,7 +22,7 @@ def command(
     from rich.text import Text
 
     from clusterviz.errors import InputError
-    from clusterviz.scene.colormaps import map_names, named_points
+    from clusterviz.scene.colormaps import map_names, named_colour_points
 
     known = map_names()
     kinds = sorted({each for each, _ in known.values()})
@@ -30,7 +30,7 @@ def command(
         raise InputError("unknown kind", where="--kind", found=kind, allowed=", ".join(kinds))
     found = {each: about for each, about in known.items() if (name or "").lower() in each.lower()}
     if not found:
-        named_points(str(name), where="cmaps")  # raises, and names near ones
+        named_colour_points(str(name), where="cmaps")  # raises, and names near ones
     found = {each: about for each, about in found.items() if kind in (None, about[0])}
     console = Console()
     cells = CELLS if console.is_terminal and not json else COLOURS
@@ -54,9 +54,9 @@ def _swatch(name: str, count: int) -> list[str]:
     """Colours #rrggbb from one end of a map to the other."""
     import numpy as np
 
-    from clusterviz.scene.colormaps import named_points
+    from clusterviz.scene.colormaps import named_colour_points
 
-    places, colours = named_points(name)
+    places, colours = named_colour_points(name)
     at = (np.arange(count) + 0.5) / count if count == CELLS else np.linspace(0, 1, count)
     rgb = np.stack([np.interp(at, places, colours[:, channel]) for channel in range(3)], axis=-1)
     return ["#" + bytes(row).hex() for row in np.rint(rgb * 255).astype(np.uint8)]

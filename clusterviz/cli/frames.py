@@ -24,7 +24,7 @@ from clusterviz.image.files import check_writable, read_image, write_image
 from clusterviz.image.movie import check_encoder, write_movie
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.scene import background_rgb
-from clusterviz.scene.difference import differences
+from clusterviz.scene.diff import differences
 from clusterviz.scene.values import Scene
 
 FIELD = re.compile(r"%0?\d*d")

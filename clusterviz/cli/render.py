@@ -24,7 +24,7 @@ from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.scene import background_rgb, open_scene
-from clusterviz.scene.text import scene_for_picture, shown_scene
+from clusterviz.scene.text import picture_metadata, scene_summary
 from clusterviz.scene.values import Scene
 
 
@@ -60,7 +60,7 @@ def command(
             write_statistics(stats, rendered.scene, [rendered.statistics], slowest)
     if channel.rank == 0 and verbosity() is not Verbosity.QUIET:
         print_costs(rendered.statistics, slowest)
-        say(f"shown      {shown_scene(rendered.scene)}")
+        say(f"shown      {scene_summary(rendered.scene)}")
         say(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 
@@ -100,7 +100,7 @@ def check_reports(*reports: Path | None) -> None:
 
 def _writer(output: Path) -> Callable[[Any, Scene, int], None]:
     return lambda image, scene, number: write_image(
-        output, image, background_rgb(scene.image.background), scene_for_picture(scene)
+        output, image, background_rgb(scene.image.background), picture_metadata(scene)
     )
 
 

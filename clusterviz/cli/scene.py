@@ -13,7 +13,7 @@ from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
 from clusterviz.image.files import read_text
 from clusterviz.scene import Scene, complete_scene, open_scene
-from clusterviz.scene.automatic import kind_of
+from clusterviz.scene.automatic import classify_values
 from clusterviz.scene.text import commented_scene
 
 
@@ -34,7 +34,7 @@ def command(
     facts = opened.facts if opened else ()
     completed = complete_scene(opened_scene, facts)
     if channel.rank == 0:
-        kinds = [kind_of(fact) for fact in facts] if opened_scene.automatic else []
+        kinds = [classify_values(fact) for fact in facts] if opened_scene.automatic else []
         print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
 
 

@@ -12,7 +12,7 @@ from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import make_view
 from clusterviz.scene.complete import complete_scene
-from clusterviz.scene.difference import check_same_volume
+from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
 
 

@@ -9,7 +9,7 @@ from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.run import Image, Rendered, Run
 from clusterviz.frame.share import DrawnFrame
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
-from clusterviz.scene.unseen import unseen
+from clusterviz.scene.visibility import visibility_warnings
 
 
 def finish_frame(run: Run, compositing: Compositing, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
@@ -30,7 +30,7 @@ def tell_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFra
     counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
     told = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
     per_rank, is_blank, scene = tuple(counts for counts, _ in told), told[0][1], drawn.share.scene
-    reasons = unseen(scene, drawn.facts, is_blank)
+    reasons = visibility_warnings(scene, drawn.facts, is_blank)
     for about in [about for about in reasons if about not in run.warned]:
         run.warned.add(about)
         if run.channel.rank == 0:

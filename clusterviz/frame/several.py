@@ -16,7 +16,7 @@ from clusterviz.plan.domain import make_domain
 from clusterviz.plan.mixture import KnownVolume
 from clusterviz.plan.plan import Plan, make_mixed_plan
 from clusterviz.plan.portions import Portions
-from clusterviz.scene.complete import VolumeFacts
+from clusterviz.scene.complete import VolumeInfo
 from clusterviz.scene.values import Scene
 
 
@@ -39,7 +39,7 @@ class OpenedVolumes:
         return make_domain([volume.grid for volume in self.volumes]).grid
 
     @property
-    def facts(self) -> tuple[VolumeFacts, ...]:
+    def facts(self) -> tuple[VolumeInfo, ...]:
         """What completing a scene needs to know."""
         return tuple(fact for volume in self.volumes for fact in volume.facts)
 

@@ -20,7 +20,7 @@ from clusterviz.report.accuracy import Accuracy
 from clusterviz.report.changes import Change
 from clusterviz.report.sharing import Sharing
 from clusterviz.report.statistics import RankFrame
-from clusterviz.scene.complete import VolumeFacts
+from clusterviz.scene.complete import VolumeInfo
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
@@ -51,7 +51,7 @@ class OpenedVolume:
         return self.source.grid
 
     @property
-    def facts(self) -> tuple[VolumeFacts, ...]:
+    def facts(self) -> tuple[VolumeInfo, ...]:
         """What completing a scene needs to know."""
         grid, summary, known = self.source.grid, self.summary, self.summary.categories
         low, high = summary.value_range
@@ -62,7 +62,7 @@ class OpenedVolume:
             more = {"values": known.values, "counts": known.counts}
             more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
             more["jump_share"] = known.jumps / max(1, known.pairs - equal)
-        facts = VolumeFacts(
+        facts = VolumeInfo(
             grid.shape_zyx,
             grid.spacing,
             grid.corners,
@@ -150,7 +150,7 @@ class DrawnFrame:
     share: Share
     partials: list[PartialImage]
     counts: RankFrame
-    facts: tuple[VolumeFacts, ...] = ()
+    facts: tuple[VolumeInfo, ...] = ()
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
-from clusterviz.scene.clip import Clip
+from clusterviz.scene.values import Clip
 
 
 def clip_planes(clip: Clip, grid: Grid) -> NDArray[np.float64]:

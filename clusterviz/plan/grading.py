@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.plan.encoding import in_units_of_clim
-from clusterviz.scene.transfer_2d import table_of
+from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Volume
 
 FAR = float(np.finfo(np.float32).max)
@@ -77,7 +77,7 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
     if volume.transfer_2d is None:
         magnitudes, factors = np.array(volume.gradient_opacity, np.float64).T
         return Grading(matrix, _pieces(units(magnitudes), factors), (float(factors[0]),))
-    table = table_of(volume.transfer_2d)
+    table = load_table(volume.transfer_2d)
     opacities, colours = table.opacities, table.colours
     rgba = np.zeros((*opacities.shape, 4), np.float32)
     rgba[..., 3] = opacities

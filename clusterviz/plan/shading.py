@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.scene.checks import difference
-from clusterviz.scene.light import Light
-from clusterviz.scene.values import Volume
+from clusterviz.scene.values import Light, Volume
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.image.region import Rect
-from clusterviz.scene.camera import camera_axes, vectors_of
+from clusterviz.scene.camera import camera_axes, camera_vectors
 from clusterviz.scene.values import Camera
 
 Vector = tuple[float, float, float]
@@ -86,7 +86,7 @@ def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
     ----------
     VTK, vtkCamera: view_angle is vertical; parallel_scale is half the height of the picture in world units.
     """
-    position, focal_point, view_up = vectors_of(camera)
+    position, focal_point, view_up = camera_vectors(camera)
     right, up, forward = camera_axes(position, focal_point, view_up)
     parallel = camera.parallel_scale is not None
     half_height = (

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
-from clusterviz.scene.clip import Clip
+from clusterviz.scene.values import Clip
 
 
 def kept(point: Floats, clip: Clip, grid: Grid) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ import numpy as np
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
-from clusterviz.scene.transfer_2d import TransferTable, table_of
+from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Volume
 
 
@@ -31,7 +31,7 @@ def optics(
     magnitude = magnitude_of(gradient, grid)
     if volume.transfer_2d is None:
         return classify.colour(scalar), classify.extinction(scalar) * fading(volume, magnitude)
-    table = table_of(volume.transfer_2d)
+    table = load_table(volume.transfer_2d)
     opacity = _between_entries(table, table.opacities[..., None], scalar, magnitude)[:, 0]
     colour = classify.colour(scalar)
     if table.colours is not None:

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
-from clusterviz.scene.clip import Clip
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.light import Light
-from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.values import Clip, Light, Scene, Volume
 
 CAP_UNITS, CAP_STEEP, FACE_STEEP = 4.0, 1 / 4, 1 / 128
 

@@ -1,17 +1,17 @@
-"""The background colour: names of CSS, #rrggbb and [r, g, b] become three fractions."""
+"""Background colours: CSS names, #rrggbb or [r, g, b]."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from clusterviz.scene.checks import UnusableError, plain
+from clusterviz.scene.checks import InvalidValueError, to_builtin
 
 RGB = tuple[float, float, float]
 ALLOWED = "a CSS colour name, #rrggbb, [r, g, b] in 0..1, or transparent"
 
 
 def background_rgb(background: str | RGB) -> RGB | None:
-    """The background of an image as three fractions.
+    """Return the RGB components of a background colour.
 
     Parameters
     ----------
@@ -19,12 +19,12 @@ def background_rgb(background: str | RGB) -> RGB | None:
 
     Returns
     -------
-    rgb : each in [0, 1]; None for transparent
+    rgb : components in [0, 1]; None for transparent
 
     Raises
     ------
-    UnusableError
-        No such colour.
+    InvalidValueError
+        The colour is unknown or half transparent.
     """
     if not isinstance(background, str):
         return background
@@ -35,18 +35,18 @@ def background_rgb(background: str | RGB) -> RGB | None:
     try:
         found = ImageColor.getrgb(background.strip())
     except ValueError:
-        raise UnusableError("unknown colour", ALLOWED) from None
+        raise InvalidValueError("unknown colour", ALLOWED) from None
     if len(found) != 3:
-        raise UnusableError("a half transparent background", ALLOWED)
+        raise InvalidValueError("a half transparent background", ALLOWED)
     red, green, blue = (channel / 255 for channel in found)
     return red, green, blue
 
 
 def check_background(value: Any) -> Any:
-    """A known colour; the numbers of [r, g, b] are checked by their own type."""
-    value = plain(value)
+    """Validate a background colour; the numbers of [r, g, b] are checked by their field type."""
+    value = to_builtin(value)
     if isinstance(value, str) and value not in ("white", "black", "transparent"):
         background_rgb(value)
     if not isinstance(value, (str, list, tuple)):
-        raise UnusableError("not a colour", ALLOWED)
+        raise InvalidValueError("not a colour", ALLOWED)
     return value

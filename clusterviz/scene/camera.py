@@ -1,7 +1,7 @@
-"""Cameras by words and by what they shall see: a completed camera has position, focal_point and view_up.
+"""Camera completion: named views, rotations and fitting become position, focal_point and view_up.
 
-Without a position the eye stands in the direction that `view` names, (1, 1, 1) by default as in PyVista, as near as
-all corners of what is shown stay in the picture. `azimuth`, `elevation` and `roll` turn as VTK's do.
+Without a position the eye lies in the direction of `view`, by default (1, 1, 1) as in PyVista, at the smallest distance
+from which all visible corners are in the picture. `azimuth`, `elevation` and `roll` rotate as in VTK.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.checks import PARALLEL, UnusableError, check_camera, difference, sine
+from clusterviz.scene.checks import PARALLEL, InvalidValueError, check_camera, difference, sine
 from clusterviz.scene.values import Camera
 
 Vector = tuple[float, float, float]
 Floats = NDArray[np.float64]
 DIRECTIONS: tuple[Vector, ...] = ((1.0, 1.0, 1.0), (1.0, 0.0, 0.0))
-"""From the focal point to the eye: the first that is not along view_up."""
+"""Default directions from the focal point to the eye; the first that is not parallel to view_up is used."""
 UPS: tuple[Vector, ...] = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-"""What is up: the first that is not along the view."""
-FARTHEST = 1e150
-"""No default eye is farther away, however small the angle of view."""
+"""Default view_up vectors; the first that is not parallel to the direction of view is used."""
+MAX_DISTANCE = 1e150
+"""Largest distance of a fitted eye from the focal point, world units."""
 MARGIN = 0.04
-"""Share of the picture's half sides that stays free around what is fitted."""
-NEAREST = 1.05
-"""No fitted eye is nearer to the centre, in radii of the bounding sphere."""
-WIDEST = 150.0
-INSIDE = 90.0
-"""Angles of view (degrees) for a lone position: the widest that is chosen, and that with corners behind the eye."""
+"""Margin around a fitted scene, as a share of half the picture's sides."""
+MIN_RADII = 1.05
+"""Smallest distance of a fitted eye from the centre, in radii of the bounding sphere."""
+MAX_VIEW_ANGLE = 150.0
+VIEW_ANGLE_INSIDE = 90.0
+"""View angles (degrees) chosen for a given position: the largest, and the one used with corners behind the eye."""
 
 OPPOSITE = dict(zip("RLAPSI", "LRPAIS", strict=True))
-UNKNOWN = "RPS"
-"""What x, y and z point to where the data does not say: right, back and top, as in CAD."""
-STANDS = {
+DEFAULT_ORIENTATION = "RPS"
+"""Anatomical direction of x, y and z for data without an orientation: right, back and top, as in CAD."""
+EYE_SIDES = {
     **dict.fromkeys(("front", "anterior"), "A"),
     **dict.fromkeys(("back", "posterior"), "P"),
     **dict.fromkeys(("top", "superior"), "S"),
@@ -43,53 +43,53 @@ STANDS = {
     "left": "L",
     "right": "R",
 }
-"""Side of the body on which the eye stands, by the word for the view."""
+"""Anatomical side of the eye, by the name of the view."""
 
 
 def fitted_camera(
     camera: Camera, corners: Floats, spacing: float, size: tuple[int, int], orientation: str = ""
 ) -> Camera:
-    """The camera with position, focal point and view_up; what it has already is kept.
+    """Return a camera with position, focal point and view_up; values that are set are kept.
 
     Parameters
     ----------
-    camera : as written
-    corners : float64 (n, 3), points that shall be seen, in the world
+    camera : the camera of a scene file
+    corners : float64 (n, 3), points to fit into the picture, world
     spacing : world units; the size of a scene whose points all coincide
     size : width and height of the picture, pixels
-    orientation : what x, y and z of the world point to, as in "RAS"; "" where that is not known
+    orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
 
     Returns
     -------
-    camera : never degenerate; no word is left in it
+    camera : a non-degenerate camera without named view, rotations, zoom or fit
 
     Raises
     ------
     SceneError
-        What is given leaves no good choice: an eye whose view_up points along its view of the centre.
+        The given values are degenerate, such as a view_up along the direction of view.
     """
     if is_completed(camera):
         return camera
     centre, radius = bounding_sphere(corners, spacing)
-    toward_eye, word_up = _named(camera, orientation)
+    toward_eye, word_up = _named_direction(camera, orientation)
     focal_point, position, angle = camera.focal_point, camera.position, camera.view_angle
     fits = bool(camera.fit) or position is None
     if focal_point is None:
-        focal_point = centre if position is None else _away(position, centre, toward_eye, radius)
+        focal_point = centre if position is None else _default_focal_point(position, centre, toward_eye, radius)
         if not fits and position is not None and "view_angle" not in camera.model_fields_set:
-            angle = max(angle, _angle_for(position, focal_point, camera.view_up, corners, size))
+            angle = max(angle, _view_angle_for(position, focal_point, camera.view_up, corners, size))
     if position is None:
-        position = moved(focal_point, toward_eye, radius)
-    position, view_up = _turned(camera, position, focal_point, camera.view_up or word_up)
+        position = point_along(focal_point, toward_eye, radius)
+    position, view_up = _apply_rotations(camera, position, focal_point, camera.view_up or word_up)
     found: dict[str, Any] = {}
     if fits:
         points = _sphere(centre, radius) if camera.fit == "orbit" else corners
-        ahead, aside = _from(focal_point, focal_point, position, view_up, points)
+        ahead, aside = _view_coordinates(focal_point, focal_point, position, view_up, points)
         needed = np.abs(aside) / (1 - MARGIN) / (size[0] / size[1], 1.0)
-        nearest = math.dist(focal_point, centre) + NEAREST * radius
+        nearest = math.dist(focal_point, centre) + MIN_RADII * radius
         tangent = math.tan(math.radians(angle) / 2)
-        distance = max(nearest, min(float((needed.max(axis=1) / tangent - ahead).max()), FARTHEST))
-        position = moved(focal_point, difference(position, focal_point), distance)
+        distance = max(nearest, min(float((needed.max(axis=1) / tangent - ahead).max()), MAX_DISTANCE))
+        position = point_along(focal_point, difference(position, focal_point), distance)
         if camera.parallel_scale is not None and camera.fit:
             found["parallel_scale"] = float(needed.max()) or radius
     if camera.zoom != 1.0 and camera.parallel_scale is not None:
@@ -98,7 +98,7 @@ def fitted_camera(
         angle = math.degrees(2 * math.atan(math.tan(math.radians(angle) / 2) / camera.zoom))
     try:
         check_camera(position, focal_point, view_up)
-    except UnusableError as error:
+    except InvalidValueError as error:
         where = f"camera.{error.key}"
         raise SceneError(error.what, where=where, found=error.found, allowed=error.allowed) from None
     words = {name: Camera.model_fields[name].default for name in WORDS}
@@ -107,16 +107,16 @@ def fitted_camera(
 
 
 WORDS = ("view", "azimuth", "elevation", "roll", "zoom", "fit")
-"""Keys that a completed camera has at their defaults."""
+"""Keys that have their defaults in a completed camera."""
 
 
-def vectors_of(camera: Camera) -> tuple[Vector, Vector, Vector]:
-    """Position, focal point and view_up of a completed camera.
+def camera_vectors(camera: Camera) -> tuple[Vector, Vector, Vector]:
+    """Return position, focal point and view_up of a completed camera.
 
     Raises
     ------
     ValueError
-        It is not completed.
+        The camera is not completed.
     """
     if camera.position is None or camera.focal_point is None or camera.view_up is None:
         raise ValueError("a view needs a completed camera; call complete_scene first")
@@ -124,26 +124,27 @@ def vectors_of(camera: Camera) -> tuple[Vector, Vector, Vector]:
 
 
 def camera_axes(position: Vector, focal_point: Vector, view_up: Vector) -> tuple[Floats, Floats, Floats]:
-    """Unit vectors (3,) to the right, up and forward of a camera, in the world."""
+    """Return unit vectors, float64 (3,), to the right, up and forward of a camera, world."""
     forward = _unit(np.array(difference(focal_point, position)))
     right = _unit(np.cross(forward, _unit(np.array(view_up, float))))
     return right, np.cross(right, forward), forward
 
 
-def pixels_of(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Where points of the world are in the picture of a completed camera.
+def project_points(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Project points to pixels of a completed camera.
 
     Parameters
     ----------
-    points : float64 (n, 3)
+    points : float64 (n, 3), world
+    size : width and height of the picture, pixels
 
     Returns
     -------
-    pixels : float64 (n, 2), x and y from the top left corner; of no meaning for points that are not ahead
-    ahead : float64 (n,), distance along the view, world units
+    pixels : float64 (n, 2), x and y from the top left corner; undefined where `ahead` is not positive
+    ahead : float64 (n,), depth along the direction of view, world units
     """
-    position, focal_point, view_up = vectors_of(camera)
-    ahead, aside = _from(position, focal_point, position, view_up, points)
+    position, focal_point, view_up = camera_vectors(camera)
+    ahead, aside = _view_coordinates(position, focal_point, position, view_up, points)
     if camera.parallel_scale is not None:
         half: Any = camera.parallel_scale
     else:
@@ -152,28 +153,31 @@ def pixels_of(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Fl
 
 
 def bounding_sphere(corners: Floats, spacing: float) -> tuple[Vector, float]:
-    """Centre and radius (world) of a sphere around points; its radius is more than 0 and felt at its place."""
+    """Return centre and radius (world) of a sphere around points.
+
+    The radius is at least `spacing`, and large enough to change coordinates of the centre's magnitude.
+    """
     x, y, z = (float(v) for v in corners.min(axis=0) / 2 + corners.max(axis=0) / 2)
     radius = float(np.linalg.norm((corners - (x, y, z)), axis=1).max())
-    felt = max(abs(v) for v in (x, y, z)) * 2.0**-40
-    return (x, y, z), max(radius, spacing, felt)
+    resolvable = max(abs(v) for v in (x, y, z)) * 2.0**-40
+    return (x, y, z), max(radius, spacing, resolvable)
 
 
-def moved(point: Vector, direction: Vector, distance: float) -> Vector:
-    """The point at a distance in a direction."""
+def point_along(point: Vector, direction: Vector, distance: float) -> Vector:
+    """Return the point at a distance from another in a direction."""
     step = distance / math.hypot(*direction)
-    return _triple(p + step * d for p, d in zip(point, direction, strict=True))
+    return _to_tuple(p + step * d for p, d in zip(point, direction, strict=True))
 
 
 def is_completed(camera: Camera) -> bool:
-    """Whether position, focal_point and view_up are there, and no words."""
+    """Return whether position, focal_point and view_up are set, and all of `WORDS` have their defaults."""
     words = any(getattr(camera, name) != Camera.model_fields[name].default for name in WORDS)
     return None not in (camera.position, camera.focal_point, camera.view_up) and not words
 
 
-def _named(camera: Camera, orientation: str) -> tuple[Vector, Vector | None]:
-    """The direction to the eye that `view` names, and its up; of the default view None."""
-    letters = orientation or UNKNOWN
+def _named_direction(camera: Camera, orientation: str) -> tuple[Vector, Vector | None]:
+    """Return the direction to the eye for `view`, and its view_up."""
+    letters = orientation or DEFAULT_ORIENTATION
 
     def axis(letter: str) -> Floats:
         index = next(i for i, found in enumerate(letters) if found in (letter, OPPOSITE[letter]))
@@ -182,16 +186,16 @@ def _named(camera: Camera, orientation: str) -> tuple[Vector, Vector | None]:
 
     if camera.view in (None, "iso"):
         default = np.abs(axis("R")) + axis("A" if orientation else "P") + axis("S")
-        up = camera.view_up or (_triple(axis("S")) if camera.view or orientation else UPS[0])
-        choices = (_triple(default), *DIRECTIONS)
+        up = camera.view_up or (_to_tuple(axis("S")) if camera.view or orientation else UPS[0])
+        choices = (_to_tuple(default), *DIRECTIONS)
         return next(each for each in choices if sine(each, up) > PARALLEL), up
-    side = STANDS[camera.view]
-    up = _triple(axis(("A" if orientation else "P") if side in "SI" else "S"))
-    return _triple(axis(side)), up
+    side = EYE_SIDES[camera.view]
+    up = _to_tuple(axis(("A" if orientation else "P") if side in "SI" else "S"))
+    return _to_tuple(axis(side)), up
 
 
-def _turned(camera: Camera, position: Vector, focal_point: Vector, up: Vector | None) -> tuple[Vector, Vector]:
-    """Position and view_up after azimuth, elevation and roll; view_up stays what it is where it still can."""
+def _apply_rotations(camera: Camera, position: Vector, focal_point: Vector, up: Vector | None) -> tuple[Vector, Vector]:
+    """Return position and view_up after azimuth, elevation and roll; view_up is kept where it is still valid."""
     view = difference(focal_point, position)
     if up is None or (camera.view_up is None and sine(up, view) <= PARALLEL):
         up = next(each for each in UPS if sine(each, view) > PARALLEL)
@@ -203,24 +207,24 @@ def _turned(camera: Camera, position: Vector, focal_point: Vector, up: Vector | 
     lifted = _rotated(back, -right, camera.elevation)
     lifted_up = np.cross(lifted, right)
     kept = np.array(up)
-    if lifted_up @ kept <= 0 or sine(_triple(kept), _triple(lifted)) < 1e-3:
+    if lifted_up @ kept <= 0 or sine(_to_tuple(kept), _to_tuple(lifted)) < 1e-3:
         kept = lifted_up
     if camera.azimuth or camera.elevation:
-        position = moved(focal_point, _triple(lifted), distance)
-    return position, _triple(_rotated(kept, -lifted, camera.roll)) if camera.roll else _triple(kept)
+        position = point_along(focal_point, _to_tuple(lifted), distance)
+    return position, _to_tuple(_rotated(kept, -lifted, camera.roll)) if camera.roll else _to_tuple(kept)
 
 
 def _rotated(vector: Floats, axis: Floats, degrees: float) -> Floats:
-    """A vector turned about a unit axis, by Rodrigues' formula."""
+    """Return a vector rotated about a unit axis by Rodrigues' formula."""
     angle = math.radians(degrees)
     turned: Floats = vector * math.cos(angle) + np.cross(axis, vector) * math.sin(angle)
     return turned + axis * (axis @ vector) * (1 - math.cos(angle))
 
 
-def _from(
+def _view_coordinates(
     origin: Vector, focal_point: Vector, position: Vector, view_up: Vector, points: Floats
 ) -> tuple[Floats, Floats]:
-    """Of points, how far ahead of the origin they are (n,), and how far to its right and up (n, 2), world units."""
+    """Return depths (n,) and right and up coordinates (n, 2) of points relative to an origin, world units."""
     if sine(view_up, difference(focal_point, position)) <= PARALLEL:  # refused by check_camera
         view_up = next(each for each in UPS if sine(each, difference(focal_point, position)) > PARALLEL)
     right, up, forward = camera_axes(position, focal_point, view_up)
@@ -228,20 +232,20 @@ def _from(
     return offsets @ forward, np.stack([offsets @ right, offsets @ up], axis=1)
 
 
-def _angle_for(
+def _view_angle_for(
     position: Vector, focal_point: Vector, view_up: Vector | None, corners: Floats, size: tuple[int, int]
 ) -> float:
-    """The vertical angle of view, degrees, at which all corners are seen from a position."""
-    _, up = _turned(Camera(), position, focal_point, view_up)
-    ahead, aside = _from(position, focal_point, position, up, corners)
+    """Return the vertical view angle, degrees, at which all corners are seen from a position."""
+    _, up = _apply_rotations(Camera(), position, focal_point, view_up)
+    ahead, aside = _view_coordinates(position, focal_point, position, up, corners)
     if (ahead <= 0).any():
-        return INSIDE
+        return VIEW_ANGLE_INSIDE
     needed = np.abs(aside) / ahead[:, None] / (1 - MARGIN) / (size[0] / size[1], 1.0)
-    return min(math.degrees(2 * math.atan(float(needed.max()))), WIDEST)
+    return min(math.degrees(2 * math.atan(float(needed.max()))), MAX_VIEW_ANGLE)
 
 
 def _sphere(centre: Vector, radius: float) -> Floats:
-    """Points on a sphere, close enough to it for a picture's margin."""
+    """Return points on a sphere, float64 (1200, 3), dense enough for the picture's margin."""
     steps = np.linspace(0, 2 * math.pi, 48, endpoint=False)
     heights = np.linspace(-1, 1, 25)
     around = np.stack(np.meshgrid(steps, heights), axis=-1).reshape(-1, 2)
@@ -250,9 +254,9 @@ def _sphere(centre: Vector, radius: float) -> Floats:
     return np.array(centre) + radius * unit
 
 
-def _away(position: Vector, centre: Vector, toward_eye: Vector, radius: float) -> Vector:
-    """The centre as focal point; for an eye that sits there, a point in front of it."""
-    return centre if position != centre else moved(position, toward_eye, -radius)
+def _default_focal_point(position: Vector, centre: Vector, toward_eye: Vector, radius: float) -> Vector:
+    """Return the centre, or a point in front of the eye if the eye is at the centre."""
+    return centre if position != centre else point_along(position, toward_eye, -radius)
 
 
 def _unit(vector: Floats) -> Floats:
@@ -262,6 +266,6 @@ def _unit(vector: Floats) -> Floats:
     return unit
 
 
-def _triple(values: Any) -> Vector:
+def _to_tuple(values: Any) -> Vector:
     x, y, z = (float(v) for v in values)
     return x, y, z

@@ -1,4 +1,4 @@
-"""From the scene as written to the scene as drawn: every choice that was left open is made from facts of the data."""
+"""Scene completion: unset keys are filled from information on the volumes."""
 
 from __future__ import annotations
 
@@ -11,73 +11,74 @@ from numpy.typing import NDArray
 from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.facts import VolumeFacts as VolumeFacts
-from clusterviz.scene.opacity import opacity_points, spread
+from clusterviz.scene.opacity import opacity_points, rescale
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.transfer_2d import Transfer2d, table_of
+from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.volume_info import VolumeInfo as VolumeInfo
 
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
-"""(share of clim, opacity): the lowest part is not seen at all; in most data it is air, solvent or noise."""
+"""(share of clim, opacity); the lowest values, in most data air, solvent or noise, are transparent."""
 
 
-def complete_scene(scene: Scene, facts: Sequence[VolumeFacts] | VolumeFacts) -> Scene:
-    """The scene with nothing left open.
+def complete_scene(scene: Scene, infos: Sequence[VolumeInfo] | VolumeInfo) -> Scene:
+    """Return a scene in which no key that rendering needs is unset.
+
+    The function is pure: ranks with equal information get equal scenes.
 
     Parameters
     ----------
-    scene : as written; what it says is kept
-    facts : of each volume, in the order of `scene.volumes`
+    scene : values that are set are kept
+    infos : information on each volume, in the order of `scene.volumes`
 
     Returns
     -------
-    scene : every volume has cmap, clim, opacity and unit distance; the camera has position, focal_point and view_up.
-        Pure, so all ranks that know the same facts get the same scene.
+    scene : volumes have cmap, clim, opacity and unit distance; the camera has position, focal_point and view_up
     """
-    each = (facts,) if isinstance(facts, VolumeFacts) else tuple(facts)
+    each = (infos,) if isinstance(infos, VolumeInfo) else tuple(infos)
     if scene.automatic:
         scene = automatic_scene(scene, each)
-    volumes = tuple(complete_volume(volume, fact) for volume, fact in zip(scene.volumes, each, strict=True))
+    volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
     if is_completed(scene.camera):
         return scene.model_copy(update={"volumes": volumes})
     corners = np.concatenate([visible_corners(*pair) for pair in zip(volumes, each, strict=True)] or [np.zeros((1, 3))])
     if not corners.size:
-        corners = np.concatenate([fact.corners for fact in each])
-    spacing = min((min(fact.spacing) for fact in each), default=1.0)
-    orientation = next((fact.orientation for fact in each if fact.orientation), "")
+        corners = np.concatenate([info.corners for info in each])
+    spacing = min((min(info.spacing) for info in each), default=1.0)
+    orientation = next((info.orientation for info in each if info.orientation), "")
     camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation)
     return scene.model_copy(update={"volumes": volumes, "camera": camera})
 
 
-def complete_volume(volume: Volume, facts: VolumeFacts) -> Volume:
-    """The volume with colour map, range, opacity and unit distance."""
-    clim = volume.clim or default_clim(facts)
+def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
+    """Return a volume with colour map, clim, opacity and unit distance."""
+    clim = volume.clim or default_clim(info)
     cmap = DEFAULT_CMAP if volume.cmap is None else volume.cmap
     found: dict[str, object] = {"clim": clim, "cmap": cmap}
     if volume.transfer_2d is not None:
-        found["transfer_2d"] = _completed_table(volume.transfer_2d, clim, min(facts.spacing))
+        found["transfer_2d"] = _completed_table(volume.transfer_2d, clim, min(info.spacing))
     elif volume.opacity is None:
         found["opacity"] = _default_opacity(cmap, clim)
     if volume.opacity_unit_distance is None:
-        found["opacity_unit_distance"] = default_unit_distance(facts.shape_zyx, facts.spacing)
+        found["opacity_unit_distance"] = default_unit_distance(info.shape_zyx, info.spacing)
     if volume.blending == "local-maximum" and volume.threshold is None:
         found["threshold"] = clim[0] / 2 + clim[1] / 2
     return volume.model_copy(update=found)
 
 
-def visible_corners(volume: Volume, facts: VolumeFacts) -> NDArray[np.float64]:
-    """The corners, float64 (n, 3), of all blocks that are not transparent; none where nothing is seen.
+def visible_corners(volume: Volume, info: VolumeInfo) -> NDArray[np.float64]:
+    """Return the corners, float64 (n, 3), of all blocks that are not transparent.
 
     Parameters
     ----------
-    volume : completed
+    volume : a completed volume
     """
-    if facts.blocks is None or volume.blending in ("minimum", "average", "additive") or min(facts.shape_zyx) == 1:
-        return facts.corners
-    low, high = facts.blocks
+    if info.blocks is None or volume.blending in ("minimum", "average", "additive") or min(info.shape_zyx) == 1:
+        return info.corners
+    low, high = info.blocks
     surfaces = [each[0] if isinstance(each, tuple) else each for each in volume.isosurfaces]
     seen = np.zeros(low.shape, bool)
     if volume.blending != "isosurface":
@@ -88,28 +89,28 @@ def visible_corners(volume: Volume, facts: VolumeFacts) -> NDArray[np.float64]:
     for z, y, x in np.ndindex(2, 2, 2):
         is_end[z : z + seen.shape[0], y : y + seen.shape[1], x : x + seen.shape[2]] |= seen
     ends = np.argwhere(is_end)
-    shares = np.minimum(1.0, ends * facts.block_sides / (np.array(facts.shape_zyx) - 1.0))
-    # Corners count along x first: linear from the box's first corner along its three edges.
-    first, edges = facts.corners[0], facts.corners[[1, 2, 4]] - facts.corners[0]
+    shares = np.minimum(1.0, ends * info.block_sides / (np.array(info.shape_zyx) - 1.0))
+    # Corners are in x-fastest order, so corners 1, 2 and 4 end the three edges from the first corner.
+    first, edges = info.corners[0], info.corners[[1, 2, 4]] - info.corners[0]
     return np.asarray(first + shares[:, ::-1] @ edges)
 
 
-def default_clim(facts: VolumeFacts) -> tuple[float, float]:
-    """The 1st and 99th percentile, or the whole range where these are equal, or a range around a constant."""
-    for low, high in ((facts.percentile_1, facts.percentile_99), (facts.minimum, facts.maximum)):
+def default_clim(info: VolumeInfo) -> tuple[float, float]:
+    """Return the 1st and 99th percentile, the whole range if they are equal, or a range around a constant."""
+    for low, high in ((info.percentile_1, info.percentile_99), (info.minimum, info.maximum)):
         if math.isfinite(low) and math.isfinite(high) and low < high:
             return float(low), float(high)
-    return range_around(next((v for v in (facts.percentile_1, facts.minimum) if math.isfinite(v)), 0.0))
+    return range_around(next((v for v in (info.percentile_1, info.minimum) if math.isfinite(v)), 0.0))
 
 
 def range_around(value: float) -> tuple[float, float]:
-    """Half a unit on both sides of a value, or 2⁻²⁰ of it, so that it does not vanish beside a large one."""
+    """Return value ± 0.5, or value ± 2⁻²⁰ value if that is larger."""
     half = max(0.5, abs(value) * 2.0**-20)
     return max(value - half, -LARGEST), min(value + half, LARGEST)
 
 
 def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float, float, float]) -> float:
-    """PyVista's: diagonal / (mean dimension − 1); the smallest spacing for a single sample.
+    """Return PyVista's default, diagonal / (mean dimension − 1), or the smallest spacing for a single sample.
 
     References
     ----------
@@ -122,10 +123,10 @@ def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float,
 
 
 def transfer_function(volume: Volume) -> TransferFunction:
-    """The transfer function of a completed volume; of a table of two dimensions, for each scalar its most.
+    """Return the transfer function of a completed volume.
 
-    Where both ends of clim are one value, colours and presets of opacity have a step there, and the domain, in whose
-    units scalars are drawn, is a range around it.
+    For a two-dimensional table, the opacity of a scalar is the maximum over all magnitudes. If clim is a single value,
+    colours and opacity presets have a step there, and the domain is a range around it.
 
     Raises
     ------
@@ -140,7 +141,7 @@ def transfer_function(volume: Volume) -> TransferFunction:
         raise ValueError(UNCOMPLETED)
     colour_values, colours = colour_points(cmap, clim, where=f"{volume.path}: cmap")
     if table is not None:
-        opacity_values, opacities = table_of(table, where=f"{volume.path}: transfer_2d").most
+        opacity_values, opacities = load_table(table, where=f"{volume.path}: transfer_2d").max_opacity_points
     elif opacity is not None:
         opacity_values, opacities = opacity_points(opacity, clim)
     else:
@@ -150,19 +151,19 @@ def transfer_function(volume: Volume) -> TransferFunction:
 
 
 def _completed_table(settings: Transfer2d, clim: tuple[float, float], spacing: float) -> Transfer2d:
-    """A table with its ranges; magnitudes go up to a quarter of clim a voxel, as in VTK."""
+    """Return a table with both ranges; magnitudes end at a quarter of clim a voxel, as in VTK."""
     steepest = min(0.25 * (clim[1] / 2 - clim[0] / 2) / (spacing / 2), LARGEST)
     magnitudes = settings.magnitudes or (0.0, steepest)
     return settings.model_copy(update={"values": settings.values or clim, "magnitudes": magnitudes})
 
 
 def _default_opacity(cmap: object, clim: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """The opacity of a ParaView preset that has one, else `DEFAULT_OPACITY`; in data values."""
+    """Return the opacity of a ParaView preset if it has one, else `DEFAULT_OPACITY`, in data values."""
     points: tuple[tuple[float, float], ...] = DEFAULT_OPACITY
     if isinstance(cmap, str) and cmap.lower().endswith(".json"):
         from clusterviz.scene.paraview import read_preset
 
         points = read_preset(cmap)[2] or DEFAULT_OPACITY
     places, opacities = np.array(points).T
-    values = spread(places, clim)
+    values = rescale(places, clim)
     return tuple((float(v), float(a)) for v, a in zip(values, opacities, strict=True))

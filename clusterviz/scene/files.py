@@ -1,4 +1,4 @@
-"""Scenes in and out of files: YAML or JSON to values, values to YAML, and the JSON Schema of it all."""
+"""Scene files: reading YAML or JSON, writing YAML, and the JSON Schema."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.complaints import Key, scene_error, shown
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
 from clusterviz.scene.transfer_2d import read_table
+from clusterviz.scene.validation_messages import KeyPath, format_value, scene_error
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import parse_yaml, read_text, write_yaml, yaml_problem
 
 SUFFIXES = (".yaml", ".yml", ".json")
-"""What tells a scene file from a data file."""
+"""File name suffixes of scene files; all other files are data files."""
 
 
 def open_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """A scene file, or a bare data file as a scene; the suffix tells which."""
+    """Return the scene of a scene file, or a scene for a data file, depending on the suffix."""
     if Path(path).suffix.lower() in SUFFIXES:
         return load_scene(path, overrides)
     return scene_of_data(path, overrides)
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """A scene from a YAML or JSON file.
+    """Read a scene from a YAML or JSON file.
 
     Parameters
     ----------
-    path : the file; JSON where the suffix is .json
-    overrides : options like "quality.step=0.25", see `parse_overrides`
+    path : the file; JSON if the suffix is .json
+    overrides : options such as "quality.step=0.25", see `parse_overrides`
 
     Returns
     -------
-    scene : its paths are absolute; paths in the file and in overrides are relative to the file's folder
+    scene : with absolute paths; paths in the file and in overrides are relative to the file's folder
 
     Raises
     ------
     SceneError
-        The file cannot be read, or holds a key or a value that a scene cannot have.
+        The file cannot be read, or holds an unknown key or an invalid value.
     """
     where = os.fspath(path)
     parsed = parse_overrides(overrides)
@@ -56,24 +56,22 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
 
 
 def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """The scene that shows one data file; what no override says is chosen by what the data looks like."""
+    """Return a scene with automatic settings for one data file."""
     where = os.fspath(path)
     data, options = apply_overrides({"volumes": [{"path": where}], "automatic": True}, parse_overrides(overrides))
     return _checked(_absolute(data, Path.cwd()), where, options)
 
 
 def dump_scene(scene: Scene) -> str:
-    """YAML text from which `load_scene` makes an equal scene; every key is written, defaults included."""
+    """Return a scene as YAML with all keys, including defaults; `load_scene` reads it back as an equal scene."""
     return write_yaml(scene.model_dump(mode="json"))
 
 
 def scene_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of scene files."""
+    """Return the JSON Schema (2020-12) of scene files."""
     schema = Scene.model_json_schema()
-    for section in (
-        schema,
-        *schema["$defs"].values(),
-    ):  # what follows in a docstring says of each key what the key does
+    for section in (schema, *schema["$defs"].values()):
+        # The rest of a section's docstring repeats the descriptions of its keys.
         section["description"] = section["description"].partition("\n")[0]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "clusterviz scene"}
 
@@ -102,17 +100,17 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _sections(data: Any, where: str) -> dict[str, Any]:
-    """The sections of a scene; one that is named but left empty counts as left out."""
+    """Return the sections of a scene without those that are empty."""
     allowed = f"the sections {', '.join(Scene.model_fields)}; a scene with nothing in it is volumes: []"
     if data is None:
         raise SceneError("the scene file is empty", where=where, allowed=allowed)
     if not isinstance(data, dict):
-        raise SceneError("not a scene", where=where, found=shown(data), allowed=allowed)
+        raise SceneError("not a scene", where=where, found=format_value(data), allowed=allowed)
     return {key: value for key, value in data.items() if value is not None or key not in Scene.model_fields}
 
 
 def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The raw scene with its paths joined to a folder; what is not a path yet is left for the check."""
+    """Return raw scene data with paths joined to a folder; values of other types are left to validation."""
     volumes = data.get("volumes")
     for volume in volumes if isinstance(volumes, list) else ():
         if not isinstance(volume, dict):
@@ -126,13 +124,13 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _is_path(key: str, text: str) -> bool:
-    """Whether a text names a file: not a field by formula (field:NAME), nor a colour map's name."""
+    """Return whether the value of a key is a file path; field:NAME and names of colour maps are not."""
     if key == "cmap":
         return text.lower().endswith(".json")
     return bool(text.strip()) and not text.startswith("field:")
 
 
-def _checked(data: dict[str, Any], where: str, options: Mapping[Key, str]) -> Scene:
+def _checked(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:

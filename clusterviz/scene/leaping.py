@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from clusterviz.scene.checks import UnusableError
+from clusterviz.scene.checks import InvalidValueError
 
 
 def check_leaping(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
@@ -30,4 +30,4 @@ def check_leaping(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
     }
     for name, is_one in problems.items():
         if is_one:
-            raise UnusableError(f"not with {name}", "false", key="quality.leaping", found=True)
+            raise InvalidValueError(f"not with {name}", "false", key="quality.leaping", found=True)

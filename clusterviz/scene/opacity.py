@@ -1,10 +1,9 @@
-"""Opacity presets: PyVista's names, with PyVista's numbers, over the range of the colour map.
+"""Opacity presets with PyVista's names and values, over the range of the colour map.
 
 References
 ----------
-PyVista, `opacity_transfer_function`: each preset is a table of 256 bytes, rounded towards zero, whose entries lie at
-equal distances from the low to the high end of the scalar range. The rounding is kept: it makes the faint tail of a
-sigmoid exactly transparent, and exact zeros are what lets bricks be skipped.
+PyVista, `opacity_transfer_function`: each preset is a table of 256 bytes, rounded towards zero, at equal distances over
+the scalar range. The rounding makes the tail of a sigmoid exactly transparent, so that bricks can be skipped.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ PRESET_NAMES = (
 
 
 def preset_points(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A preset over the unit range.
+    """Return the control points of a preset over [0, 1].
 
     Parameters
     ----------
@@ -37,44 +36,45 @@ def preset_points(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     opacities : float64 (n,), in [0, 1]
     """
     places = np.linspace(0.0, 1.0, ENTRIES)
-    opacities = _forward(name.removesuffix("_r")) / 255.0
+    opacities = _preset_table(name.removesuffix("_r")) / 255.0
     if name.endswith("_r"):
         opacities = opacities[::-1]
-    needed = _bends(opacities)
+    needed = _needed_points(opacities)
     return places[needed], opacities[needed]
 
 
 def opacity_points(
     opacity: float | str | Sequence[Sequence[float]], clim: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Any opacity of a scene as control points in data values.
+    """Return the control points of a scene's opacity in data values.
 
     Parameters
     ----------
     opacity : a number in [0, 1], a name in `PRESETS`, or ((value, opacity), …) sorted by value
-    clim : (low, high), the range over which presets are spread
+    clim : (low, high), data values, the range of presets
 
     Returns
     -------
-    values, opacities : float64 (m,), m at least 1, values ascending
+    values : float64 (m,), m >= 1, ascending
+    opacities : float64 (m,), in [0, 1]
     """
     if isinstance(opacity, str):
         places, opacities = preset_points(opacity)
-        return spread(places, clim), opacities
+        return rescale(places, clim), opacities
     if isinstance(opacity, (int, float)):
         return np.array([clim[0]], np.float64), np.array([opacity], np.float64)
     values, opacities = np.asarray(opacity, np.float64).T
     return values, opacities
 
 
-def spread(places: NDArray[np.float64], clim: tuple[float, float]) -> NDArray[np.float64]:
-    """Places in [0, 1] as data values in [low, high]: exact at both ends, and no overflow at the ends of float64."""
+def rescale(places: NDArray[np.float64], clim: tuple[float, float]) -> NDArray[np.float64]:
+    """Map [0, 1] to [low, high], exactly at both ends and without overflow."""
     low, high = clim
     return low * (1.0 - places) + high * places
 
 
-def _forward(stem: str) -> NDArray[np.float64]:
-    """The table of a preset that is not reversed: 256 whole numbers in 0..255."""
+def _preset_table(stem: str) -> NDArray[np.float64]:
+    """Return the table of a preset without _r, float64 (256,), whole numbers in 0..255 but for linear."""
     if stem == "linear":
         return np.linspace(0.0, 255.0, ENTRIES)
     if stem == "geom":
@@ -86,8 +86,8 @@ def _forward(stem: str) -> NDArray[np.float64]:
     return np.floor(255.0 / (1.0 + np.exp(-np.linspace(-reach, reach, ENTRIES))))
 
 
-def _bends(table: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which entries the piecewise-linear function needs: the ends and every change of slope."""
+def _needed_points(table: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return a mask of the entries that a piecewise-linear function needs: both ends and changes of slope."""
     needed = np.ones(table.size, bool)
     needed[1:-1] = np.diff(np.round(table * 255.0), 2) != 0
     return needed

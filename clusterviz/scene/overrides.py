@@ -1,6 +1,6 @@
-"""Keys of a scene set from outside it: -D quality.step=0.25 on the command line, step=0.25 in Python.
+"""Overrides of scene keys: -D quality.step=0.25 on the command line, step=0.25 in Python.
 
-A key is written whole, or by its last name alone where that is unambiguous: `cmap` is `volumes.0.cmap`.
+A key is given by its full path, or by its last name if that is unambiguous: `cmap` is `volumes.0.cmap`.
 """
 
 from __future__ import annotations
@@ -14,70 +14,76 @@ from typing import Any
 import yaml
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.complaints import SECTIONS, Key, key_text, section_at, unknown_key
-from clusterviz.scene.kinds import Section
-from clusterviz.scene.light import Light
+from clusterviz.scene.field_types import Section
 from clusterviz.scene.transfer_2d import Transfer2d
-from clusterviz.scene.values import Scene
+from clusterviz.scene.validation_messages import SECTIONS, KeyPath, format_key, section_at, unknown_key
+from clusterviz.scene.values import Light, Scene
 from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 
 @dataclass(frozen=True)
 class Override:
-    """One key, whole or begun by a last name, and the value that it gets; `option` is how the user wrote it."""
+    """Override of one key.
 
-    key: Key
+    Attributes
+    ----------
+    key : full path, or a path that begins with a last name
+    value : the new value
+    option : the text of the option, for errors
+    """
+
+    key: KeyPath
     value: Any
     option: str
 
 
 def parse_overrides(options: Sequence[str]) -> tuple[Override, ...]:
-    """Options as keys and values.
+    """Parse options of the form "key=value".
 
     Parameters
     ----------
-    options : each "key=value"; keys are joined by dots, list items are numbers (volumes.0.clim or volumes[0].clim),
-        and a last name alone will do (clim); the value is YAML
+    options : "key=value"; the key is a path with dots and list indices (volumes.0.clim or volumes[0].clim), or a last
+        name (clim); the value is YAML
 
     Raises
     ------
     SceneError
-        No "=", an unknown key, or a value that is not YAML.
+        An option lacks "=", its key is unknown, or its value is not YAML.
     """
     return tuple(_parse(option) for option in options)
 
 
-def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tuple[dict[str, Any], dict[Key, str]]:
-    """A copy of the scene's raw data with the overrides in it; of two for one key the later one holds.
+def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tuple[dict[str, Any], dict[KeyPath, str]]:
+    """Apply overrides to a copy of raw scene data; later overrides take precedence.
 
     Returns
     -------
     data : the copy
-    options : what the user wrote, by the whole key that it set
+    options : full key path -> text of the option that set it
 
     Raises
     ------
     SceneError
-        A last name that several keys of this scene have, or an item that a list lacks.
+        A last name is ambiguous in this scene, or a list index is out of range.
     """
     data, options = copy.deepcopy(data), {}
     for override in overrides:
-        key = _whole(data, override)
-        _set(data, key, override)
+        key = _resolve(data, override)
+        _assign(data, key, override)
         options[key] = override.option
     return data, options
 
 
-def parse_key(name: str, where: str) -> Key:
-    """A key as people write it, volumes[0].clim or clim, in parts.
+def parse_key(name: str, where: str) -> KeyPath:
+    """Split a key such as volumes[0].clim or clim into its parts.
 
     Raises
     ------
     SceneError
-        No scene has such a key.
+        The key is unknown.
     """
     parts = re.sub(r"\[(\d+)\]", r".\1", name.strip()).split(".")
-    key: Key = tuple(int(part) if part.isascii() and part.isdigit() else part for part in parts)
+    key: KeyPath = tuple(int(part) if part.isascii() and part.isdigit() else part for part in parts)
     if not any(key[0] in section.model_fields for _, section in _sections({}, all_of_them=True)):
         _check_known(key, where)
     return key
@@ -100,8 +106,8 @@ def _parse(option: str) -> Override:
         raise SceneError(f"not YAML: {yaml_problem(error)}", where=where, found=text) from None
 
 
-def _check_known(key: Key, where: str) -> None:
-    """Every word of the key names a field of the section before it; below a plain value only list items follow."""
+def _check_known(key: KeyPath, where: str) -> None:
+    """Check that each name of a key is a field of the section before it."""
     if isinstance(key[0], int):
         raise unknown_key(where, key[0], Scene)
     for end, part in enumerate(key):
@@ -110,8 +116,8 @@ def _check_known(key: Key, where: str) -> None:
             raise unknown_key(where, part, section)
 
 
-def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[Key, type[Section]]]:
-    """The sections whose keys can be set by their last names: those of every scene, and what this one has more."""
+def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
+    """Yield the sections whose keys can be set by last name: those of all scenes, and lights and tables of this one."""
     yield from SECTIONS
     lights, volumes = data.get("lights"), data.get("volumes")
     for index in range(1 if all_of_them else len(lights) if isinstance(lights, list) else 0):
@@ -121,20 +127,20 @@ def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tu
         yield ("volumes", 0, "transfer_2d"), Transfer2d
 
 
-def _whole(data: dict[str, Any], override: Override) -> Key:
-    """The key from the scene's root on."""
+def _resolve(data: dict[str, Any], override: Override) -> KeyPath:
+    """Return the full path of an override's key."""
     name, *items = override.key
     if name in Scene.model_fields:
         return override.key
     found = [key for key, section in _sections(data) if name in section.model_fields]
     if len(found) > 1:
-        allowed = ", ".join(key_text((*key, name)) for key in found)
+        allowed = ", ".join(format_key((*key, name)) for key in found)
         raise SceneError("several keys have this name", where=override.option, found=name, allowed=allowed)
     known = found or [key for key, section in _sections(data, all_of_them=True) if name in section.model_fields]
     return (*known[0], name, *items)
 
 
-def _set(data: dict[str, Any], key: Key, override: Override) -> None:
+def _assign(data: dict[str, Any], key: KeyPath, override: Override) -> None:
     place: Any = data
     for part, following in zip(key, (*key[1:], None), strict=True):
         if isinstance(part, int):

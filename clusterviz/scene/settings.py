@@ -1,4 +1,4 @@
-"""Keys of a scene as keyword arguments, for Python: step=0.5 is quality.step, cmap="bone" is volumes[0].cmap."""
+"""Scene keys as keyword arguments: step=0.5 sets quality.step, cmap="bone" sets volumes[0].cmap."""
 
 from __future__ import annotations
 
@@ -7,25 +7,41 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 from pydantic import ValidationError
 
-from clusterviz.scene.complaints import scene_error, shown
-from clusterviz.scene.kinds import Section
+from clusterviz.scene.field_types import Section
 from clusterviz.scene.overrides import Override, apply_overrides, parse_key
+from clusterviz.scene.validation_messages import format_value, scene_error
 from clusterviz.scene.values import Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from clusterviz.scene.clip import Clip
-    from clusterviz.scene.light import Light
+    from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Volume
+    from clusterviz.scene.values import (
+        Blending,
+        Borders,
+        Camera,
+        Classification,
+        Clip,
+        Cluster,
+        Filter,
+        Gradient,
+        ImageSettings,
+        Interpolation,
+        Light,
+        LightType,
+        PixelFormat,
+        Quality,
+        View,
+        Volume,
+    )
 
     Numbers = Sequence[float] | NDArray[Any]
     Rows = Sequence[Sequence[Any]] | NDArray[Any]
 
 
 class Settings(TypedDict, total=False):
-    """The keyword arguments of `clusterviz.render`, for editors and type checkers; a test holds it to the scene."""
+    """Keyword arguments of `clusterviz.render`, for editors and type checkers; a test compares them with the scene."""
 
     # Volume
     path: str
@@ -41,12 +57,12 @@ class Settings(TypedDict, total=False):
     opacity_unit_distance: float | None
     gradient_opacity: Rows
     transfer_2d: Transfer2d | Mapping[str, Any] | None
-    interpolation: Literal["linear", "nearest", "cubic"]
-    blending: Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
+    interpolation: Interpolation
+    blending: Blending
     isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]
     threshold: float | None
     shade: bool
-    gradient: Literal["central", "smooth"]
+    gradient: Gradient
     ambient: float
     diffuse: float
     specular: float
@@ -57,12 +73,7 @@ class Settings(TypedDict, total=False):
     view_up: Numbers | None
     view_angle: float
     parallel_scale: float | None
-    view: (
-        Literal[
-            "iso", "front", "back", "left", "right", "top", "bottom", "anterior", "posterior", "superior", "inferior"
-        ]
-        | None
-    )
+    view: View | None
     azimuth: float
     elevation: float
     roll: float
@@ -77,59 +88,32 @@ class Settings(TypedDict, total=False):
     background: str | Numbers
     # Quality
     step: float
-    classification: Literal["post", "pre-integrated"]
-    borders: Literal["overlap", "split"]
+    classification: Classification
+    borders: Borders
     jitter: bool
-    filter: Literal["exact", "hardware"]
+    filter: Filter
     early_termination: float
     adaptive: float
     leaping: bool
     max_error: float | None
-    pixel: Literal["float32", "float16", "uint8"]
+    pixel: PixelFormat
     # Cluster
-    mode: Literal["auto", "sort-last", "sort-first", "hybrid"]
+    mode: Mode
     groups: int | None
-    tiling: Literal["auto", "interleaved", "pattern", "scheduled", "temporal", "estimated"]
+    tiling: Tiling
     tile: int
     repetitions: int
-    compositing: Literal[
-        "auto",
-        "serial",
-        "pipeline",
-        "tree",
-        "direct-send",
-        "binary-swap",
-        "binary-swap-telescope",
-        "binary-swap-remainder",
-        "2-3-swap",
-        "radix-k",
-        "parallel-pipeline",
-        "slic",
-    ]
-    codec: Literal[
-        "auto",
-        "raw",
-        "active",
-        "rectangle",
-        "lz4",
-        "shuffle+lz4",
-        "delta+lz4",
-        "active+lz4",
-        "active+shuffle+lz4",
-        "active+delta+lz4",
-        "rectangle+lz4",
-        "rectangle+shuffle+lz4",
-        "rectangle+delta+lz4",
-    ]
-    transport: Literal["auto", "messages", "shared", "hierarchical"]
-    distribution: Literal["auto", "coherent", "interleaved", "replicated", "dynamic"]
+    compositing: Compositing
+    codec: Codec
+    transport: Transport
+    distribution: Distribution
     copies: int
     memory_limit: int | None
     migration_bytes: int | None
     migration_share: float
     brick: int
     # Light
-    type: Literal["headlight", "scene"]
+    type: LightType
     color: Numbers
     intensity: float
     positional: bool
@@ -151,26 +135,27 @@ class Settings(TypedDict, total=False):
 
 
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
-    """A copy of the scene in which some keys have other values.
+    """Return a copy of a scene with other values of some keys.
 
     Parameters
     ----------
-    scene : with a volume, where a key of volumes is set; by its last name alone it is the first volume's
-    settings : values by the last names of keys, by whole keys with dots ("volumes.1.clim"), or by the names of whole
-        sections (camera, lights); a section is a dict or a value such as Camera(...); NumPy scalars and arrays will do
+    scene : the scene; it needs a volume if a key of volumes is set
+    settings : values by last names of keys (of a volume, the first one's), by full paths ("volumes.1.clim") or by
+        sections (camera, lights); a section is a dict or a value such as Camera(...); NumPy scalars and arrays are
+        accepted
 
     Raises
     ------
     SceneError
-        No such key, one that several keys could be, or a value that it cannot have.
+        A key is unknown or ambiguous, or a value is invalid.
     """
     if not settings:
         return scene
     overrides = []
     for name, value in settings.items():
-        plain = _plain(value)
-        option = f"{name}={shown(plain)}"
-        overrides.append(Override(parse_key(name, option), plain, option))
+        data = _to_data(value)
+        option = f"{name}={format_value(data)}"
+        overrides.append(Override(parse_key(name, option), data, option))
     data, options = apply_overrides(scene.model_dump(mode="json", exclude_unset=True), overrides)
     try:
         return Scene.model_validate(data)
@@ -178,12 +163,12 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         raise scene_error(error, "scene", options) from None
 
 
-def _plain(value: Any) -> Any:
-    """Sections as dicts of what they say, in lists and dicts, too."""
+def _to_data(value: Any) -> Any:
+    """Return a value with all sections in it as dicts of their set keys."""
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: _to_data(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_to_data(each) for each in value]
     return value

@@ -1,4 +1,4 @@
-"""The transfer function: what colour and what opacity a scalar has."""
+"""Transfer functions: colour and opacity of a scalar."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Number = TypeVar("Number", bound=np.number[Any])
 OPAQUE = 1.0 - 2.0**-24
-"""Where opacity is cut, so that extinction stays finite; below half a float32 step from 1."""
+"""Largest opacity, so that extinction is finite; less than half a float32 step from 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransferFunction:
-    """Piecewise-linear colour and opacity, constant beyond their ends.
+    """Piecewise-linear colour and opacity of a scalar, constant beyond the first and last control point.
 
-    A value that occurs twice is a step, and at exactly that scalar the later of the two holds. NaN has neither colour
-    nor opacity.
+    A repeated value is a step; at exactly that scalar the later control point applies. NaN has colour 0 and opacity 0.
 
     Attributes
     ----------
-    colour_values : float64 (n,), ascending, n at least 1
+    colour_values : float64 (n,), ascending, n >= 1
     colours : float64 (n, 3), straight RGB in [0, 1]
-    opacity_values : float64 (m,), ascending, m at least 1
-    opacities : float64 (m,), gathered over `unit_distance`, in [0, 1]
+    opacity_values : float64 (m,), ascending, m >= 1
+    opacities : float64 (m,), over `unit_distance`, in [0, 1]
     unit_distance : world units, more than 0
-    domain : (low, high), low < high: the `clim` of the volume, or a range around it where its ends are equal
+    domain : (low, high), low < high: `clim` of the volume, or a range around it if both ends are equal
     """
 
     colour_values: Floats
@@ -52,27 +51,27 @@ class TransferFunction:
             object.__setattr__(self, name, array)
 
     def colour(self, s: ArrayLike) -> Floats:
-        """Straight RGB, float64 (…, 3), of scalars (…)."""
+        """Return straight RGB, float64 (…, 3), of scalars (…)."""
         return interpolate(s, self.colour_values, self.colours)
 
     def opacity(self, s: ArrayLike) -> Floats:
-        """Opacity over the unit distance, float64 (…), of scalars (…)."""
+        """Return opacity over the unit distance, float64 (…), of scalars (…)."""
         return interpolate(s, self.opacity_values, self.opacities[:, None])[..., 0]
 
     def extinction(self, s: ArrayLike) -> Floats:
-        """κ = −ln(1 − α) / unit distance, float64 (…), per world unit; α is cut at 1 − 2⁻²⁴."""
+        """Return extinction κ = −ln(1 − α) / unit distance, float64 (…), per world unit; α is at most 1 − 2⁻²⁴."""
         return -np.log1p(-np.minimum(self.opacity(s), OPAQUE)) / self.unit_distance
 
     def is_transparent(self, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
-        """Whether opacity is exactly 0 for every scalar of a closed interval.
+        """Return whether opacity is exactly 0 for all scalars of closed intervals.
 
         Parameters
         ----------
-        low, high : (…), the ends of the intervals; an interval with low > high holds no scalar, so it is transparent
+        low, high : (…), the ends of the intervals; an empty interval (low > high) is transparent
 
         Returns
         -------
-        transparent : bool (…); False where an end is NaN, since nothing is known then
+        transparent : bool (…); False where an end is NaN
         """
         low, high = np.broadcast_arrays(np.asarray(low, np.float64), np.asarray(high, np.float64))
         visible = np.concatenate([[0], np.cumsum(self.opacities != 0)])
@@ -85,7 +84,7 @@ class TransferFunction:
 
 
 def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
-    """Piecewise-linear interpolation in float64; no difference of values overflows.
+    """Interpolate linearly in float64, without overflow of differences.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     right = np.searchsorted(values, s, side="right")
     left = np.clip(right - 1, 0, len(values) - 1)
     right = np.minimum(right, len(values) - 1)
-    # Both ends are the same point beyond the ends, where the share does not matter.
+    # Beyond the first and last value both ends are the same point, and the share has no effect.
     inside = (left != right) & ~np.isnan(s)
     a, b = values[left], values[right]
     at = np.where(inside, s, a)
@@ -113,14 +112,14 @@ def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
 
 
 def distinct(*parts: NDArray[Number]) -> NDArray[Number]:
-    """All values of some arrays, ascending, each once; `numpy.unique` imports `numpy.ma`, which takes 15 ms."""
+    """Return the distinct values of arrays, ascending; `numpy.unique` imports `numpy.ma`, which takes 15 ms."""
     values = np.sort(np.concatenate(parts))
     found: NDArray[Number] = values[np.append(True, values[1:] != values[:-1])[: len(values)]]
     return found
 
 
 def without_hidden_points(values: Floats, results: Floats) -> tuple[Floats, Floats]:
-    """Copies without the points between the first and the last of a run of equal values: no scalar meets them."""
+    """Return control points without those between the first and last of a run of equal values."""
     values, results = np.array(values, np.float64), np.array(results, np.float64)
     same_before = np.concatenate([[False], values[1:] == values[:-1]])
     same_after = np.concatenate([values[1:] == values[:-1], [False]])

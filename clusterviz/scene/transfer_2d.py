@@ -1,7 +1,7 @@
-"""Two-dimensional transfer functions: tables of opacity, or of colour and opacity, over scalars and magnitudes.
+"""Two-dimensional transfer functions: tables of opacity, or colour and opacity, over scalar and gradient magnitude.
 
-A table is a .npy file with a row for each magnitude and a column for each scalar, spread evenly over the ranges that
-the scene gives; between the entries it is bilinear, beyond its ends constant.
+A table is a .npy file with a row for each magnitude and a column for each scalar, at equal distances over the ranges in
+the scene. It is interpolated bilinearly and constant beyond its edges.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Field
 
 from clusterviz.errors import SceneError, guard
 from clusterviz.scene.checks import check_path
-from clusterviz.scene.kinds import Clim, Section
+from clusterviz.scene.field_types import Clim, Section
 
 Floats = NDArray[np.float64]
 LARGEST_SIDE = 4096
@@ -25,7 +25,7 @@ SHAPES = f"numbers in 0..1, (magnitudes, values) or (magnitudes, values, 4), at 
 
 
 class Transfer2d(Section):
-    """A transfer function of the scalar and of the magnitude of its gradient, as a table."""
+    """Transfer function of scalar and gradient magnitude, as a table."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         description="A .npy file of numbers in 0..1, relative to the scene file: opacities (magnitudes, values), or "
@@ -41,14 +41,14 @@ class Transfer2d(Section):
 
 @dataclass(frozen=True, eq=False)
 class TransferTable:
-    """A table and where its entries lie.
+    """Table of a two-dimensional transfer function with its ranges.
 
     Attributes
     ----------
     opacities : float64 (m, v), over one opacity unit distance
-    colours : float64 (m, v, 3), straight; None where the colour map holds
-    values : data values of the first and the last column
-    magnitudes : those of the first and the last row, data values per world unit
+    colours : float64 (m, v, 3), straight RGB; None if the colour map applies
+    values : data values of the first and last column
+    magnitudes : gradient magnitudes of the first and last row, data values per world unit
     """
 
     opacities: Floats
@@ -57,20 +57,22 @@ class TransferTable:
     magnitudes: tuple[float, float]
 
     @property
-    def most(self) -> tuple[Floats, Floats]:
-        """Control points (values, opacities) of what no magnitude exceeds: 0 only where every magnitude has 0."""
+    def max_opacity_points(self) -> tuple[Floats, Floats]:
+        """Control points (values, opacities) of the maximum over all magnitudes, float64 (v,) each."""
         low, high = self.values
         share = np.linspace(0.0, 1.0, self.opacities.shape[1])
         return low * (1 - share) + high * share, self.opacities.max(axis=0)
 
 
-def table_of(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferTable:
-    """The table of a completed volume.
+def load_table(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferTable:
+    """Return the table of a completed volume.
 
     Raises
     ------
     SceneError
-        The file cannot be read or holds no table.
+        The file cannot be read, or is not a table.
+    ValueError
+        The volume is not completed.
     """
     if settings.values is None or settings.magnitudes is None:
         raise ValueError("a table needs a completed volume; call complete_scene first")
@@ -79,16 +81,17 @@ def table_of(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferTab
 
 
 def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats | None]:
-    """Opacities (m, v) and colours (m, v, 3) or None of a file.
+    """Read opacities (m, v), and colours (m, v, 3) or None, float64.
 
     Parameters
     ----------
-    where : the file and key that an error names
+    path : a .npy file
+    where : the file and key named in errors
 
     Raises
     ------
     SceneError
-        The file cannot be read or holds no table.
+        The file cannot be read, or is not a table.
     """
     with guard(SceneError, f"{where}: {path}"):
         try:
@@ -109,7 +112,7 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
 
 @lru_cache(maxsize=2)
 def _loaded(path: str, changed: int, size: int) -> NDArray[Any]:
-    """The file's array; read again only where the file has changed."""
-    table = np.array(np.lib.format.open_memmap(path, mode="r"))  # refuses a header that asks for more than there is
+    """Return the file's array; it is cached until the file changes."""
+    table = np.array(np.lib.format.open_memmap(path, mode="r"))  # refuses a truncated file
     table.setflags(write=False)
     return table

@@ -1,7 +1,6 @@
-"""The scene as frozen values: what to show, from where, how well, and on what terms the ranks share the work.
+"""Scene model: one frozen class for each section of a scene file, one field for each key.
 
-One model a section of the scene file, one field a key. Everything that can be wrong with a single key or with the keys
-of one section is refused here; `None` means "choose for me" and is filled by `scene.complete` once the data is known.
+Keys are validated singly and per section. None means that `scene.complete` chooses a value when the data is known.
 """
 
 from __future__ import annotations
@@ -11,19 +10,25 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clusterviz.scene.checks import (
+    check_attenuation,
     check_camera,
-    check_gradient,
-    check_grading,
+    check_light,
     check_path,
-    check_surfaces,
     check_view,
-    plain,
+    to_builtin,
 )
-from clusterviz.scene.clip import Clip
 from clusterviz.scene.cluster import Cluster as Cluster
-from clusterviz.scene.kinds import (
+from clusterviz.scene.compatibility import (
+    check_gradient,
+    check_gradient_opacity,
+    check_pixel_format,
+    check_several_volumes,
+    check_surfaces,
+)
+from clusterviz.scene.field_types import (
     FINITE,
     Background,
+    Box,
     Channel,
     Clim,
     Cmap,
@@ -31,6 +36,7 @@ from clusterviz.scene.kinds import (
     Fraction,
     GradientOpacity,
     Isosurface,
+    Normal,
     Number,
     Opacity,
     Positive,
@@ -39,27 +45,49 @@ from clusterviz.scene.kinds import (
     Vector,
 )
 from clusterviz.scene.leaping import check_leaping
-from clusterviz.scene.light import Light
-from clusterviz.scene.mixing import check_mixed, check_pixel
 from clusterviz.scene.transfer_2d import Transfer2d
+
+Interpolation = Literal["linear", "nearest", "cubic"]
+Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
+Gradient = Literal["central", "smooth"]
+LightType = Literal["headlight", "scene"]
+Classification = Literal["post", "pre-integrated"]
+Borders = Literal["overlap", "split"]
+Filter = Literal["exact", "hardware"]
+PixelFormat = Literal["float32", "float16", "uint8"]
+View = Literal[
+    "iso",
+    "front",
+    "back",
+    "left",
+    "right",
+    "top",
+    "bottom",
+    "anterior",
+    "posterior",
+    "superior",
+    "inferior",
+]
+NotNegative = Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)]
+Attenuation = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(to_builtin)]
 
 
 class Volume(Section):
-    """One volume: where its voxels are and how scalars become colour and opacity."""
+    """Volume: data file, grid, transfer function, blend mode and shading."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["head.nii.gz"],
         description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula "
         "field:NAME.",
     )
-    array: str | None = Field(default=None, description="Which array of the file, for files with several.")
-    time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(plain)] | None = Field(
-        default=None, description="Which time step of the file, from 0, for files with several."
+    array: str | None = Field(default=None, description="Name of the array, for files with several arrays.")
+    time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(to_builtin)] | None = Field(
+        default=None, description="Index of the time step, from 0, for files with several time steps."
     )
     channel: Channel | None = Field(
-        default=None, description="Which channel of the file, by number from 0 or by name, for files with several."
+        default=None, description="Index from 0, or name, of the channel, for files with several channels."
     )
-    spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)] | None = Field(
+    spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(to_builtin)] | None = Field(
         default=None,
         examples=[[0.5, 0.5, 1.2]],
         description="World units between samples along x, y, z; default: the file's.",
@@ -69,7 +97,7 @@ class Volume(Section):
     )
     direction: Direction | None = Field(
         default=None,
-        description="Where the volume's axes point: 3 x 3, row by row, column a being the unit vector of index axis a "
+        description="Orientation of the volume's axes: 3 x 3, row by row; column a is the unit vector of index axis a "
         "(x, y, z) in the world; default: the file's.",
     )
     cmap: Cmap | None = Field(
@@ -102,17 +130,18 @@ class Volume(Section):
         description="A table over values and gradient magnitudes in place of opacity, for a composited volume; it is "
         "applied to the samples in the slabs' middles whatever quality.classification says.",
     )
-    interpolation: Literal["linear", "nearest", "cubic"] = Field(
+    interpolation: Interpolation = Field(
         default="linear",
-        description="How voxels become a field; cubic: B-splines, smooth, not through the voxels' values.",
+        description="Interpolation between voxels; cubic: B-splines, which are smooth and do not interpolate the "
+        "voxels' values.",
     )
-    blending: Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"] = Field(
+    blending: Blending = Field(
         default="composite",
-        description="How the samples along a ray are combined: composite (emission and absorption); maximum, minimum "
+        description="Blend mode of the samples along a ray: composite (emission and absorption); maximum, minimum "
         "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey); "
         "isosurface (the surfaces of isosurfaces).",
     )
-    isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(plain)] = Field(
+    isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(to_builtin)] = Field(
         default=(),
         examples=[[[90, 0.5], 120]],
         description="The data values of surfaces, with cmap's colours, alone or in a composited volume; "
@@ -120,13 +149,13 @@ class Volume(Section):
     )
     threshold: Number | None = Field(
         default=None,
-        description="local-maximum shows the largest scalar of the first stretch of a ray that is not below this data "
-        "value; default: the middle of clim.",
+        description="Data value for local-maximum, which shows the largest scalar of the first interval of a ray that "
+        "is not below it; default: the middle of clim.",
     )
-    shade: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+    shade: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False, description="Light a composited volume by its gradient."
     )
-    gradient: Literal["central", "smooth"] = Field(
+    gradient: Gradient = Field(
         default="central",
         description="The gradient for light and opacity: central differences of voxels, or smooth, the derivative of "
         "cubic B-splines; with interpolation: cubic it is always that.",
@@ -134,7 +163,7 @@ class Volume(Section):
     ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
     diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
     specular: Fraction = Field(default=0.2, description="Specular share of the light; used where shade is true.")
-    specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)] = Field(
+    specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)] = Field(
         default=10.0, description="Sharpness of the highlight."
     )
 
@@ -142,38 +171,26 @@ class Volume(Section):
     def _has_surfaces(self) -> Volume:
         check_gradient(self.gradient, self.interpolation)
         check_surfaces(self.blending, self.isosurfaces)
-        check_grading(
+        check_gradient_opacity(
             self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
         )
         return self
 
 
-View = Literal[
-    "iso",
-    "front",
-    "back",
-    "left",
-    "right",
-    "top",
-    "bottom",
-    "anterior",
-    "posterior",
-    "superior",
-    "inferior",
-]
-
-
 class Camera(Section):
-    """VTK's camera, or words for it; what is left out is chosen so that all that is not transparent is seen."""
+    """Camera as in VTK, or a named view; unset keys are chosen so that everything visible is in the picture."""
 
     position: Vector | None = Field(
-        default=None, description="Where the eye is, in world units; default: as near in the direction of view as fits."
+        default=None,
+        description="Position of the eye, world units; default: the nearest in the direction of view that fits.",
     )
-    focal_point: Vector | None = Field(default=None, description="Where it looks; default: the centre of the scene.")
+    focal_point: Vector | None = Field(
+        default=None, description="Point in the centre of the picture, world units; default: the centre of the scene."
+    )
     view_up: Vector | None = Field(
         default=None, description="The direction that is up in the picture; need not be a unit."
     )
-    view_angle: Annotated[float, FINITE, Field(gt=0, lt=180), BeforeValidator(plain)] = Field(
+    view_angle: Annotated[float, FINITE, Field(gt=0, lt=180), BeforeValidator(to_builtin)] = Field(
         default=30.0, description="Vertical angle of view, degrees."
     )
     parallel_scale: Positive | None = Field(
@@ -181,23 +198,23 @@ class Camera(Section):
     )
     view: View | None = Field(
         default=None,
-        description="The side on which the eye stands, in place of position: of the body where the file says how it "
-        "lies (front is anterior, top superior), else front -y, back +y, left -x, right +x, top +z, bottom -z; iso: "
-        "right, front and top for a body, else (1, 1, 1).",
+        description="Side of the eye, instead of position: the side of the body if the file has an orientation (front "
+        "is anterior, top superior), else front -y, back +y, left -x, right +x, top +z, bottom -z; iso: right, front "
+        "and top of a body, else (1, 1, 1).",
     )
     azimuth: Number = Field(
-        default=0.0, description="Degrees by which the eye is turned about view_up, to its right; as in VTK."
+        default=0.0, description="Rotation of the eye about view_up to its right, degrees; as in VTK."
     )
-    elevation: Number = Field(default=0.0, description="Degrees by which the eye is lifted; as in VTK.")
+    elevation: Number = Field(default=0.0, description="Rotation of the eye upwards, degrees; as in VTK.")
     roll: Number = Field(
         default=0.0,
-        description="Degrees by which the camera turns clockwise, the picture the other way; as in VTK.",
+        description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK.",
     )
-    zoom: Positive = Field(default=1.0, description="How many times larger everything is seen, by a narrower angle.")
+    zoom: Positive = Field(default=1.0, description="Magnification by a narrower view angle.")
     fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(
         default=None,
-        description="true: the eye moves along its direction of view, so that all that is not transparent just fits, "
-        "as it does where position is left out; orbit: with room for turning it round.",
+        description="true: the eye moves along its direction of view so that everything visible just fits, as without "
+        "a position; orbit: so that it fits during an orbit.",
     )
 
     @model_validator(mode="after")
@@ -207,10 +224,70 @@ class Camera(Section):
         return self
 
 
-class ImageSettings(Section):
-    """How large the picture is and what lies behind everything."""
+class Light(Section):
+    """Light as in VTK: directional from position to focal_point, or positional."""
 
-    size: Annotated[tuple[Side, Side], BeforeValidator(plain)] = Field(
+    type: LightType = Field(default="scene", description="headlight: shines from the eye; scene: fixed in the world.")
+    position: Vector | None = Field(default=None, description="Position of a scene light, world units.")
+    focal_point: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="Point that the light shines towards, world units."
+    )
+    color: Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(to_builtin)] = Field(
+        default=(1.0, 1.0, 1.0), examples=[[1, 0.9, 0.8]], description="[r, g, b] in 0..1."
+    )
+    intensity: NotNegative = Field(default=1.0, description="Factor of the colour.")
+    positional: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+        default=False, description="A scene light that shines from its position in all directions of its cone."
+    )
+    cone_angle: Annotated[float, FINITE, Field(gt=0, le=90), BeforeValidator(to_builtin)] = Field(
+        default=30.0,
+        description="Half angle of a positional light's cone about the direction to focal_point, degrees; 90: all "
+        "directions.",
+    )
+    exponent: NotNegative = Field(
+        default=1.0, description="Falloff in a cone: the power of the cosine of the angle from its axis."
+    )
+    attenuation: Attenuation = Field(
+        default=(1.0, 0.0, 0.0),
+        examples=[[1, 0, 0.1]],
+        description="[a, b, c] of a positional light: at a distance d, world units, its light is divided by "
+        "a + b d + c d².",
+    )
+
+    @property
+    def has_cone(self) -> bool:
+        """Whether the light is a cone of less than 180 degrees."""
+        return self.positional and self.cone_angle < 90
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Light:
+        check_light(self.type, self.position, self.focal_point, self.positional and not self.has_cone)
+        check_attenuation(self.type, self.positional, self.attenuation)
+        return self
+
+
+class Clip(Section):
+    """Clipping of all volumes by planes and a box."""
+
+    planes: tuple[Annotated[tuple[Vector, Normal], BeforeValidator(to_builtin)], ...] = Field(
+        default=(),
+        examples=[[[[0, 0, 0], [1, 0, 0]]]],
+        description="[[[x, y, z], [nx, ny, nz]], …]: a point of each plane, and the normal towards the part kept.",
+    )
+    box: Annotated[Box, BeforeValidator(to_builtin)] | None = Field(
+        default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of the box kept, world units."
+    )
+    cap: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+        default=True,
+        description="Shade the cut faces of shaded volumes by the normals of the faces, not by gradients alone, which "
+        "vanish in homogeneous tissue.",
+    )
+
+
+class ImageSettings(Section):
+    """Size and background of the picture."""
+
+    size: Annotated[tuple[Side, Side], BeforeValidator(to_builtin)] = Field(
         default=(1024, 768), examples=[[800, 600]], description="Width and height in pixels."
     )
     background: Background = Field(
@@ -219,81 +296,81 @@ class ImageSettings(Section):
 
 
 class Quality(Section):
-    """What accuracy costs; every setting has a measured error."""
+    """Accuracy and cost of rendering; the error of each setting is measured."""
 
-    step: Annotated[float, FINITE, Field(gt=0, le=1e9), BeforeValidator(plain)] = Field(
+    step: Annotated[float, FINITE, Field(gt=0, le=1e9), BeforeValidator(to_builtin)] = Field(
         default=1.0, description="Distance between samples along a ray, in the smallest voxel spacing."
     )
-    classification: Literal["post", "pre-integrated"] = Field(
+    classification: Classification = Field(
         default="post",
-        description="Where the transfer function is applied: to the sample in a slab's middle (post), or all the way "
+        description="Application of the transfer function: to the sample in a slab's middle (post), or to all scalars "
         "between the samples at its ends (pre-integrated).",
     )
-    borders: Literal["overlap", "split"] = Field(
+    borders: Borders = Field(
         default="overlap",
-        description="Of pre-integrated slabs that leave a brick: bricks hold a voxel more on every side (overlap), or "
-        "slabs are cut there (split): less to load and to hold, but pictures depend a little on cluster.brick.",
+        description="Pre-integrated slabs at brick faces: bricks have a ghost voxel more on every side (overlap), or "
+        "slabs are cut there (split), which needs less memory, but pictures depend a little on cluster.brick.",
     )
-    jitter: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+    jitter: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False,
         description="Begin each pixel's slabs up to one slab before its ray enters the volume, by a hash of the pixel: "
-        "noise in place of rings where steps are long; not with isosurfaces.",
+        "noise instead of rings with long steps; not with isosurfaces.",
     )
-    filter: Literal["exact", "hardware"] = Field(
+    filter: Filter = Field(
         default="exact",
         description="exact: float32 weights; hardware: the texture unit's, about 8 bits, for linear and cubic.",
     )
-    early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
-        default=0.0, description="A ray ends when what lies behind could add at most this share; 0: never."
+    early_termination: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(to_builtin)] = Field(
+        default=0.0, description="A ray ends when the rest of it can add at most this share; 0: never."
     )
-    adaptive: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(plain)] = Field(
+    adaptive: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(to_builtin)] = Field(
         default=0.0,
-        description="Slabs are 2, 4 or 8 times as long where that changes no pixel by more than this; 0: nowhere.",
+        description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off.",
     )
-    leaping: Annotated[bool, Field(strict=True), BeforeValidator(plain)] = Field(
+    leaping: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False,
         description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
         "one volume, composited; sort-last; what is thinner than a pixel may be missed for some frames.",
     )
-    max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(plain)] | None = Field(
+    max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(to_builtin)] | None = Field(
         default=None,
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "
         "classification, filter, early_termination, adaptive and pixel are then chosen, whatever they are here.",
     )
-    pixel: Literal["float32", "float16", "uint8"] = Field(
+    pixel: PixelFormat = Field(
         default="float32",
-        description="How pixels of partial images travel and are kept between blends: float16 and uint8 are half and a "
-        "quarter of the bytes, and round by up to n/1024 and 2n/255 where n images meet; not with projections.",
+        description="Pixel format of partial images: float16 and uint8 need half and a quarter of the bytes, and round "
+        "by up to n/1024 and 2n/255 for n blended images; not with projections.",
     )
 
 
 class Scene(Section):
-    """Everything a picture is made of."""
+    """Scene: volumes, lights, clipping, camera, image, quality and cluster settings."""
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
         default=(),
         examples=[[{"path": "head.nii.gz"}]],
-        description="What to show; several, each with its own grid and look, are mixed where they overlap.",
+        description="Volumes, each with its own grid and transfer function; overlapping volumes are mixed.",
     )
     automatic: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="What is left out is chosen by what the data looks like (light, colours, opacity, interpolation, "
-        "background, step), as it is where a data file is given in place of a scene.",
+        description="Choose unset keys by the class of the data (light, colours, opacity, interpolation, background, "
+        "step), as for a data file without a scene.",
     )
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(),
         examples=[[{"position": [1, 1, 1]}]],
-        description="What lights shaded volumes; default: one headlight.",
+        description="Lights of shaded volumes; default: one headlight.",
     )
-    clip: Clip = Field(default=Clip(), description="What is cut away.")
-    camera: Camera = Field(default=Camera(), description="From where.")
+    clip: Clip = Field(default=Clip(), description="Clipping of all volumes.")
+    camera: Camera = Field(default=Camera(), description="The camera.")
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
-    quality: Quality = Field(default=Quality(), description="How well.")
-    cluster: Cluster = Field(default=Cluster(), description="How the ranks share the work.")
+    quality: Quality = Field(default=Quality(), description="Accuracy and cost.")
+    cluster: Cluster = Field(default=Cluster(), description="Distribution of the work over ranks.")
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_mixed(self.volumes, self.quality)
+        check_several_volumes(self.volumes, self.quality)
         check_leaping(self.volumes, self.quality, self.cluster)
-        check_pixel(self.volumes, self.quality.pixel)
+        check_pixel_format(self.volumes, self.quality.pixel)
         return self

@@ -1,4 +1,4 @@
-"""YAML in and out, with what scenes need and YAML 1.1 lacks: no key twice, 1e-3 is a number, bounds on its size."""
+"""YAML parser and writer for scenes: duplicate keys are refused, 1e-3 is a number, and size is limited."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FLOAT = re.compile(
     re.VERBOSE,
 )
 BREAKS = re.compile("[\x85\u2028\u2029]")
-MOST_BYTES = 1 << 20
-MOST_NODES, DEEPEST = 100_000, 50
+MAX_BYTES = 1 << 20
+MAX_NODES, MAX_DEPTH = 100_000, 50
 
 
 class SceneLoader(yaml.SafeLoader):
-    """The safe loader, for which a key that occurs twice is an error, and so is a text that stands for too much."""
+    """Safe loader that refuses duplicate keys, deep nesting, and documents that expand to too many values."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__(stream)
@@ -31,23 +31,23 @@ class SceneLoader(yaml.SafeLoader):
         self._sizes: dict[int, int] = {}
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """A node; an alias counts as all that it stands for."""
+        """Compose a node; an alias counts as all nodes of its target."""
         before, alias = self._nodes, self.check_event(yaml.AliasEvent)
         mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
         self._depth += 1
-        if self._depth > DEEPEST:
-            raise yaml.composer.ComposerError(None, None, f"nested more than {DEEPEST} deep", mark)
+        if self._depth > MAX_DEPTH:
+            raise yaml.composer.ComposerError(None, None, f"nested more than {MAX_DEPTH} deep", mark)
         node = super().compose_node(parent, index)
         self._depth -= 1
-        self._nodes += self._sizes.get(id(node), MOST_NODES) if alias else 1  # one that holds itself has no end
-        if self._nodes > MOST_NODES:
-            raise yaml.composer.ComposerError(None, None, f"more than {MOST_NODES} values", mark)
+        self._nodes += self._sizes.get(id(node), MAX_NODES) if alias else 1  # a recursive alias
+        if self._nodes > MAX_NODES:
+            raise yaml.composer.ComposerError(None, None, f"more than {MAX_NODES} values", mark)
         if not alias:
             self._sizes[id(node)] = self._nodes - before
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """A mapping, whose keys differ."""
+        """Construct a mapping; duplicate keys are refused."""
         seen = set()
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
@@ -61,13 +61,13 @@ class SceneLoader(yaml.SafeLoader):
 
 
 class SceneDumper(yaml.SafeDumper):
-    """The safe dumper, which quotes every text that `SceneLoader` would take for a number.
+    """Safe dumper that quotes text which `SceneLoader` would parse as a number.
 
-    It escapes the rarer line breaks of Unicode, too: unescaped, a reader may fold them.
+    It also escapes Unicode line breaks, which other readers may fold.
     """
 
     def represent_text(self, text: str) -> yaml.ScalarNode:
-        """A text; in double quotes, which escape, where it holds such a break."""
+        """Represent text, in double quotes if it contains a Unicode line break."""
         return self.represent_scalar("tag:yaml.org,2002:str", text, '"' if BREAKS.search(text) else None)
 
 
@@ -79,26 +79,27 @@ for _kind in (SceneLoader, SceneDumper):
 
 
 def parse_yaml(text: str) -> Any:
-    """The value that a YAML text stands for.
+    """Parse YAML text.
 
     Raises
     ------
     yaml.YAMLError
-        The text is not YAML, holds what its tag does not allow, stands for too much, or a key occurs twice.
+        The text is not YAML, a value does not match its tag, a key occurs twice, or the document is too large.
     """
     try:
         return yaml.load(text, SceneLoader)
-    except (ValueError, LookupError, AttributeError, TypeError) as error:  # what PyYAML makes of 2001-99-99, or !!int x
+    except (ValueError, LookupError, AttributeError, TypeError) as error:  # raised by PyYAML for 2001-99-99 or !!int x
         raise yaml.YAMLError(f"{type(error).__name__}: {error}") from error
 
 
 def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
-    """The text of a small file.
+    """Read a UTF-8 text file of at most `MAX_BYTES`.
 
     Parameters
     ----------
-    kind : of the error
-    where : what the error names; the file where it is not given
+    path : the file
+    kind : class of the error to raise
+    where : the name in errors; by default the path
 
     Raises
     ------
@@ -108,9 +109,9 @@ def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
     where = where or str(path)
     try:
         with open(path, "rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise kind("too long", where=where, allowed=f"at most {MOST_BYTES} bytes of YAML or JSON")
+            content = file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise kind("too long", where=where, allowed=f"at most {MAX_BYTES} bytes of YAML or JSON")
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind(f"not UTF-8 text, at byte {error.start}", where=where, allowed="a YAML or JSON file") from None
@@ -119,12 +120,12 @@ def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
 
 
 def yaml_problem(error: yaml.YAMLError) -> str:
-    """A YAML error on one line: what, and at which line and column."""
+    """Return a YAML error on one line, with line and column."""
     problem = getattr(error, "problem", None) or str(error).splitlines()[0]
     mark = getattr(error, "problem_mark", None)
     return f"{problem} (line {mark.line + 1}, column {mark.column + 1})" if mark else str(problem)
 
 
 def write_yaml(value: Any) -> str:
-    """Any tree of dicts, lists, texts and numbers as YAML; `parse_yaml` gives back the same tree, exactly."""
+    """Return a tree of dicts, lists, texts and numbers as YAML; `parse_yaml` restores it exactly."""
     return yaml.dump(value, Dumper=SceneDumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)

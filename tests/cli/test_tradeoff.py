@@ -111,10 +111,10 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
 
 def complete(scene: Scene) -> Scene:
     from clusterviz.data import open_source
-    from clusterviz.scene import VolumeFacts, complete_scene
+    from clusterviz.scene import VolumeInfo, complete_scene
 
     grid = open_source(scene.volumes[0].path, None).grid
-    return complete_scene(scene, VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0))
+    return complete_scene(scene, VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0))
 
 
 def test_a_setting_that_fails_is_told_and_takes_no_other_along(

@@ -18,7 +18,7 @@ from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
 from clusterviz.render.coherence import last_frame
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.path import orbit
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.settings import with_settings
 
 BOUND = 1e-5

@@ -12,7 +12,7 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.calibration import FOLLOWED
 from clusterviz.report.accuracy import Accuracy
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.path import scenes_along
+from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.settings import with_settings
 
 PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"

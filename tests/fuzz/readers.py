@@ -21,7 +21,7 @@ from PIL import Image
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
 from clusterviz.scene import load_scene
-from clusterviz.scene.path import load_path
+from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
 
 SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)

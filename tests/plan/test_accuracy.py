@@ -23,8 +23,7 @@ from clusterviz.plan.accuracy import (
 )
 from clusterviz.plan.estimate import MOST_TAIL, Trial, largest
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.clip import Clip
-from clusterviz.scene.values import Quality
+from clusterviz.scene.values import Clip, Quality
 
 RNG = np.random.default_rng(7)
 SHAPE = (40, 40, 4)

@@ -19,7 +19,7 @@ from clusterviz.render import raycast
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import make_slot
 from clusterviz.render.variant import variant_of
-from clusterviz.scene.light import Light
+from clusterviz.scene.values import Light
 
 SHAPE = (33, 33, 33)
 GRID = Grid(SHAPE)

@@ -15,7 +15,7 @@ from render.test_surfaces import FEW, most_wrong, surfaces
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
-from clusterviz.scene.clip import Clip
+from clusterviz.scene.values import Clip
 
 pytestmark = pytest.mark.gl
 

@@ -18,7 +18,7 @@ from clusterviz.render import raycast
 from clusterviz.render.drawn import Drawn
 from clusterviz.render.layers import MOST_LAYERS, layers_of
 from clusterviz.render.raycast import Raycaster
-from clusterviz.scene import VolumeFacts, complete_scene, scene_of_data
+from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
 
 OPAQUE, FAINT = "[[0.0, 0.9], [1.0, 1.0]]", "[[0.0, 0.001], [1.0, 0.001]]"
 
@@ -32,7 +32,7 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     layout = BrickLayout(source.grid.shape_zyx, 8)
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    facts = VolumeFacts(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
+    facts = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
     return make_plan(complete_scene(scene, facts), source.grid, source.dtype, layout, summary), bricks
 
 

@@ -13,8 +13,7 @@ from render.test_raycast import GRIDS
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
-from clusterviz.scene.clip import Clip
-from clusterviz.scene.light import Light
+from clusterviz.scene.values import Clip, Light
 
 pytestmark = pytest.mark.gl
 

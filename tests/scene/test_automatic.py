@@ -1,4 +1,4 @@
-"""Bare data is shown as its field expects: what kind a volume is, and what is chosen for it."""
+"""Automatic settings: classes of volumes, and the settings of each."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
-from clusterviz.scene import Scene, VolumeFacts, complete_scene, scene_of_data
-from clusterviz.scene.automatic import BACKGROUND, STEP, kind_of
-from clusterviz.scene.camera import pixels_of
+from clusterviz.scene import Scene, VolumeInfo, complete_scene, scene_of_data
+from clusterviz.scene.automatic import BACKGROUND, STEP, classify_values
+from clusterviz.scene.camera import project_points
 from clusterviz.scene.complete import visible_corners
 
 SIDE = 24
@@ -36,7 +36,7 @@ VOLUMES: dict[str, tuple[np.ndarray, str]] = {
 }
 
 
-def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeFacts:
+def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeInfo:
     scene = scene_of_data("array", [f"cluster.brick={brick}"])
     opened = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
     assert opened is not None
@@ -50,7 +50,7 @@ def completed(voxels: np.ndarray, *options: str) -> Scene:
 @pytest.mark.parametrize("name", VOLUMES)
 def test_the_kind_of_a_volume_and_that_it_can_be_shown(name: str) -> None:
     voxels, kind = VOLUMES[name]
-    assert [kind_of(facts_of(voxels, brick)) for brick in (64, 5)] == [kind, kind]
+    assert [classify_values(facts_of(voxels, brick)) for brick in (64, 5)] == [kind, kind]
     scene = completed(voxels)
     again = Scene.model_validate(scene.model_dump(mode="json"))
     assert (again, again.automatic, again.quality.step) == (scene, False, STEP)
@@ -92,5 +92,5 @@ def test_what_is_seen_fills_the_picture() -> None:
     assert scenes[0].camera == scenes[1].camera
     corners = visible_corners(scenes[0].volumes[0], facts_of(voxels))
     np.testing.assert_allclose((corners.max(0) + corners.min(0)) / 2, (17.25, 11.5, 11.5), atol=1)
-    pixels, _ = pixels_of(scenes[0].camera, corners, scenes[0].image.size)
+    pixels, _ = project_points(scenes[0].camera, corners, scenes[0].image.size)
     assert np.ptp(pixels[:, 1]) > 0.85 * scenes[0].image.size[1]

@@ -14,9 +14,8 @@ from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.colormaps import colour_points, named_points
-from clusterviz.scene.colour_spaces import between, lab_from_rgb, rgb_from_lab
-from clusterviz.scene.paraview import read_preset
+from clusterviz.scene.colormaps import colour_points, named_colour_points
+from clusterviz.scene.paraview import interpolate_colours, lab_from_rgb, read_preset, rgb_from_lab
 from clusterviz.scene.settings import with_settings
 from clusterviz.scene.transfer import interpolate
 
@@ -31,7 +30,7 @@ def preset(folder: Path, **keys: Any) -> str:
 
 
 def sampled(name: str, n: int = 256) -> np.ndarray:
-    places, colours = named_points(name)
+    places, colours = named_colour_points(name)
     return interpolate(np.linspace(0, 1, n), places, colours)
 
 
@@ -40,7 +39,7 @@ def sampled(name: str, n: int = 256) -> np.ndarray:
 )
 def test_names_give_matplotlibs_colours(name: str) -> None:
     middles = (np.arange(matplotlib.colormaps[name].N) + 0.5) / matplotlib.colormaps[name].N
-    ours = interpolate(middles, *named_points(name))
+    ours = interpolate(middles, *named_colour_points(name))
     theirs = matplotlib.colormaps[name](np.arange(len(middles)))[:, :3]
     np.testing.assert_allclose(ours, theirs, atol=0.02)
 
@@ -143,7 +142,10 @@ def test_lab_has_known_values_and_comes_back() -> None:
 
 def test_hsv_goes_the_short_way_round_unless_told_not_to() -> None:
     first, second, half = np.array([1.0, 0.0, 0.1]), np.array([1.0, 0.1, 0.0]), np.array([0.5])
-    short, long = between("HSV", first, second, half), between("HSV", first, second, half, wrap=False)
+    short, long = (
+        interpolate_colours("HSV", first, second, half),
+        interpolate_colours("HSV", first, second, half, wrap=False),
+    )
     assert short[0, 0] == pytest.approx(1)
     assert long[0, 0] < 0.5
 

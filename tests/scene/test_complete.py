@@ -1,4 +1,4 @@
-"""Every open choice gets a good value, for ordinary data and for the strangest."""
+"""Scene completion for ordinary and extreme data."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.errors import SceneError
-from clusterviz.scene import Scene, Volume, VolumeFacts, complete_scene, transfer_function
-from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, pixels_of
+from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene, transfer_function
+from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points
 from clusterviz.scene.checks import sine
 from clusterviz.scene.complete import default_clim, default_unit_distance
 
@@ -27,10 +27,10 @@ def facts(
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     values: tuple[float, float, float, float] = (0.0, 255.0, 2.0, 200.0),
-) -> VolumeFacts:
+) -> VolumeInfo:
     last = (np.array(shape[::-1]) - 1) * np.array(spacing)
     corners = np.array(list(itertools.product((0, 1), repeat=3))) * last + np.array(origin)
-    return VolumeFacts(shape, spacing, corners, *values)
+    return VolumeInfo(shape, spacing, corners, *values)
 
 
 def scene(camera: dict[str, object] | None = None, size: tuple[int, int] = (400, 300), **volume: object) -> Scene:
@@ -130,7 +130,7 @@ def test_the_box_just_fits(
     """All corners are in the picture, and one of them lies on its margin unless the eye would be too near."""
     fact = facts(spacing=(unit, unit, unit))
     camera = complete_scene(scene({"view_angle": angle, "view": view, **more}, size), fact).camera
-    pixels, ahead = pixels_of(camera, fact.corners, size)
+    pixels, ahead = project_points(camera, fact.corners, size)
     from_centre = np.abs(2 * pixels / size - 1).max()
     assert (ahead > 0).all()
     assert from_centre <= 1
@@ -195,7 +195,7 @@ def test_a_lone_position_crops_nothing(distance: float, least: float) -> None:
     assert camera.position == tuple(position)
     assert camera.view_angle >= least
     if distance:
-        pixels, _ = pixels_of(camera, fact.corners, (400, 300))
+        pixels, _ = project_points(camera, fact.corners, (400, 300))
         assert (pixels >= 0).all()
         assert (pixels <= (400, 300)).all()
     given = complete_scene(scene({"position": position.tolist(), "view_angle": 30}), fact).camera

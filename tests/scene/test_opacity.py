@@ -1,4 +1,4 @@
-"""Opacity presets have PyVista's numbers, over the range of the colour map."""
+"""Opacity presets have PyVista's values over the range of the colour map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""-D key=value: any key, the later one wins, and an unknown key names the option."""
+"""Overrides: keys, precedence, and errors that name the option."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Camera, Scene, load_scene, parse_overrides, scene_of_data
-from clusterviz.scene.light import Light
 from clusterviz.scene.settings import with_settings
+from clusterviz.scene.values import Light
 
 
 @pytest.fixture

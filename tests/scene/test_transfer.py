@@ -1,4 +1,4 @@
-"""The transfer function: exact at its points, steps, the ends of float64, and honest about transparency."""
+"""Transfer functions: control points, steps, the range of float64, and transparent intervals."""
 
 from __future__ import annotations
 

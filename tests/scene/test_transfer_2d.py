@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from clusterviz.errors import SceneError
-from clusterviz.scene import Volume, VolumeFacts, complete_scene, load_scene
+from clusterviz.scene import Volume, VolumeInfo, complete_scene, load_scene
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.transfer_2d import Transfer2d, read_table, table_of
+from clusterviz.scene.transfer_2d import Transfer2d, load_table, read_table
 
-FACTS = VolumeFacts((4, 4, 4), (2.0, 4.0, 2.0), np.zeros((8, 3)), 0.0, 100.0, 10.0, 50.0)
+FACTS = VolumeInfo((4, 4, 4), (2.0, 4.0, 2.0), np.zeros((8, 3)), 0.0, 100.0, 10.0, 50.0)
 
 
 def test_most_is_transparent_only_where_every_magnitude_is(tmp_path: Path) -> None:
     np.save(tmp_path / "t.npy", np.array([[0, 0, 0.5], [0, 0.25, 0]]))
-    table = table_of(Transfer2d(path=str(tmp_path / "t.npy"), values=(10, 30), magnitudes=(0, 1)))
+    table = load_table(Transfer2d(path=str(tmp_path / "t.npy"), values=(10, 30), magnitudes=(0, 1)))
     assert table.colours is None
-    assert [part.tolist() for part in table.most] == [[10, 20, 30], [0, 0.25, 0.5]]
+    assert [part.tolist() for part in table.max_opacity_points] == [[10, 20, 30], [0, 0.25, 0.5]]
 
 
 def test_ranges_are_those_of_clim_and_of_a_quarter_of_it_a_voxel(tmp_path: Path) -> None:
@@ -63,4 +63,4 @@ def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
 
 def test_a_table_of_a_volume_that_is_not_completed() -> None:
     with pytest.raises(ValueError, match="completed"):
-        table_of(Volume(path="a", transfer_2d={"path": "t.npy"}).transfer_2d)  # type: ignore[arg-type]
+        load_table(Volume(path="a", transfer_2d={"path": "t.npy"}).transfer_2d)  # type: ignore[arg-type]

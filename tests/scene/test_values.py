@@ -1,4 +1,4 @@
-"""What a scene may hold: every impossible value is refused, and its complaint names key, found and allowed."""
+"""Scene validation: every invalid value is refused with key, value found and values allowed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.complaints import scene_error
+from clusterviz.scene.validation_messages import scene_error
 
 NAN, INF = float("nan"), float("inf")
 

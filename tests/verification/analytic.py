@@ -28,7 +28,7 @@ from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import Rays, camera_rays, inside
-from clusterviz.scene.complete import VolumeFacts, complete_scene
+from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 Picture = np.ndarray[Any, Any]
@@ -57,7 +57,7 @@ def by_opengl(scene: Scene, source: ArraySource) -> Picture:
 def by_reference(scene: Scene, source: ArraySource) -> Picture:
     """float64 (h, w, 4): the float64 reference."""
     grid = source.grid
-    facts = VolumeFacts(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0)
+    facts = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0)
     return render_reference(complete_scene(scene, facts), grid, source.read((0, 0, 0), grid.shape_zyx))
 
 

@@ -26,7 +26,7 @@ from clusterviz.image.region import EMPTY
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import on_processor
 from clusterviz.report.statistics import RankFrame
-from clusterviz.scene.path import scenes_along
+from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]

@@ -14,8 +14,8 @@ from typing import Any, get_args
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.look import has_surfaces, is_preintegrated, step_of
 from clusterviz.plan.stretching import what_has_no_bound
-from clusterviz.scene.complaints import KEYS, SECTIONS
 from clusterviz.scene.settings import with_settings
+from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Scene
 
 
@@ -139,7 +139,7 @@ def exact_settings() -> dict[str, Any]:
 def value_of(scene: Scene, name: str) -> Any:
     """What the scene has for a knob."""
     value: Any = scene
-    for part in KEYS[name]:
+    for part in KEY_PATHS[name]:
         value = value[part] if isinstance(part, int) else getattr(value, part)
     return value
 

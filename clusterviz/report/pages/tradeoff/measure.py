@@ -21,7 +21,7 @@ from clusterviz.comm.agree import mark_agreed
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop
 from clusterviz.report.statistics import FrameStatistics
-from clusterviz.scene.path import orbit
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]

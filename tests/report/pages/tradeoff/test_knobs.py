@@ -16,7 +16,7 @@ from clusterviz.report.pages.tradeoff.knobs import (
     value_of,
 )
 from clusterviz.scene import Cluster, Quality, Scene, Volume
-from clusterviz.scene.complaints import KEYS
+from clusterviz.scene.validation_messages import KEY_PATHS
 
 SCENE = Scene(volumes=(Volume(path="field:ramp:8"),))
 ALL = [knob.name for knob in KNOBS]
@@ -24,7 +24,7 @@ ALL = [knob.name for knob in KNOBS]
 
 def test_every_key_of_quality_is_a_knob() -> None:
     assert set(Quality.model_fields) <= set(ALL)
-    assert set(ALL) <= set(KEYS)
+    assert set(ALL) <= set(KEY_PATHS)
 
 
 def test_names_come_from_the_scenes_own_types() -> None:

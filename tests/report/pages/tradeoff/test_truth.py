@@ -10,10 +10,10 @@ import pytest
 from clusterviz.errors import InputError
 from clusterviz.report.pages.tradeoff import truth as truth_module
 from clusterviz.report.pages.tradeoff.truth import COARSEST, GOAL, converge, find_truth
-from clusterviz.scene import Scene, Volume, VolumeFacts, complete_scene
+from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene
 from clusterviz.scene.settings import with_settings
 
-FACTS = VolumeFacts((9, 9, 9), (0.25,) * 3, 2.0 * np.mgrid[:2, :2, :2].reshape(3, -1).T - 1, 0.0, 1.0, 0.0, 1.0)
+FACTS = VolumeInfo((9, 9, 9), (0.25,) * 3, 2.0 * np.mgrid[:2, :2, :2].reshape(3, -1).T - 1, 0.0, 1.0, 0.0, 1.0)
 
 
 def scene(**settings: Any) -> Scene:

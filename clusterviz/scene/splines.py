@@ -1,11 +1,11 @@
-"""Curves through key frames that neither overshoot nor loop: for numbers, and for points in space.
+"""Spline interpolation of key frames: monotone cubics for numbers, centripetal Catmull-Rom curves for positions.
 
 References
 ----------
 F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM Journal on
 Scientific and Statistical Computing 5(2), 1984.
-C. Yuksel, S. Schaefer, J. Keyser: On the parameterization of Catmull-Rom curves, SPM 2009: with knots by the root of
-the distance (centripetal) a segment has neither cusps nor loops.
+C. Yuksel, S. Schaefer, J. Keyser: On the parameterization of Catmull-Rom curves, SPM 2009: centripetal knots give
+segments without cusps and loops.
 P. Barry, R. Goldman: A recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
 """
 
@@ -18,13 +18,13 @@ Floats = NDArray[np.float64]
 
 
 def monotone(times: Floats, values: Floats, time: float) -> Floats:
-    """Numbers at a time, each monotone between two keys, with a continuous rate of change.
+    """Interpolate numbers, monotonically between two key frames and with a continuous derivative.
 
     Parameters
     ----------
-    times : float64 (n,), ascending, all different
+    times : float64 (n,), strictly ascending
     values : float64 (n, k)
-    time : before the first key, and after the last one, the curve is constant
+    time : the curve is constant before the first and after the last key frame
 
     Returns
     -------
@@ -41,12 +41,12 @@ def monotone(times: Floats, values: Floats, time: float) -> Floats:
     u = (time - times[i]) / steps[i]
     along = values[i] + (values[i + 1] - values[i]) * (u * u * (3 - 2 * u))
     curve: Floats = along + steps[i] * (u * (1 - u)) * ((1 - u) * low - u * high)
-    # A rounding error must not leave the range of the two keys.
+    # Rounding must not leave the range of the two key frames.
     return np.clip(curve, np.minimum(values[i], values[i + 1]), np.maximum(values[i], values[i + 1]))
 
 
 def _slope(rates: Floats, steps: Floats, key: int) -> Floats:
-    """The rate of change at a key: a weighted harmonic mean of those beside it, 0 where they differ in sign."""
+    """Return the derivative at a key frame: a weighted harmonic mean of both slopes, 0 if their signs differ."""
     if key in (0, len(rates)):
         return np.array(rates[min(key, len(rates) - 1)])
     before, after, short, long = rates[key - 1], rates[key], steps[key - 1], steps[key]
@@ -57,13 +57,13 @@ def _slope(rates: Floats, steps: Floats, key: int) -> Floats:
 
 
 def centripetal(times: Floats, points: Floats, time: float) -> Floats:
-    """A point of the centripetal Catmull-Rom curve; its speed changes smoothly from key to key.
+    """Interpolate positions along a centripetal Catmull-Rom curve with continuous speed.
 
     Parameters
     ----------
-    times : float64 (n,), ascending, all different
-    points : float64 (n, 3); two that follow each other may be the same: there the curve rests
-    time : before the first key, and after the last one, the curve rests
+    times : float64 (n,), strictly ascending
+    points : float64 (n, 3); the curve is constant between equal consecutive points
+    time : the curve is constant before the first and after the last key frame
 
     Returns
     -------
@@ -77,7 +77,7 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
         return np.array(points[i])
     before, b, c, after = i - 1, points[i], points[i + 1], i + 2
     length = knots[i + 1] - knots[i]
-    # Beyond the ends, and where the curve rests, a point is mirrored.
+    # Beyond the ends, and beside a constant part, a neighbour is mirrored.
     has_before = before >= 0 and knots[before] < knots[i]
     has_after = after < len(times) and knots[after] > knots[i + 1]
     a, t0 = (points[before], knots[before]) if has_before else (2 * b - c, knots[i] - length)
@@ -86,7 +86,7 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
 
 
 def _barry_goldman(points: tuple[Floats, ...], knots: tuple[float, ...], t: float) -> Floats:
-    """The pyramid of linear interpolations: between two knots the curve, at the two inner ones its points."""
+    """Evaluate a Catmull-Rom segment by repeated linear interpolation."""
     level = list(points)
     for width, spans in ((1, 3), (2, 2)):
         level = [

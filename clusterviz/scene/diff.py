@@ -1,19 +1,19 @@
-"""How two scenes differ, in words: for frames that must show one volume, and for animations that are taken up again."""
+"""Differences between two scenes, key by key."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.complaints import shown
+from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Camera, Quality, Scene
 
 CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
-"""Keys of a volume that may differ from frame to frame; so may the camera, and quality."""
+"""Keys of a volume that may differ between frames, like all keys of camera and quality."""
 
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
-    """Every leaf in which two trees of dicts, lists and plain values differ: "key: was …, is …"."""
+    """Return a line "key: was …, is …" for each leaf in which two trees of dicts and lists differ."""
     if isinstance(before, dict) and isinstance(after, dict):
         names = dict.fromkeys([*before, *after])
         return [
@@ -23,28 +23,28 @@ def differences(before: Any, after: Any, key: str = "") -> list[str]:
         ]
     if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
         if all(isinstance(item, (int, float)) for item in (*before, *after)):
-            return [] if before == after else [f"{key}: was {shown(before)}, is {shown(after)}"]
+            return [] if before == after else [f"{key}: was {format_value(before)}, is {format_value(after)}"]
         pairs = enumerate(zip(before, after, strict=True))
         return [line for index, (a, b) in pairs for line in differences(a, b, f"{key}[{index}]")]
-    return [] if before == after else [f"{key}: was {shown(before)}, is {shown(after)}"]
+    return [] if before == after else [f"{key}: was {format_value(before)}, is {format_value(after)}"]
 
 
 def check_same_volume(first: Scene, scene: Scene) -> None:
-    """Refuse a frame that differs from the first one in more than camera, transfer function and quality.
+    """Refuse a frame that differs from the first in more than camera, transfer function and quality.
 
     Raises
     ------
     SceneError
-        With the first key that differs.
+        The error names the first key that differs.
     """
-    found = differences(_fixed(first), _fixed(scene)) if scene != first else []
+    found = differences(_shared_part(first), _shared_part(scene)) if scene != first else []
     if found:
         allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
-def _fixed(scene: Scene) -> dict[str, Any]:
-    """What all frames have in common."""
+def _shared_part(scene: Scene) -> dict[str, Any]:
+    """Return the part of a scene that all frames share."""
     volumes = tuple(volume.model_copy(update=dict.fromkeys(CHANGING)) for volume in scene.volumes)
     return scene.model_copy(update={"camera": Camera(), "volumes": volumes, "quality": Quality()}).model_dump(
         mode="json"

@@ -1,4 +1,4 @@
-"""Errors of the scene as a user reads them: file, key, what is wrong, what was found, what is allowed."""
+"""Messages of validation errors: file, key, problem, value found, values allowed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.checks import UnusableError
-from clusterviz.scene.clip import Clip
-from clusterviz.scene.kinds import EXPLAIN, Section
-from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
+from clusterviz.scene.checks import InvalidValueError
+from clusterviz.scene.field_types import ERROR_HANDLERS, Section
+from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
 
-Key = tuple[str | int, ...]
-SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
+KeyPath = tuple[str | int, ...]
+SECTIONS: tuple[tuple[KeyPath, type[Section]], ...] = (
     (("volumes", 0), Volume),
     (("camera",), Camera),
     (("clip",), Clip),
@@ -26,12 +25,12 @@ SECTIONS: tuple[tuple[Key, type[Section]], ...] = (
     (("quality",), Quality),
     (("cluster",), Cluster),
 )
-KEYS: dict[str, Key] = {name: (*key, name) for key, section in SECTIONS for name in section.model_fields}
-"""Last name -> key; no name occurs in two of these sections."""
-SHOWN = 8
-"""How many errors are listed before the rest is only counted."""
+KEY_PATHS: dict[str, KeyPath] = {name: (*key, name) for key, section in SECTIONS for name in section.model_fields}
+"""Last name -> full path; no name occurs in two of these sections."""
+MAX_LISTED = 8
+"""Largest number of errors that a message lists; the rest are counted."""
 
-TYPES = {
+TYPE_MESSAGES = {
     "float_type": ("not a number", "a number"),
     "int_type": ("not a whole number", "a whole number"),
     "int_from_float": ("not a whole number", "a whole number"),
@@ -39,8 +38,13 @@ TYPES = {
     "bool_type": ("not a switch", "true, false"),
     "finite_number": ("not finite", "a finite number"),
 }
-LISTS = {"missing": "missing", "tuple_type": "not a list", "too_short": "too few values", "too_long": "too many values"}
-BOUNDS = {
+LIST_MESSAGES = {
+    "missing": "missing",
+    "tuple_type": "not a list",
+    "too_short": "too few values",
+    "too_long": "too many values",
+}
+BOUND_MESSAGES = {
     "greater_than": ("too small", "more than", "gt"),
     "greater_than_equal": ("too small", "at least", "ge"),
     "less_than": ("too large", "less than", "lt"),
@@ -49,29 +53,29 @@ BOUNDS = {
 
 
 def scene_error(
-    error: ValidationError, where: str, options: Mapping[Key, str] | None = None, root: type[Section] = Scene
+    error: ValidationError, where: str, options: Mapping[KeyPath, str] | None = None, root: type[Section] = Scene
 ) -> SceneError:
-    """All complaints of a validation in one error, a line each.
+    """Return a `SceneError` with one line for each error of a validation.
 
     Parameters
     ----------
-    error : what pydantic found
-    where : the scene file, or what stands for it
-    options : the text of the command-line option that set a key, by key; it is named in place of the file
-    root : what was validated
+    error : pydantic's error
+    where : the scene file, or another name of the scene
+    options : key path -> text of the option that set it, which is named instead of the file
+    root : the validated section
     """
-    found = {str(_complaint(details, where, options or {}, root)): None for details in error.errors()}
-    lines = list(found)[:SHOWN]
-    if len(found) > SHOWN:
-        lines.append(f"and {len(found) - SHOWN} more errors")
+    found = {str(_error_of(details, where, options or {}, root)): None for details in error.errors()}
+    lines = list(found)[:MAX_LISTED]
+    if len(found) > MAX_LISTED:
+        lines.append(f"and {len(found) - MAX_LISTED} more errors")
     return SceneError("\n".join(lines))
 
 
-EXPLAIN.append(scene_error)
+ERROR_HANDLERS.append(scene_error)
 
 
-def key_text(key: Key) -> str:
-    """A key as people write it: volumes[0].clim; the tags of unions are left out."""
+def format_key(key: KeyPath) -> str:
+    """Return a key path in the form volumes[0].clim, without the tags of unions."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -82,18 +86,18 @@ def key_text(key: Key) -> str:
 
 
 def unknown_key(where: str, name: object, section: type[Section] | None) -> SceneError:
-    """The error for a key that no section has, with the nearest one that this section has, or where else it is."""
+    """Return the error for an unknown key, with the most similar known key."""
     known = list(section.model_fields) if section else []
-    elsewhere = KEYS if section is Scene or any(section is other for _, other in SECTIONS) else {}
+    elsewhere = KEY_PATHS if section is Scene or any(section is other for _, other in SECTIONS) else {}
     word = str(name)
     tries = ((elsewhere, 1.0), (known, 0.7), (elsewhere, 0.7), (known, 0.5))
     near = next((found[0] for names, cutoff in tries if (found := get_close_matches(word, names, 1, cutoff))), None)
-    hint = f", did you mean {near if near in known else key_text(elsewhere[near])}?" if near else ""
+    hint = f", did you mean {near if near in known else format_key(elsewhere[near])}?" if near else ""
     return SceneError(f"unknown key{hint}", where=where, found=name, allowed=", ".join(known) or None)
 
 
-def section_at(key: Key, root: type[Section] = Scene) -> type[Section] | None:
-    """The section that a key leads to, None if it leads to a plain value or nowhere."""
+def section_at(key: KeyPath, root: type[Section] = Scene) -> type[Section] | None:
+    """Return the section at a key path, or None."""
     section = root
     for part in key:
         if isinstance(part, int):
@@ -106,8 +110,8 @@ def section_at(key: Key, root: type[Section] = Scene) -> type[Section] | None:
     return section
 
 
-def shown(value: Any) -> str:
-    """A found value on one line, cut where it is long."""
+def format_value(value: Any) -> str:
+    """Return a value as JSON on one line of at most 80 characters."""
     try:
         text = json.dumps(value, ensure_ascii=False, default=str)
     except (TypeError, ValueError):
@@ -122,50 +126,50 @@ def _section_in(annotation: Any) -> type[Section] | None:
     return None
 
 
-def _complaint(details: ErrorDetails, where: str, options: Mapping[Key, str], root: type[Section]) -> SceneError:
+def _error_of(details: ErrorDetails, where: str, options: Mapping[KeyPath, str], root: type[Section]) -> SceneError:
     kind, key, context = details["type"], details["loc"], details.get("ctx", {})
-    found: str | None = None if kind == "missing" else shown(details["input"])
+    found: str | None = None if kind == "missing" else format_value(details["input"])
     cause = context.get("error")
-    if isinstance(cause, UnusableError):
-        if cause.key:  # the input is the whole section then, which says nothing of this key
+    if isinstance(cause, InvalidValueError):
+        if cause.key:  # the input is the whole section
             key, found = (*key, cause.key), None
-        found = shown(cause.found) if cause.found is not None else found
-        return SceneError(cause.what, where=_place(key, where, options), found=found, allowed=cause.allowed)
-    if kind == "missing" and isinstance(key[-1], int):  # an item, whose list is the input
-        kind, key, found = "too_short", key[:-1], shown(details["input"])
-    place = _place(key, where, options)
+        found = format_value(cause.found) if cause.found is not None else found
+        return SceneError(cause.what, where=_location(key, where, options), found=found, allowed=cause.allowed)
+    if kind == "missing" and isinstance(key[-1], int):  # an item of a list, which is the input
+        kind, key, found = "too_short", key[:-1], format_value(details["input"])
+    place = _location(key, where, options)
     if kind == "extra_forbidden":
         return unknown_key(place, key[-1], section_at(key[:-1], root))
-    what, allowed = _words(kind, key, details["msg"], context, root)
+    what, allowed = _describe(kind, key, details["msg"], context, root)
     return SceneError(what, where=place, found=found, allowed=allowed)
 
 
-def _words(
-    kind: str, key: Key, message: str, context: Mapping[str, Any], root: type[Section]
+def _describe(
+    kind: str, key: KeyPath, message: str, context: Mapping[str, Any], root: type[Section]
 ) -> tuple[str, str | None]:
-    """What is wrong and what is allowed, for pydantic's own kinds of error."""
-    if kind in TYPES:
-        return TYPES[kind]
-    if kind in BOUNDS:
-        what, relation, bound = BOUNDS[kind]
+    """Return the problem and the values allowed for an error of pydantic's own."""
+    if kind in TYPE_MESSAGES:
+        return TYPE_MESSAGES[kind]
+    if kind in BOUND_MESSAGES:
+        what, relation, bound = BOUND_MESSAGES[kind]
         return what, f"{relation} {context[bound]:g}"
     if kind == "literal_error":
         return "not one of the choices", context["expected"].replace("'", "").replace(" or ", ", ")
     if kind == "too_long" and key == ("volumes",):
         return "too many volumes", f"at most {context['max_length']}"
-    if kind in LISTS:
+    if kind in LIST_MESSAGES:
         example = _example(key, root)
-        most = f"at most {context['max_length']} values" if kind == "too_long" else "a list"
-        most = "a value" if kind == "missing" else most
-        return LISTS[kind], most if example is None else f"{most}, such as {shown(example)}"
+        limit = f"at most {context['max_length']} values" if kind == "too_long" else "a list"
+        limit = "a value" if kind == "missing" else limit
+        return LIST_MESSAGES[kind], limit if example is None else f"{limit}, such as {format_value(example)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         section = section_at(key, root)
         return "not a section", f"keys with values: {', '.join(section.model_fields) if section else ''}"
     return message[:1].lower() + message[1:], None
 
 
-def _example(key: Key, root: type[Section]) -> Any:
-    """What a key, or an item of its list, may hold, from the examples of its field; None where it has none."""
+def _example(key: KeyPath, root: type[Section]) -> Any:
+    """Return an example value of a key or list item, from the examples of its field; None without examples."""
     words = [part for part in key if isinstance(part, int) or not part.startswith("<")]
     last = max((place for place, part in enumerate(words) if isinstance(part, str)), default=-1)
     section = section_at(tuple(words[:last]), root) if last >= 0 else None
@@ -178,15 +182,15 @@ def _example(key: Key, root: type[Section]) -> Any:
 
 
 def _examples_in(annotation: Any) -> list[Any] | None:
-    """The examples that come with a type, or with one of those that it is made of."""
+    """Return the examples in the annotation of a type or of one of its parts."""
     if isinstance(annotation, FieldInfo):
         return annotation.examples
     parts = sorted(get_args(annotation), key=lambda part: not isinstance(part, FieldInfo))
     return next((found for part in parts if (found := _examples_in(part))), None)
 
 
-def _place(key: Key, where: str, options: Mapping[Key, str]) -> str:
+def _location(key: KeyPath, where: str, options: Mapping[KeyPath, str]) -> str:
     for end in range(len(key), 0, -1):
         if key[:end] in options:
-            return f"{options[key[:end]]}: {key_text(key)}"
-    return f"{where}: {key_text(key)}" if key else where
+            return f"{options[key[:end]]}: {format_key(key)}"
+    return f"{where}: {format_key(key)}" if key else where

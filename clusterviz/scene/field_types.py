@@ -1,4 +1,4 @@
-"""What keys are made of: numbers, vectors, points and the forms that a value may take, each with its check."""
+"""Types of scene keys with their validators, and `Section`, the base class of all sections."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from clusterviz.scene.checks import (
     check_order,
     check_points,
     check_surface,
-    form_of,
-    form_of_map,
-    plain,
+    cmap_tag,
+    to_builtin,
+    union_tag,
 )
 
 LARGEST_SIDE = 65536
-"""Of a picture, in pixels."""
+"""Largest side of a picture, pixels."""
 FINITE = Field(strict=True, allow_inf_nan=False)
-Number = Annotated[float, FINITE, BeforeValidator(plain)]
-Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(plain)]
-Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(plain)]
-Side = Annotated[int, Field(strict=True, ge=1, le=LARGEST_SIDE), BeforeValidator(plain)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(plain), Field(examples=[[0, 0, 1]])]
+Number = Annotated[float, FINITE, BeforeValidator(to_builtin)]
+Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(to_builtin)]
+Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(to_builtin)]
+Side = Annotated[int, Field(strict=True, ge=1, le=LARGEST_SIDE), BeforeValidator(to_builtin)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(to_builtin), Field(examples=[[0, 0, 1]])]
 Channel = Annotated[int | str, BeforeValidator(check_channel)]
 Direction = Annotated[
     tuple[Vector, Vector, Vector],
-    BeforeValidator(plain),
+    BeforeValidator(to_builtin),
     AfterValidator(check_direction),
     Field(examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]]),
 ]
@@ -56,21 +56,23 @@ Box = Annotated[
     AfterValidator(check_box),
     Field(examples=[[0, 10, 0, 10, 0, 5]]),
 ]
-Clim = Annotated[tuple[Number, Number], BeforeValidator(plain), AfterValidator(check_clim), Field(examples=[[20, 200]])]
-Colour = Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(plain)]
-ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(plain)]
-GradientPoint = Annotated[
-    tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(plain)], Fraction], BeforeValidator(plain)
+Clim = Annotated[
+    tuple[Number, Number], BeforeValidator(to_builtin), AfterValidator(check_clim), Field(examples=[[20, 200]])
 ]
-OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(plain)]
+Colour = Annotated[tuple[Fraction, Fraction, Fraction], BeforeValidator(to_builtin)]
+ColourPoint = Annotated[tuple[Number, Fraction, Fraction, Fraction], BeforeValidator(to_builtin)]
+GradientPoint = Annotated[
+    tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)], Fraction], BeforeValidator(to_builtin)
+]
+OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(to_builtin)]
 
-# A value of several types says by its form which one is meant, so that an error speaks of that one only.
+# The form of a value selects the union member, so that errors refer to that member only.
 Name = Annotated[str, Tag("<name>")]
 Cmap = Annotated[
     Name
     | Annotated[tuple[ColourPoint, ...], AfterValidator(check_points), Tag("<points>")]
     | Annotated[tuple[Colour, ...], Tag("<colours>")],
-    Discriminator(form_of_map),
+    Discriminator(cmap_tag),
     BeforeValidator(check_cmap),
     Field(examples=[[[20, 0, 0, 0], [200, 1, 1, 1]]]),
 ]
@@ -78,45 +80,45 @@ Opacity = Annotated[
     Name
     | Annotated[Fraction, Tag("<number>")]
     | Annotated[tuple[OpacityPoint, ...], AfterValidator(check_points), Tag("<points>")],
-    Discriminator(form_of),
+    Discriminator(union_tag),
     BeforeValidator(check_opacity),
     Field(examples=[[[20, 0], [200, 0.6]]]),
 ]
 Isosurface = Annotated[
     Annotated[Number, Tag("<number>")] | Annotated[OpacityPoint, Tag("<points>")],
-    Discriminator(form_of),
+    Discriminator(union_tag),
     BeforeValidator(check_surface),
 ]
 GradientOpacity = Annotated[
     tuple[GradientPoint, ...],
     Field(max_length=64, examples=[[[0, 0], [10, 1]]]),
-    BeforeValidator(plain),
+    BeforeValidator(to_builtin),
     AfterValidator(check_order),
 ]
 Background = Annotated[
     Name | Annotated[tuple[Fraction, Fraction, Fraction], Tag("<points>")],
-    Discriminator(form_of),
+    Discriminator(union_tag),
     BeforeValidator(check_background),
     Field(examples=[[0.1, 0.2, 0.4]]),
 ]
 
 
-EXPLAIN: list[Callable[..., Exception]] = []
-"""`complaints.scene_error`, which that module puts here: it knows the sections, which are made of what is here."""
+ERROR_HANDLERS: list[Callable[..., Exception]] = []
+"""`validation_messages.scene_error`, registered by that module, which imports the sections and so this module."""
 
 if TYPE_CHECKING:
     _Model = BaseModel
 else:
 
     class _SectionType(type(BaseModel)):
-        """What makes a section: its errors are clusterviz's, and its help lists its keys, not pydantic's methods."""
+        """Metaclass of sections: validation raises a `SceneError`, and `dir` lists keys only."""
 
         def __call__(cls, *args: Any, **values: Any) -> Any:
-            """A section of given values."""
+            """Return a section with the given values."""
             try:
                 return super().__call__(*args, **values)
             except ValidationError as error:
-                raise EXPLAIN[0](error, cls.__name__, root=cls) from None
+                raise ERROR_HANDLERS[0](error, cls.__name__, root=cls) from None
 
         def __dir__(cls) -> list[str]:
             return list(cls.model_fields)
@@ -135,6 +137,6 @@ else:
 
 
 class Section(_Model):
-    """What all sections share: frozen, and no key but the ones that are declared."""
+    """Base class of scene sections: frozen, unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,8 +1,8 @@
-"""Animations: a scene at every frame, from an orbit, or from key frames of camera and transfer function.
+"""Animation paths: one scene a frame, from an orbit or from key frames of camera and transfer function.
 
-An orbit turns the eye about the focal point, round view_up. Keys are values at times; between them positions follow
-centripetal Catmull-Rom curves, directions are interpolated and renormalised, numbers are monotone. What a key leaves
-out is the scene's.
+An orbit rotates the eye about view_up through the focal point. Between key frames positions follow centripetal
+Catmull-Rom curves, directions are interpolated and normalised, and numbers follow monotone cubics. Values that a key
+frame leaves out are the scene's.
 """
 
 from __future__ import annotations
@@ -19,89 +19,89 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from clusterviz.errors import SceneError, guard
-from clusterviz.scene.checks import UnusableError, plain
-from clusterviz.scene.complaints import key_text, scene_error, shown, unknown_key
-from clusterviz.scene.kinds import Clim, Cmap, Number, Opacity, Positive, Section, Vector
-from clusterviz.scene.smooth import centripetal, monotone
+from clusterviz.scene.checks import InvalidValueError, to_builtin
+from clusterviz.scene.field_types import Clim, Cmap, Number, Opacity, Positive, Section, Vector
+from clusterviz.scene.splines import centripetal, monotone
+from clusterviz.scene.validation_messages import format_key, format_value, scene_error, unknown_key
 from clusterviz.scene.values import Camera, Scene
 from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
 
 Floats = NDArray[np.float64]
-KeyT = TypeVar("KeyT", bound="Key")
+KeyFrameT = TypeVar("KeyFrameT", bound="KeyFrame")
 TURN = 360.0
-POINTS = ("position", "focal_point")
-MOST_FRAMES = 1_000_000
+POSITION_KEYS = ("position", "focal_point")
+MAX_FRAMES = 1_000_000
 
 
-class Key(Section):
-    """Something at a time."""
+class KeyFrame(Section):
+    """Base class of key frames; times are in seconds."""
 
     time: Number
 
 
-class CameraKey(Key):
-    """The camera at a time; what is left out is the scene's."""
+class CameraKeyFrame(KeyFrame):
+    """Camera at a time; values left out are the scene's."""
 
     position: Vector | None = None
     focal_point: Vector | None = None
     view_up: Vector | None = None
-    view_angle: Annotated[float, Field(strict=True, gt=0, lt=180), BeforeValidator(plain)] | None = None
+    view_angle: Annotated[float, Field(strict=True, gt=0, lt=180), BeforeValidator(to_builtin)] | None = None
     parallel_scale: Positive | None = None
 
 
-class TransferKey(Key):
-    """The transfer function at a time; what is left out is the scene's."""
+class TransferKeyFrame(KeyFrame):
+    """Transfer function at a time; values left out are the scene's."""
 
     cmap: Cmap | None = None
     clim: Clim | None = None
     opacity: Opacity | None = None
 
 
-def _ascending(keys: tuple[KeyT, ...]) -> tuple[KeyT, ...]:
+def _ascending(keys: tuple[KeyFrameT, ...]) -> tuple[KeyFrameT, ...]:
     for before, after in pairwise(keys):
         if after.time <= before.time:
-            raise UnusableError(f"keys out of order: time {after.time:g} after {before.time:g}", "ascending times")
+            raise InvalidValueError(f"keys out of order: time {after.time:g} after {before.time:g}", "ascending times")
     return keys
 
 
 class KeyFrames(Section):
-    """What changes, and when; times in seconds."""
+    """Key frames of camera and transfer function."""
 
-    camera: Annotated[tuple[CameraKey, ...], AfterValidator(_ascending)] = ()
-    transfer: Annotated[tuple[TransferKey, ...], AfterValidator(_ascending)] = ()
+    camera: Annotated[tuple[CameraKeyFrame, ...], AfterValidator(_ascending)] = ()
+    transfer: Annotated[tuple[TransferKeyFrame, ...], AfterValidator(_ascending)] = ()
 
     @property
     def times(self) -> tuple[float, float]:
-        """Of the first key and of the last one; (0, 0) without keys."""
+        """Times of the first and last key frame, seconds; (0, 0) without key frames."""
         times = [key.time for key in (*self.camera, *self.transfer)]
         return min(times, default=0.0), max(times, default=0.0)
 
     def frames(self, frames_per_second: float, where: str = "path") -> int:
-        """How many frames the keys last, the last one included.
+        """Return the number of frames from the first to the last key frame, both included.
 
         Raises
         ------
         SceneError
-            More than `MOST_FRAMES`; it names `where`.
+            There are more than `MAX_FRAMES`.
         """
         begin, end = self.times
         count = (end - begin) * frames_per_second
-        if not count < MOST_FRAMES:
+        if not count < MAX_FRAMES:
             found = f"{end - begin:g} s at {frames_per_second:g} frames a second"
-            raise SceneError("too many frames", where=where, found=found, allowed=f"at most {MOST_FRAMES}")
+            raise SceneError("too many frames", where=where, found=found, allowed=f"at most {MAX_FRAMES}")
         return round(count) + 1
 
 
-SECTIONS: dict[str, type[Key]] = {"camera": CameraKey, "transfer": TransferKey}
+KEY_FRAME_TYPES: dict[str, type[KeyFrame]] = {"camera": CameraKeyFrame, "transfer": TransferKeyFrame}
 
 
 def load_path(path: str | os.PathLike[str]) -> KeyFrames:
-    """Key frames from a YAML (or JSON) file.
+    """Read key frames from a YAML or JSON file.
 
     Raises
     ------
     SceneError
-        The file cannot be read, or holds a key or a value that key frames cannot have.
+        The file cannot be read, or holds an unknown key or an invalid value.
     """
     where = os.fspath(path)
     with guard(SceneError, where):
@@ -115,25 +115,26 @@ def _keys(text: str, where: str) -> KeyFrames:
         raise SceneError(f"not YAML: {yaml_problem(error)}", where=where) from None
     if not isinstance(data, dict) or not any(data.values()):
         allowed = "keys under camera or transfer"
-        raise SceneError("no key frames", where=where, found=shown(data), allowed=allowed)
+        raise SceneError("no key frames", where=where, found=format_value(data), allowed=allowed)
     try:
         return KeyFrames.model_validate({name: value for name, value in data.items() if value is not None})
     except ValidationError as error:
         for details in error.errors():
             if details["type"] == "extra_forbidden":
                 key = details["loc"]
-                section: type[Section] = SECTIONS[str(key[0])] if len(key) > 1 else KeyFrames
-                raise unknown_key(f"{where}: {key_text(key)}", key[-1], section) from None
+                section: type[Section] = KEY_FRAME_TYPES[str(key[0])] if len(key) > 1 else KeyFrames
+                raise unknown_key(f"{where}: {format_key(key)}", key[-1], section) from None
         raise scene_error(error, where) from None
 
 
 def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
-    """Cameras that turn about the focal point, round view_up, counter-clockwise as seen from where it points.
+    """Return cameras on an orbit about view_up through the focal point, counter-clockwise seen from above.
 
     Parameters
     ----------
-    camera : completed
-    degrees : of the whole way; full turns end one step before the start, so that they can be repeated
+    camera : the completed camera of the first frame
+    degrees : total angle; full turns end one step before the first camera, so that they can be repeated
+    frames : number of cameras
     """
     steps = frames if math.remainder(degrees, TURN) == 0 else max(1, frames - 1)
     position, centre, up = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))
@@ -153,19 +154,20 @@ def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
 def scenes_along(
     scene: Scene, frames: int, degrees: float | None = None, keys: KeyFrames | None = None, where: str = "path"
 ) -> list[Scene]:
-    """The scene of every frame, frames at equal distances from the first key to the last one.
+    """Return the scenes of all frames, at equal time steps from the first to the last key frame.
 
     Parameters
     ----------
-    scene : completed
-    degrees : of an orbit
-    keys : key frames; without camera keys where there is an orbit
-    where : the file that errors name
+    scene : a completed scene
+    frames : number of frames
+    degrees : total angle of an orbit; None for no orbit
+    keys : key frames; without camera key frames if there is an orbit
+    where : the file named in errors
 
     Raises
     ------
     SceneError
-        Keys that do not fit each other, or a camera that looks along its view_up.
+        Key frames are incompatible, or an interpolated camera is degenerate.
     """
     keys = keys or KeyFrames()
     if keys.camera and degrees is not None:
@@ -185,11 +187,11 @@ def scenes_along(
     return scenes
 
 
-def _camera_at(base: Camera, keys: Sequence[CameraKey], time: float, where: str) -> Camera:
+def _camera_at(base: Camera, keys: Sequence[CameraKeyFrame], time: float, where: str) -> Camera:
     times = np.array([key.time for key in keys])
-    names = [name for name in CameraKey.model_fields if name != "time"]
+    names = [name for name in CameraKeyFrame.model_fields if name != "time"]
     each = {name: [getattr(key, name) or getattr(base, name) for key in keys] for name in names}
-    found: dict[str, Any] = {name: _vector(centripetal(times, _rows(each[name]), time)) for name in POINTS}
+    found: dict[str, Any] = {name: _vector(centripetal(times, _rows(each[name]), time)) for name in POSITION_KEYS}
     ups = _rows(each["view_up"])
     ups = ups / np.abs(ups).max(axis=1, keepdims=True)
     up = monotone(times, ups / np.linalg.norm(ups, axis=1, keepdims=True), time)
@@ -208,8 +210,8 @@ def _camera_at(base: Camera, keys: Sequence[CameraKey], time: float, where: str)
         raise scene_error(error, where) from None
 
 
-def _transfer_at(scene: Scene, keys: Sequence[TransferKey], time: float, where: str) -> dict[str, Any]:
-    """What a volume's transfer function is at a time: points move, each to its counterpart in the next key."""
+def _transfer_at(scene: Scene, keys: Sequence[TransferKeyFrame], time: float, where: str) -> dict[str, Any]:
+    """Return the keys of the transfer function at a time; control points are interpolated one to one."""
     times, volume = np.array([key.time for key in keys]), scene.volumes[0]
     found: dict[str, Any] = {}
     for name in ("cmap", "clim", "opacity"):
@@ -221,20 +223,18 @@ def _transfer_at(scene: Scene, keys: Sequence[TransferKey], time: float, where: 
 
 
 def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any:
-    """A value between keys: names stay, numbers and points move."""
+    """Interpolate numbers and control points between key frames; names must be the same in all."""
     if all(value == each[0] for value in each):
         return each[0]
     shapes = {np.shape(value) if not isinstance(value, str) else value for value in each}
     if len(shapes) > 1 or any(isinstance(value, str) for value in each):
         allowed = "one name in all keys, or numbers, or lists of as many points in each"
-        raise SceneError("nothing lies between these keys", where=where, found=shown(each), allowed=allowed)
+        raise SceneError("nothing lies between these keys", where=where, found=format_value(each), allowed=allowed)
     table = np.array(each, np.float64)
     flat = monotone(times, table.reshape(len(each), -1), time)
     if table.ndim == 3:
         rows = flat.reshape(table.shape[1:])
-        if table.shape[2:] != (
-            3,
-        ):  # values, which must not pass each other where they come near; colours alone have none
+        if table.shape[2:] != (3,):  # the values of control points must stay sorted; plain colours have none
             rows[:, 0] = np.maximum.accumulate(rows[:, 0])
         return tuple(tuple(float(value) for value in row) for row in rows)
     return tuple(float(value) for value in flat) if table.ndim == 2 else float(flat[0])

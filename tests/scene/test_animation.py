@@ -1,4 +1,4 @@
-"""Camera paths: orbits that close, keys that are met, curves that neither overshoot nor loop, and what is refused."""
+"""Animation paths: closed orbits, interpolated key frames, and refused input."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Camera, Scene, Volume
-from clusterviz.scene.path import KeyFrames, load_path, orbit, scenes_along
-from clusterviz.scene.smooth import centripetal, monotone
+from clusterviz.scene.animation import KeyFrames, load_path, orbit, scenes_along
+from clusterviz.scene.splines import centripetal, monotone
 
 CAMERA = Camera(position=(5.0, 1.0, 2.0), focal_point=(1.0, 1.0, 1.0), view_up=(0.0, 0.0, 2.0))
 SCENE = Scene(

@@ -1,4 +1,4 @@
-"""Why a scene, or a part of it, is not seen: told from what is known anyhow, without a further look at the voxels."""
+"""Warnings about volumes that are not visible, found without reading voxels."""
 
 from __future__ import annotations
 
@@ -8,52 +8,52 @@ from pathlib import PurePath
 
 import numpy as np
 
-from clusterviz.scene.camera import pixels_of
+from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
-from clusterviz.scene.complete import VolumeFacts, transfer_function
+from clusterviz.scene.complete import VolumeInfo, transfer_function
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0
-"""Pixels: what is smaller in width and height, and than a quarter of the picture's, is too small to be seen."""
+"""Pixels; a scene is too small if its width and height are below this and a quarter of the picture's."""
 
 
-def unseen(scene: Scene, facts: Sequence[VolumeFacts], is_blank: bool) -> dict[str, str]:
-    """What a user should know of a picture in which something is missing.
+def visibility_warnings(scene: Scene, infos: Sequence[VolumeInfo], is_blank: bool) -> dict[str, str]:
+    """Return warnings about volumes that the picture does not show.
 
     Parameters
     ----------
-    scene : completed
-    facts : of each volume
-    is_blank : no pixel of the picture has any opacity
+    scene : a completed scene
+    infos : information on each volume
+    is_blank : whether all pixels of the picture are transparent
 
     Returns
     -------
-    warnings : a line each, by what they are about, so that frames of an animation need not repeat them
+    warnings : subject -> one line; frames of an animation report a subject once
     """
     if not scene.volumes:
         return {"volumes": "the scene has no volumes: nothing is drawn"}
     found: dict[str, str] = {}
-    for number, (volume, fact) in enumerate(zip(scene.volumes, facts, strict=True)):
-        reason = _unseen_volume(volume, fact)
+    for number, (volume, info) in enumerate(zip(scene.volumes, infos, strict=True)):
+        reason = _unseen_volume(volume, info)
         if reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
-    beyond = _out_of_sight(scene, np.concatenate([fact.corners for fact in facts]))
+    beyond = _out_of_sight(scene, np.concatenate([info.corners for info in infos]))
     if beyond:
         found["camera"] = beyond
     if is_blank and not found:
-        first, fact = scene.volumes[0], facts[0]
+        first, info = scene.volumes[0], infos[0]
         found["picture"] = (
-            f"the picture is empty: check opacity, clip, blending; data {_span(fact.minimum, fact.maximum)}, "
+            f"the picture is empty: check opacity, clip, blending; data {_span(info.minimum, info.maximum)}, "
             f"clim {_span(*(first.clim or (math.nan, math.nan)))}"
         )
     return found
 
 
-def _unseen_volume(volume: Volume, fact: VolumeFacts) -> str:
-    """Why a volume is not seen wherever the camera is; "" if it may be."""
-    z, y, x = fact.shape_zyx
-    if not fact.finite:
+def _unseen_volume(volume: Volume, info: VolumeInfo) -> str:
+    """Return why a volume is invisible from all cameras, or ""."""
+    z, y, x = info.shape_zyx
+    if not info.finite:
         return f"all {x * y * z} samples are NaN or infinite: nothing is drawn"
     if min(x, y, z) == 1:
         thin = ", ".join(axis for axis, n in zip("xyz", (x, y, z), strict=True) if n == 1)
@@ -61,15 +61,15 @@ def _unseen_volume(volume: Volume, fact: VolumeFacts) -> str:
             f"{x} × {y} × {z} samples, one along {thin}, as of a 2-D array: a volume fills the box from its "
             "first to its last sample, and this one has no depth: nothing is drawn"
         )
-    data, clim = f"the data's range {_span(fact.minimum, fact.maximum)}", volume.clim
+    data, clim = f"the data's range {_span(info.minimum, info.maximum)}", volume.clim
     found = []
     values = [surface if isinstance(surface, (int, float)) else surface[0] for surface in volume.isosurfaces]
-    if values and not any(fact.minimum <= value <= fact.maximum for value in values):
+    if values and not any(info.minimum <= value <= info.maximum for value in values):
         found.append(f"no isosurface, since {', '.join(f'{value:g}' for value in values)} lies beyond {data}")
     if volume.blending != "isosurface" and clim is not None:
-        beyond = clim[0] > fact.maximum or clim[1] < fact.minimum
+        beyond = clim[0] > info.maximum or clim[1] < info.minimum
         where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
-        if not (values and not found) and transfer_function(volume).is_transparent(fact.minimum, fact.maximum).all():
+        if not (values and not found) and transfer_function(volume).is_transparent(info.minimum, info.maximum).all():
             found.append(f"{where}: nothing is drawn")
         elif beyond and follows_clim(volume.cmap or ""):
             found.append(f"{where}: all of it has one colour")
@@ -77,9 +77,9 @@ def _unseen_volume(volume: Volume, fact: VolumeFacts) -> str:
 
 
 def _out_of_sight(scene: Scene, corners: np.ndarray) -> str:
-    """Why the camera does not see the box of the scene; "" if it may."""
+    """Return why the scene's box is outside the picture or too small, or ""."""
     camera, (width, height) = scene.camera, scene.image.size
-    pixels, ahead = pixels_of(camera, corners, scene.image.size)
+    pixels, ahead = project_points(camera, corners, scene.image.size)
     if (ahead <= 0).all():
         return (
             f"the camera looks away: from {_point(camera.position)} towards {_point(camera.focal_point)} all of "
