@@ -38,8 +38,7 @@ from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_box
-from clusterviz.data.placed import placed
+from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Index, Source
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
@@ -131,6 +130,26 @@ class GuardedSource:
             return self.source.read(begin_zyx, end_zyx)
 
 
+@dataclass(frozen=True)
+class GridOverride:
+    """The samples of `source` on another grid of the same shape."""
+
+    source: Source
+    grid: Grid
+
+    @property
+    def name(self) -> str:
+        return self.source.name
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.source.dtype
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """The samples of the box; see `Source.read`."""
+        return self.source.read(begin_zyx, end_zyx)
+
+
 def _open(text: str, part: Subset) -> Source:
     if text.startswith("field:"):
         return open_field(text)
@@ -170,4 +189,15 @@ def open_volume(volume: Volume) -> Source:
         As `open_source`.
     """
     subset = Subset(volume.array, volume.time, volume.channel, spaced=volume.spacing is not None)
-    return placed(open_source(volume.path, subset=subset), volume)
+    return override_grid(open_source(volume.path, subset=subset), volume)
+
+
+def override_grid(source: Source, volume: Volume) -> Source:
+    """The source with the spacing, origin and direction of the scene's volume, where the scene has them."""
+    if volume.spacing is None and volume.origin is None and volume.direction is None:
+        return source
+    grid = source.grid
+    axes = np.array(volume.direction or grid.direction)
+    steps = axes / np.linalg.norm(axes, axis=0) * np.array(volume.spacing or grid.spacing)
+    moved = make_grid(grid.shape_zyx, steps, volume.origin or grid.origin, source.name)
+    return GridOverride(source, replace(moved, orientation="" if volume.direction else grid.orientation))

@@ -10,7 +10,7 @@ from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-LISTED = 12  # names of channels in a message
+MAX_LISTED = 12  # names of channels in a message
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _pick(
     """The index that is asked for along one axis."""
     allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
     if names:
-        listed = ", ".join(names[:LISTED]) + (", …" if len(names) > LISTED else "")
+        listed = ", ".join(names[:MAX_LISTED]) + (", …" if len(names) > MAX_LISTED else "")
         allowed += f", or a name: {listed}"
     if wanted is None:
         if count > 1 and not first:

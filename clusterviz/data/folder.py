@@ -25,7 +25,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.errors import DataError
 
-LOOKED_AT = 8  # files of a folder without slices, to see whether they are DICOM
+DICOM_PROBES = 8  # files of a folder without slices, to see whether they are DICOM
 SLICES: dict[str, Callable[[Path, Subset], Source]] = {
     **dict.fromkeys((".tif", ".tiff"), open_tiff),
     **dict.fromkeys(PICTURES, open_picture),
@@ -73,7 +73,7 @@ def open_folder(path: Path, subset: Subset) -> FolderSource:
     with readable(path):
         held = [file for file in path.iterdir() if not file.name.startswith(".")]
         files = [file for file in held if file.suffix.lower() in SLICES]
-        if not files and any(file.is_file() and kind_of(start_of(file)) == "DICOM" for file in held[:LOOKED_AT]):
+        if not files and any(file.is_file() and kind_of(start_of(file)) == "DICOM" for file in held[:DICOM_PROBES]):
             raise DataError("a DICOM series", where=where, allowed="one file: dcm2niix makes .nii.gz of a series")
     kinds = Counter(file.suffix.lower() for file in files)
     if len(kinds) != 1:

@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
 from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_box, check_dtype, place, triple
+from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-MOST_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
-UNEVEN = 0.01  # of a step: how far a coordinate may lie from an even one; Gaussian latitudes and float32 do
+MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
+MAX_UNEVENNESS = 0.01  # of a step: how far a coordinate may lie from an even one; Gaussian latitudes and float32 do
 
 
 @dataclass(frozen=True)
@@ -209,23 +209,23 @@ def _grid_of(dataset: Any, slab: Hyperslab, subset: Subset, where: str) -> Grid:
     given = {key: dataset.attrs[key] for key in ("spacing", "origin", "element_size_um") if key in dataset.attrs}
     if given:
         spacing = given.get("spacing", np.asarray(given.get("element_size_um", (1, 1, 1)))[::-1])
-        return place(slab.shape_zyx, np.diag(triple(spacing, where)), given.get("origin", (0, 0, 0)), where)
+        return make_grid(slab.shape_zyx, np.diag(triple(spacing, where)), given.get("origin", (0, 0, 0)), where)
     axes = [axis for axis, index in enumerate(slab.index) if index is None]
     lines = [_line(_scale(dataset, axis), slab.shape[axis], subset.spaced, where) for axis in reversed(axes)]
     origin, steps = np.array([*lines, (0.0, 1.0)][:3]).T
-    return place(slab.shape_zyx, np.diag(steps), origin, where)
+    return make_grid(slab.shape_zyx, np.diag(steps), origin, where)
 
 
 def _line(scale: Any, count: int, spaced: bool, where: str) -> tuple[float, float]:
     """The first coordinate of an axis and the step to the next; 0 and 1 where the file has none."""
-    if scale is None or scale.shape != (count,) or scale.dtype.kind not in "iuf" or count > MOST_COORDINATES:
+    if scale is None or scale.shape != (count,) or scale.dtype.kind not in "iuf" or count > MAX_COORDINATES:
         return 0.0, 1.0
     if _text(scale, "NAME").startswith("This is a netCDF dimension but not a netCDF variable"):
         return 0.0, 1.0
     coordinates = np.asarray(scale[()], float)
     step = float(coordinates[-1] - coordinates[0]) / (count - 1) if count > 1 else 1.0
     even = coordinates[0] + step * np.arange(count)
-    if not spaced and not (np.abs(coordinates - even) <= UNEVEN * abs(step)).all():
+    if not spaced and not (np.abs(coordinates - even) <= MAX_UNEVENNESS * abs(step)).all():
         allowed = "even coordinates, or spacing: [x, y, z] of the volume"
         raise DataError(f"the coordinates {scale.name} are not evenly spaced", where=where, allowed=allowed)
     return float(coordinates[0]), step

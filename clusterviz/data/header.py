@@ -12,9 +12,9 @@ from clusterviz.data.grid import Grid, Triple
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-MOST_PARALLEL = 1e-6  # |det| of the unit axes below which a placement counts as singular
+MIN_DETERMINANT = 1e-6  # |det| of the unit axes below which a placement counts as singular
 # Bytes that one packed byte can hold at most, by the format of deflate and LZ4, or with room to spare.
-MOST_PACKED = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "TIFF": 1 << 16, "bzip2": 1 << 21}
+MAX_COMPRESSION_RATIO = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "TIFF": 1 << 16, "bzip2": 1 << 21}
 
 
 def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
@@ -75,7 +75,7 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
     DataError
         Nothing that is packed in this way can hold so much.
     """
-    if packed * MOST_PACKED[packing] < needed:
+    if packed * MAX_COMPRESSION_RATIO[packing] < needed:
         raise DataError(
             "truncated, or the header lies about its size",
             where=where,
@@ -95,7 +95,7 @@ def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def place(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:
+def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:
     """The grid whose column a of `steps` is the world vector from a sample to the next along index axis a (x, y, z).
 
     Left-handed and sheared placements are fine: the direction's columns are unit vectors, in no way orthogonal.
@@ -113,7 +113,7 @@ def place(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] 
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
         raise DataError("singular placement", where=where, found=f"spacing {spacing}", allowed="finite and above 0")
     direction = np.asarray(steps, float) / spacing
-    if abs(np.linalg.det(direction)) < MOST_PARALLEL:
+    if abs(np.linalg.det(direction)) < MIN_DETERMINANT:
         raise DataError(
             "singular placement", where=where, found=f"axes {direction.tolist()}", allowed="an invertible matrix"
         )

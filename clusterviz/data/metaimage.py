@@ -19,14 +19,22 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, select
-from clusterviz.data.detached import MOST_FILES, numbered_names, raw_pieces
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_packed, check_size, place
-from clusterviz.data.linear import LinearSource
+from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.source import Index
-from clusterviz.data.storage import FileBytes, Inflated, LoadedBytes, Storage, StreamBytes
-from clusterviz.data.text import numbers_from_text
+from clusterviz.data.storage import (
+    MAX_FILES,
+    FileBytes,
+    Inflated,
+    LoadedBytes,
+    Storage,
+    StreamBytes,
+    file_ranges,
+    numbered_names,
+    numbers_from_text,
+)
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -44,11 +52,11 @@ TYPES = {
     "MET_DOUBLE": "f8",
 }
 LETTERS = {2: "YX", 3: "ZYX", 4: "TZYX"}
-MOST_LINE, MOST_LINES = 1 << 16, 1 << 10
+MAX_LINE, MAX_LINES = 1 << 16, 1 << 10
 ZLIB_OR_GZIP = 47
 
 
-def open_metaimage(path: Path, subset: Subset) -> LinearSource:
+def open_metaimage(path: Path, subset: Subset) -> StridedSource:
     """The volume, or one time step and channel of several, in a MetaImage file.
 
     Raises
@@ -73,7 +81,7 @@ def open_metaimage(path: Path, subset: Subset) -> LinearSource:
     storage = _storage(fields, files, begin, needed, max(strides), stored, where)
     grid = _grid_of(fields, count, slab.shape_zyx, where)
     name, dtype = where + slab.label, check_dtype(stored, where)
-    return LinearSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+    return StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
@@ -81,8 +89,8 @@ def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
     fields: dict[str, str] = {}
     listed: list[str] = []
     with readable(path), path.open("rb") as file:
-        for _ in range(MOST_LINES):
-            key, equals, value = file.readline(MOST_LINE).decode("utf-8", "replace").partition("=")
+        for _ in range(MAX_LINES):
+            key, equals, value = file.readline(MAX_LINE).decode("utf-8", "replace").partition("=")
             if not equals:
                 break
             fields[key.strip()] = value.strip()
@@ -90,12 +98,12 @@ def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
                 break
         begin = file.tell()
         if value.split()[:1] == ["LIST"]:
-            names = file.read(MOST_LINE * MOST_LINES).decode("utf-8", "replace").splitlines()
+            names = file.read(MAX_LINE * MAX_LINES).decode("utf-8", "replace").splitlines()
             listed = [name.strip() for name in names if name.strip()]
         file.seek(0)
         start = file.read(64)
     entry = fields.get("ElementDataFile", "")
-    if not entry or "NDims" not in fields or len(listed) > MOST_FILES:
+    if not entry or "NDims" not in fields or len(listed) > MAX_FILES:
         allowed = "a MetaImage header, whose last line is ElementDataFile"
         raise DataError("truncated, or wrong magic", where=str(path), found=kind_of(start), allowed=allowed)
     if entry.upper() == "LOCAL":
@@ -152,7 +160,7 @@ def _storage(
         raise DataError("impossible HeaderSize", where=where, found=skip, allowed="0 or more; or -1 for raw data")
     sizes = [require_file(file) for file in files]
     if binary and not packed:
-        return FileBytes(raw_pieces(files, sizes, [begin] * len(files), skip, needed))
+        return FileBytes(file_ranges(files, sizes, [begin] * len(files), skip, needed))
     if len(files) > 1:
         raise DataError("several data files", where=where, allowed="raw data in each, neither compressed nor text")
     begin, there = begin + skip, sizes[0] - begin - skip
@@ -190,6 +198,6 @@ def _grid_of(fields: Mapping[str, str], count: int, shape_zyx: Index, where: str
         np.eye(count).ravel().tolist(),
     )
     axes[:kept, :kept] = np.reshape(rows, (count, count))[:kept, :kept].T
-    grid = place(shape_zyx, axes * spacing, origin, where)
+    grid = make_grid(shape_zyx, axes * spacing, origin, where)
     known = "?" not in fields.get("AnatomicalOrientation", "?")
     return replace(grid, orientation="LPS" if known else "")

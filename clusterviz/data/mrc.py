@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
-from clusterviz.data.header import check_packed, check_shape, check_size, place
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
+from clusterviz.data.header import check_packed, check_shape, check_size, make_grid
+from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 HEADER_BYTES = 1024
@@ -30,7 +30,7 @@ MODES = {0: "i1", 1: "i2", 2: "f4", 6: "u2", 12: "f2"}
 IMOD_STAMP = 1146047817
 
 
-def open_mrc(path: Path, subset: Subset) -> LinearSource:
+def open_mrc(path: Path, subset: Subset) -> StridedSource:
     """The map in an MRC or CCP4 file.
 
     Raises
@@ -48,7 +48,7 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
             "too short to be an MRC or CCP4 map", where=where, found=found, allowed=f"{HEADER_BYTES} and more"
         )
     stream = StreamBytes(path, gzip.open)
-    storage: Storage = stream if packed else FileBytes([Piece(path, 0, size)])
+    storage: Storage = stream if packed else FileBytes([FileRange(path, 0, size)])
     header = bytes(storage.read_at(0, HEADER_BYTES))
     order = _byte_order(header, where)
     words = np.frombuffer(header, order + "i4")
@@ -66,7 +66,7 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
     start_xyz = np.array([words[4 + xyz_of_column_row_section.index(a)] for a in (1, 2, 3)], float)
     steps = _cell_steps(words, where)
     origin = steps @ start_xyz if start_xyz.any() else words[49:52].view(order + "f4").astype(float)
-    grid = place(check_shape(shape_zyx, where), steps, origin, where)
+    grid = make_grid(check_shape(shape_zyx, where), steps, origin, where)
     offset = HEADER_BYTES + max(0, int(words[23]))  # the extended header: symmetry records
     row_bytes = sizes[2] * stored.itemsize
     plane_bytes = sizes[1] * row_bytes
@@ -76,7 +76,7 @@ def open_mrc(path: Path, subset: Subset) -> LinearSource:
     else:
         check_size(size, offset + sizes[0] * plane_bytes, where)
     z, y, x = ((plane_bytes, row_bytes, stored.itemsize)[file_axes.index(a)] for a in range(3))
-    return LinearSource(where, grid, stored.newbyteorder("="), storage, stored, offset, (z, y, x))
+    return StridedSource(where, grid, stored.newbyteorder("="), storage, stored, offset, (z, y, x))
 
 
 def _byte_order(header: bytes, where: str) -> str:

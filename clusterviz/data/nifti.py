@@ -16,13 +16,13 @@ import numpy as np
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
-from clusterviz.data.header import check_dtype, check_packed, check_size, place
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.storage import FileBytes, Piece, Storage, StreamBytes
+from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
+from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 
-def open_nifti(path: Path, subset: Subset) -> LinearSource:
+def open_nifti(path: Path, subset: Subset) -> StridedSource:
     """A volume, or one time step and component of several, in a NIfTI file.
 
     Raises
@@ -38,7 +38,7 @@ def open_nifti(path: Path, subset: Subset) -> LinearSource:
     dtype = check_dtype(stored, where)
     shape = (*proxy.shape, 1, 1, 1)[: max(3, len(proxy.shape))]  # x, y, z, time, component
     slab = select(shape[::-1], "ZCTZYX"[-len(shape) :].rjust(len(shape), "Z"), subset, where)
-    grid = replace(place(slab.shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
+    grid = replace(make_grid(slab.shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
     offset, strides = slab.strides(stored.itemsize)
     storage: Storage
     if packed:
@@ -46,13 +46,13 @@ def open_nifti(path: Path, subset: Subset) -> LinearSource:
         storage = StreamBytes(path, gzip.open, keep=max(strides))
     else:
         check_size(size, proxy.offset + slab.samples * stored.itemsize, where)
-        storage = FileBytes([Piece(path, 0, size)])
+        storage = FileBytes([FileRange(path, 0, size)])
     scale = None
     if (proxy.slope, proxy.inter) != (1.0, 0.0):
         scale = float(proxy.slope), float(proxy.inter)
         dtype = np.result_type(dtype, np.float32)
     name = where + slab.label
-    return LinearSource(name, grid, dtype, storage, stored, proxy.offset + offset, strides, scale, slab)
+    return StridedSource(name, grid, dtype, storage, stored, proxy.offset + offset, strides, scale, slab)
 
 
 def _read_header(path: Path) -> tuple[Any, Any]:

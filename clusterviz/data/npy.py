@@ -15,12 +15,12 @@ from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_dtype, check_size
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.storage import FileBytes, Piece
+from clusterviz.data.storage import FileBytes, FileRange
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 
-def open_npy(path: Path, subset: Subset) -> LinearSource:
+def open_npy(path: Path, subset: Subset) -> StridedSource:
     """An array of two to five axes in a .npy file.
 
     Raises
@@ -38,9 +38,9 @@ def open_npy(path: Path, subset: Subset) -> LinearSource:
     slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
     needed = slab.samples * stored.itemsize
     check_size(size - begin, needed, where, exact=True)
-    storage = FileBytes([Piece(path, begin, needed)])
+    storage = FileBytes([FileRange(path, begin, needed)])
     offset, strides = slab.strides(stored.itemsize, fortran)
-    return LinearSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
 
 
 def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -17,12 +17,12 @@ from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_dtype, check_packed, check_size
-from clusterviz.data.linear import LinearSource
 from clusterviz.data.npy import read_header
-from clusterviz.data.storage import FileBytes, Inflated, Piece, Storage, StreamBytes
+from clusterviz.data.storage import FileBytes, FileRange, Inflated, Storage, StreamBytes
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
-MOST_ARRAYS = 1 << 12
+MAX_ARRAYS = 1 << 12
 LOCAL_HEADER = 30  # bytes, after which name and extra field follow
 RAW_DEFLATE = -15
 
@@ -38,7 +38,7 @@ class _Member:
     header_bytes: int
 
 
-def open_npz(path: Path, subset: Subset) -> LinearSource:
+def open_npz(path: Path, subset: Subset) -> StridedSource:
     """One array of a .npz archive.
 
     Raises
@@ -62,7 +62,7 @@ def open_npz(path: Path, subset: Subset) -> LinearSource:
     storage: Storage
     if entry.compress_type == zipfile.ZIP_STORED:
         check_size(entry.compress_size, entry.file_size, where)
-        storage = FileBytes([Piece(path, begin, entry.file_size)])
+        storage = FileBytes([FileRange(path, begin, entry.file_size)])
     elif entry.compress_type == zipfile.ZIP_DEFLATED:
         check_packed(entry.compress_size, entry.file_size, "gzip", where)
         checksum = entry.file_size, entry.CRC
@@ -70,13 +70,13 @@ def open_npz(path: Path, subset: Subset) -> LinearSource:
     else:
         raise DataError("unsupported compression", where=where, found=entry.compress_type, allowed="none or deflate")
     offset += member.header_bytes
-    return LinearSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
 
 
 def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, _Member]:
     entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
-    if len(entries) > MOST_ARRAYS:
-        raise DataError("too many arrays", where=str(path), found=len(entries), allowed=f"at most {MOST_ARRAYS}")
+    if len(entries) > MAX_ARRAYS:
+        raise DataError("too many arrays", where=str(path), found=len(entries), allowed=f"at most {MAX_ARRAYS}")
     members = {}
     for entry in entries:
         with archive.open(entry) as stream:

@@ -19,14 +19,20 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
-from clusterviz.data.detached import numbered_names, raw_pieces
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_packed, check_shape, place
-from clusterviz.data.linear import LinearSource
+from clusterviz.data.header import check_dtype, check_packed, check_shape, make_grid
 from clusterviz.data.source import Index
-from clusterviz.data.storage import FileBytes, LoadedBytes, Storage, StreamBytes
-from clusterviz.data.text import numbers_from_text
+from clusterviz.data.storage import (
+    FileBytes,
+    LoadedBytes,
+    Storage,
+    StreamBytes,
+    file_ranges,
+    numbered_names,
+    numbers_from_text,
+)
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 PACKINGS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
@@ -45,10 +51,10 @@ TYPES = {
     "double": "f8",
 }
 TEXTS = ("ascii", "text", "txt")
-MOST_HEADER = 1 << 20
+MAX_HEADER = 1 << 20
 
 
-def open_nrrd(path: Path, subset: Subset) -> LinearSource:
+def open_nrrd(path: Path, subset: Subset) -> StridedSource:
     """The volume in an attached or detached NRRD file.
 
     Raises
@@ -75,7 +81,7 @@ def open_nrrd(path: Path, subset: Subset) -> LinearSource:
     files = _data_files(header, listed, path)
     needed = slab.samples * stored.itemsize
     storage, offset = _storage(header, files or [path], 0 if files else header_bytes, needed, max(strides), where)
-    return LinearSource(
+    return StridedSource(
         where + slab.label, grid, check_dtype(stored, where), storage, stored, offset + first, strides, slab=slab
     )
 
@@ -108,13 +114,13 @@ def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
             if not line.strip():
                 break
             header_bytes += len(line)
-            if header_bytes > MOST_HEADER:
-                raise DataError("the header has no end", where=str(path), allowed=f"at most {MOST_HEADER} bytes")
+            if header_bytes > MAX_HEADER:
+                raise DataError("the header has no end", where=str(path), allowed=f"at most {MAX_HEADER} bytes")
             lines.append(line)
             if re.match(rb"data ?file: *LIST", line):
                 listed = [
                     name.strip()
-                    for name in file.read(MOST_HEADER).decode("utf-8", "replace").splitlines()
+                    for name in file.read(MAX_HEADER).decode("utf-8", "replace").splitlines()
                     if name.strip()
                 ]
                 break
@@ -160,7 +166,7 @@ def _storage(
     sizes = [require_file(file) for file in files]
     begins = [_skip_lines(file, begin, int(header.get("line skip", header.get("lineskip", 0)))) for file in files]
     if encoding == "raw":
-        return FileBytes(raw_pieces(files, sizes, begins, skip, needed)), 0
+        return FileBytes(file_ranges(files, sizes, begins, skip, needed)), 0
     if len(files) > 1:
         raise DataError("several data files", where=where, found=f"encoding {encoding}", allowed="encoding raw")
     if encoding in PACKINGS:
@@ -211,7 +217,7 @@ def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, w
         steps[:, 2] = normal / (np.linalg.norm(normal) or 1.0)
     position = np.zeros(3)
     position[: len(origin)] = origin
-    return place(shape_zyx, steps, position, where)
+    return make_grid(shape_zyx, steps, position, where)
 
 
 def _grid_of_spacings(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:
@@ -223,4 +229,4 @@ def _grid_of_spacings(header: Mapping[str, Any], kept: Sequence[int], shape_zyx:
         return [default if np.isnan(n) else n for n in numbers] + [default] * (3 - len(numbers))
 
     spacing, mins = per_axis("spacings", "spacings", 1.0), per_axis("axis mins", "axismins", 0.0)
-    return place(shape_zyx, np.diag(spacing), mins, where)
+    return make_grid(shape_zyx, np.diag(spacing), mins, where)

@@ -24,9 +24,9 @@ import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import refuse_array, require_file
-from clusterviz.data.header import check_dtype, check_size, place, triple
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.storage import FileBytes, Piece
+from clusterviz.data.header import check_dtype, check_size, make_grid, triple
+from clusterviz.data.storage import FileBytes, FileRange
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 KEYS = ("shape", "dtype", "byte_order", "header_bytes", "spacing", "origin", "direction")
@@ -37,7 +37,7 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(path.name + ".yaml")
 
 
-def open_raw(path: Path, subset: Subset) -> LinearSource:
+def open_raw(path: Path, subset: Subset) -> StridedSource:
     """A raw file with its sidecar.
 
     Raises
@@ -66,13 +66,13 @@ def open_raw(path: Path, subset: Subset) -> LinearSource:
         )
     columns = np.array([triple(row, where) for row in direction.reshape(3, 3)])
     spacing = triple(keys.get("spacing", (1, 1, 1)), where)
-    grid = place(slab.shape_zyx, columns * np.array(spacing), keys.get("origin", (0, 0, 0)), where)
+    grid = make_grid(slab.shape_zyx, columns * np.array(spacing), keys.get("origin", (0, 0, 0)), where)
     needed = slab.samples * stored.itemsize
     check_size(size, header_bytes + needed, str(path), exact=True)
-    storage = FileBytes([Piece(path, header_bytes, needed)])
+    storage = FileBytes([FileRange(path, header_bytes, needed)])
     offset, strides = slab.strides(stored.itemsize)
     name = str(path) + slab.label
-    return LinearSource(name, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab)
+    return StridedSource(name, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab)
 
 
 def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:

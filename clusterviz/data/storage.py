@@ -7,6 +7,7 @@ from any of them. They share one contract, `Storage`, and nest: zlib blocks in b
 from __future__ import annotations
 
 import os
+import re
 import weakref
 import zlib
 from collections import deque
@@ -15,10 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from clusterviz.data.files import readable
+from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
 CHUNK = 1 << 20  # bytes that a stream decodes at a time
+MAX_FILES = 1 << 16
+NUMBERED = re.compile(r"([^\s%]*%0?\d?\d?d[^\s%]*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?")
 
 
 class Storage(Protocol):
@@ -31,7 +37,7 @@ class Storage(Protocol):
 
 
 @dataclass(frozen=True)
-class Piece:
+class FileRange:
     """`count` bytes of a file, from `begin` on."""
 
     path: Path
@@ -42,7 +48,7 @@ class Piece:
 class FileBytes:
     """Pieces of files, one after another; only the bytes asked for are read, and one file is open at a time."""
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
+    def __init__(self, pieces: Sequence[FileRange]) -> None:
         self._pieces = tuple(pieces)
         self._open_path: Path | None = None
         self._descriptor = -1
@@ -176,3 +182,62 @@ class LoadedBytes:
         if offset + count > len(self._bytes):
             raise DataError("the data ends early", where=self._where, found=f"{len(self._bytes)} bytes")
         return memoryview(self._bytes)[offset : offset + count]
+
+
+def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str) -> bytes:
+    """The bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`.
+
+    Raises
+    ------
+    DataError
+        Another count, something that is no number, or one that the type cannot hold.
+    """
+    words = text.replace(b",", b" ").split()
+    if len(words) != count:
+        raise DataError("the header lies about its size", where=where, found=f"{len(words)} numbers", allowed=count)
+    try:
+        if dtype.kind == "f":
+            return np.array(words).astype(np.float64).astype(dtype).tobytes()
+        return np.array([int(word) for word in words], dtype).tobytes()
+    except (ValueError, OverflowError) as error:
+        raise DataError(f"not a number of type {dtype}: {error}", where=where) from error
+
+
+def numbered_names(entry: str, where: str) -> list[str]:
+    """The files that `entry` names: those of "name%03d.raw first last step", or the one of this name.
+
+    Raises
+    ------
+    DataError
+        The step is 0, or there are more than `MAX_FILES`.
+    """
+    pattern = NUMBERED.fullmatch(entry)
+    if not pattern:
+        return [entry]
+    first, last, step = (int(pattern[i]) for i in (2, 3, 4))
+    numbers = range(first, last + (1 if step > 0 else -1), step or 1)
+    if step == 0 or max(map(abs, (first, last, step))) >> 62 or len(numbers) > MAX_FILES:
+        allowed = f"first, last and a step other than 0 for at most {MAX_FILES} files"
+        raise DataError("impossible data file", where=where, found=entry, allowed=allowed)
+    return [pattern[1] % number for number in numbers]
+
+
+def file_ranges(
+    files: Sequence[Path], sizes: Sequence[int], begins: Sequence[int], skip: int, needed: int
+) -> list[FileRange]:
+    """One piece a file; each must hold exactly its share, the samples being dealt evenly.
+
+    Parameters
+    ----------
+    sizes, begins : bytes in each file, and before its data
+    skip : further bytes before the data; −1: the data ends with the file
+    needed : bytes in all pieces together
+    """
+    share = needed // len(files)
+    pieces = []
+    for file, size, begin in zip(files, sizes, begins, strict=True):
+        start = size - share if skip == -1 else begin + skip
+        check_size(size, start + share if start >= 0 else share, str(file), exact=True)
+        pieces.append(FileRange(file, start, share))
+    check_size(share * len(files), needed, str(files[0]))
+    return pieces

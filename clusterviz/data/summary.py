@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.selection import DIGITS, Counts, count, keys_of, select, shifts_of, values_of
+from clusterviz.data.order_statistics import DIGITS, Counts, begin_selection, count, keys_of, shifts_of, values_of
 from clusterviz.data.source import Index
 
 Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
@@ -27,9 +27,9 @@ BATCH = 1 << 18
 PERCENTILES = (0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9)
 
 
-SAMPLED = 1 << 20
+CATEGORY_SAMPLES = 1 << 20
 """Samples, about, of which the values are counted; every layer along z where the volume has fewer."""
-MOST_VALUES = 2048
+MAX_VALUES = 2048
 BLOCKS = 32
 """Blocks along an axis at most, whose extremes are kept; unlike bricks they are the same for every layout."""
 
@@ -67,7 +67,7 @@ class VolumeSummary:
     percentiles : pairs (q, value)
     blocks : float64 (2, z, y, x blocks); the extremes of blocks of `block_sides` cells, the samples around them
         included; +inf and −inf where none is finite
-    categories : None where some sample is not a whole number, or there are more than `MOST_VALUES` values
+    categories : None where some sample is not a whole number, or there are more than `MAX_VALUES` values
     """
 
     minimum: NDArray[np.float64]
@@ -133,7 +133,7 @@ def summarise(
     if len(shifts) == 1:
         histogram = _rebinned(counts[0], source_dtype, value_range, bins)
     ranks = sorted({rank for q in asked for rank in _neighbours(finite, q)[:2]})
-    selection = select(ranks).narrow(counts)
+    selection = begin_selection(ranks).narrow(counts)
     for shift in shifts[1:]:
         wanted = selection.bins
         mine = np.zeros((len(wanted), DIGITS), np.int64)
@@ -163,13 +163,13 @@ def _first_pass(
     sides = block_sides(layout.shape_zyx)
     blocks = np.empty((2, *(-(-n // side) for n, side in zip(layout.cells_zyx, sides, strict=True))))
     blocks[0], blocks[1] = np.inf, -np.inf
-    values = _Values(layout)
+    values = _CategoryCounter(layout)
     rows, owned = [], 0
 
     def finite_parts() -> Iterator[NDArray[Any]]:
         nonlocal owned
         for index, samples in bricks():
-            rows.append((index, *_note_blocks(blocks, sides, layout, index, samples)))
+            rows.append((index, *_update_blocks(blocks, sides, layout, index, samples)))
             values.add(index, samples)
             part = _owned(layout, index, samples)
             owned += part.size
@@ -190,7 +190,7 @@ def _first_pass(
     for where, (low, high) in (part[3] for part in shared):
         np.minimum.at(low_of, where, low)
         np.maximum.at(high_of, where, high)
-    found = _together([part[4] for part in shared])
+    found = _merge_categories([part[4] for part in shared])
     return (minimum, maximum, has_invalid), _sum_sparse([part[2] for part in shared], 1), (blocks, found)
 
 
@@ -200,7 +200,7 @@ def block_sides(shape_zyx: Index) -> Index:
     return z, y, x
 
 
-def _note_blocks(
+def _update_blocks(
     blocks: NDArray[np.float64], sides: Index, layout: BrickLayout, index: Index, samples: NDArray[Any]
 ) -> tuple[float, float, bool]:
     """Widen the extremes of the blocks that a brick meets; its own, and whether a sample is not finite."""
@@ -214,7 +214,7 @@ def _note_blocks(
         finite = np.isfinite(samples)
         lower, upper = np.where(finite, samples, np.inf), np.where(finite, samples, -np.inf)
         low, high = lower.min(), upper.max()
-    place: list[slice] = []
+    region: list[slice] = []
     for axis, side in enumerate(sides):
         first, size = max(0, begin[axis] - margin), lower.shape[axis]
         met = range(first // side, min(blocks.shape[1 + axis], -(-(first + size) // side)))
@@ -223,18 +223,18 @@ def _note_blocks(
             np.stack([extreme(part_of[(slice(None),) * axis + (part,)], axis=axis) for part in parts], axis=axis)
             for extreme, part_of in ((np.min, lower), (np.max, upper))
         )
-        place.append(slice(met.start, met.stop))
-    low_of, high_of = blocks[0][tuple(place)], blocks[1][tuple(place)]
+        region.append(slice(met.start, met.stop))
+    low_of, high_of = blocks[0][tuple(region)], blocks[1][tuple(region)]
     np.minimum(low_of, lower, out=low_of)
     np.maximum(high_of, upper, out=high_of)
     return float(low), float(high), invalid
 
 
-class _Values:
+class _CategoryCounter:
     """Counts the values of some layers along z while bricks are read; `found` is None once they are no categories."""
 
     def __init__(self, layout: BrickLayout) -> None:
-        self._layout, self._stride = layout, max(1, round(prod(layout.shape_zyx) / SAMPLED))
+        self._layout, self._stride = layout, max(1, round(prod(layout.shape_zyx) / CATEGORY_SAMPLES))
         self.found: Categories | None = Categories(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), 0, 0)
 
     def add(self, index: Index, samples: NDArray[Any]) -> None:
@@ -256,20 +256,20 @@ class _Values:
         wide = wide[-begin % self._stride :: self._stride]
         with np.errstate(over="ignore"):  # of the widest floats
             steps = np.abs(np.diff(wide.astype(np.float64), axis=2))
-        alike, times = np.unique(wide[..., :-1][steps == 0], return_counts=True)
+        equal_values, times = np.unique(wide[..., :-1][steps == 0], return_counts=True)
         equal = np.zeros(len(values), np.int64)
-        equal[np.searchsorted(values, alike)] = times
+        equal[np.searchsorted(values, equal_values)] = times
         here = Categories(values.astype(np.float64), counts, equal, steps.size, int((steps > 1).sum()))
-        self.found = _together([self.found, here])
+        self.found = _merge_categories([self.found, here])
 
 
-def _together(parts: Sequence[Categories | None]) -> Categories | None:
+def _merge_categories(parts: Sequence[Categories | None]) -> Categories | None:
     """The sum of several counts."""
     known = [part for part in parts if part is not None]
     if len(known) < len(parts):
         return None
     values, where = np.unique(np.concatenate([part.values for part in known]), return_inverse=True)
-    if len(values) > MOST_VALUES:
+    if len(values) > MAX_VALUES:
         return None
     counts, equal = np.zeros((2, len(values)), np.int64)
     np.add.at(counts, where, np.concatenate([part.counts for part in known]))

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.grid import Grid, Triple
-from clusterviz.data.header import check_box, check_dtype, check_packed, check_size, place
-from clusterviz.data.linear import LinearSource
+from clusterviz.data.header import check_box, check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.source import Index, Source
-from clusterviz.data.storage import FileBytes, Piece
+from clusterviz.data.storage import FileBytes, FileRange
+from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError
 
 LOST_PAGES = re.compile("page offset|failed to reshape|circular")
@@ -97,7 +97,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
     size = require_file(path)
     with ExitStack() as closing:
         try:
-            with _damage_raised():
+            with _lost_pages_raised():
                 file: Any = closing.enter_context(tifffile.TiffFile(path))
                 _check_pages(file, size)
                 series, number = _choose(file.series, subset.array, path)
@@ -110,7 +110,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         name = f"{path}:{number}" if len(file.series) > 1 else str(path)
         stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
         slab = select(shape, _letters(shape, axes, subset), subset, name, names)
-        grid, name = place(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), name + slab.label
+        grid, name = make_grid(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), name + slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
             _check_page(series.keyframe, size, name)
@@ -119,8 +119,8 @@ def open_tiff(path: Path, subset: Subset) -> Source:
             return source
         check_size(size, series.dataoffset + slab.samples * stored.itemsize, name)
         offset, strides = slab.strides(stored.itemsize)
-        storage = FileBytes([Piece(path, int(series.dataoffset), slab.samples * stored.itemsize)])
-        return LinearSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+        storage = FileBytes([FileRange(path, int(series.dataoffset), slab.samples * stored.itemsize)])
+        return StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
 
 
 def _check_pages(file: Any, size: int) -> None:
@@ -162,7 +162,7 @@ def _channel_names(file: Any, series: Any) -> tuple[str, ...]:
 
 
 @contextmanager
-def _damage_raised() -> Iterator[None]:
+def _lost_pages_raised() -> Iterator[None]:
     """tifffile logs that pages are lost, and shows those that are left: raise it."""
     lost: list[str] = []
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_packed, check_shape, check_size, place
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage
-from clusterviz.data.text import numbers_from_text
+from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.strided import StridedSource
 from clusterviz.data.vti_blocks import unpack
 from clusterviz.data.vti_layout import VtiArray, VtiLayout, scan_vti
+from clusterviz.data.vtk_image import choose_array, image_grid
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -33,7 +33,7 @@ ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 BLANKS = b" \t\r\n"
 
 
-def open_vti(path: Path, subset: Subset) -> LinearSource:
+def open_vti(path: Path, subset: Subset) -> StridedSource:
     """One scalar array of a VTK image file.
 
     Raises
@@ -43,31 +43,15 @@ def open_vti(path: Path, subset: Subset) -> LinearSource:
     """
     size = require_file(path)
     layout = scan_vti(path)
-    chosen = _choose(layout, subset.array, path)
+    scalars = [a for a in layout.arrays if int(a.attributes.get("NumberOfComponents") or 1) == 1]
+    chosen = choose_array(scalars, subset.array, "scalar array", path)
     where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
     stored = _stored_dtype(layout, chosen, where)
     grid = _grid_of(layout, chosen.on_cells, path)
     select(grid.shape_zyx, "ZYX", subset, where)
     count = int(np.prod(grid.shape_zyx, dtype=object))
     storage, offset = _storage(path, size, layout, chosen, stored, count, where)
-    return LinearSource(where, grid, check_dtype(stored, where), storage, stored, offset)
-
-
-def _choose(layout: VtiLayout, array: str | None, path: Path) -> VtiArray:
-    scalars = [a for a in layout.arrays if int(a.attributes.get("NumberOfComponents") or 1) == 1]
-    listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in scalars) or "none: no scalar array"
-    if array is not None:
-        named = [a for a in scalars if a.name == array]
-        if not named:
-            raise DataError("no such scalar array", where=str(path), found=array, allowed=listed)
-        return named[0]
-    active = [a for a in scalars if a.name and layout.active.get(a.on_cells) == a.name]
-    if active:
-        return min(active, key=lambda a: a.on_cells)
-    if len(scalars) != 1:
-        what = "several arrays: name one" if scalars else "no scalar volume"
-        raise DataError(what, where=str(path), allowed=listed)
-    return scalars[0]
+    return StridedSource(where, grid, check_dtype(stored, where), storage, stored, offset)
 
 
 def _stored_dtype(layout: VtiLayout, chosen: VtiArray, where: str) -> np.dtype[Any]:
@@ -97,13 +81,8 @@ def _grid_of(layout: VtiLayout, on_cells: bool, path: Path) -> Grid:
     points = extent[:, 1] - extent[:, 0] + 1
     spacing = _numbers(image, "Spacing", "1 1 1", 3, where)
     steps = _numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9, where).reshape(3, 3) * spacing
-    first = extent[:, 0].copy()
-    samples = points
-    if on_cells:
-        samples = np.where(points > 1, points - 1, points)
-        first += np.where(points > 1, 0.5, 0.0)
-    origin = _numbers(image, "Origin", "0 0 0", 3, where) + steps @ first
-    return place(check_shape(samples[::-1].tolist(), where), steps, origin, where)
+    origin = _numbers(image, "Origin", "0 0 0", 3, where)
+    return image_grid(points, steps, origin, extent[:, 0], on_cells, where)
 
 
 def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, where: str) -> NDArray[np.float64]:
@@ -122,7 +101,7 @@ def _storage(
 ) -> tuple[Storage, int]:
     """The array's bytes, and the offset of the first sample in them."""
     form = chosen.attributes.get("format", "ascii")
-    file = FileBytes([Piece(path, 0, size)])
+    file = FileBytes([FileRange(path, 0, size)])
     total = count * stored.itemsize
     if form == "ascii":
         begin, end = chosen.text_begin, chosen.text_end

@@ -29,6 +29,7 @@ class VtiArray:
 
     name: str
     on_cells: bool
+    active: bool
     attributes: Attributes
     text_begin: int
     text_end: int
@@ -36,16 +37,12 @@ class VtiArray:
 
 @dataclass
 class VtiLayout:
-    """The attributes of the file, image, piece and appended data, and the arrays in order.
-
-    `active` maps False (points) and True (cells) to the name of the active scalars.
-    """
+    """The attributes of the file, image, piece and appended data, and the arrays in order."""
 
     file: Attributes = field(default_factory=dict)
     image: Attributes = field(default_factory=dict)
     pieces: list[Attributes] = field(default_factory=list)
     arrays: list[VtiArray] = field(default_factory=list)
-    active: dict[bool, str] = field(default_factory=dict)
     appended_encoding: str | None = None
     appended_begin: int = 0
 
@@ -62,6 +59,7 @@ class _Scan:
         self.stack: list[str] = []
         self.attributes: Attributes = {}
         self.text_begin: int | None = None
+        self.active = {False: "", True: ""}
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
@@ -76,7 +74,7 @@ class _Scan:
         elif tag == "Piece":
             layout.pieces.append(attributes)
         elif tag in ("PointData", "CellData"):
-            layout.active[tag == "CellData"] = attributes.get("Scalars", "")
+            self.active[tag == "CellData"] = attributes.get("Scalars", "")
         elif tag == "DataArray" and parent in ("PointData", "CellData"):
             self.attributes = attributes
             self._await_text()
@@ -92,8 +90,9 @@ class _Scan:
             self._await_text()  # the data follows the information keys
         elif tag == "DataArray" and parent in ("PointData", "CellData"):
             begin = end if self.text_begin is None else self.text_begin
-            name = self.attributes.get("Name", "")
-            self.layout.arrays.append(VtiArray(name, parent == "CellData", self.attributes, begin, end))
+            name, on_cells = self.attributes.get("Name", ""), parent == "CellData"
+            active = bool(name) and self.active[on_cells] == name
+            self.layout.arrays.append(VtiArray(name, on_cells, active, self.attributes, begin, end))
 
     def _await_text(self) -> None:
         self.text_begin = None

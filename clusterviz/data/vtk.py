@@ -20,11 +20,10 @@ import numpy as np
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid import Grid
-from clusterviz.data.header import check_dtype, check_packed, check_shape, check_size, place
-from clusterviz.data.linear import LinearSource
-from clusterviz.data.source import Index
-from clusterviz.data.storage import FileBytes, LoadedBytes, Piece, Storage
-from clusterviz.data.text import numbers_from_text
+from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.strided import StridedSource
+from clusterviz.data.vtk_image import choose_array, image_grid
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -43,7 +42,7 @@ TYPES = {
     "double": "f8",
 }
 VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
-MOST_LINE, MOST_ARRAYS = 1 << 16, 1 << 12
+MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class _Scan:
 
     def line(self) -> list[str]:
         """The words of the next line that has any; none at the end of the file."""
-        while text := self.file.readline(MOST_LINE):
+        while text := self.file.readline(MAX_LINE):
             words = text.decode("utf-8", "replace").split()
             if words:
                 return list(words)
@@ -110,7 +109,7 @@ class _Scan:
                 raise DataError("truncated, or not understood", where=self.where, found=f"the line {words[0]!r}")
 
     def fields(self, count: int) -> None:
-        for _ in range(min(count, MOST_ARRAYS)):
+        for _ in range(min(count, MAX_ARRAYS)):
             words = self.line()
             if words[:1] == ["METADATA"]:
                 self.metadata()
@@ -120,7 +119,7 @@ class _Scan:
 
     def metadata(self) -> None:
         """Skip the lines up to an empty one."""
-        while self.file.readline(MOST_LINE).strip():
+        while self.file.readline(MAX_LINE).strip():
             pass
 
     def array(self, name: str, active: bool, kind: str, components: int, tuples: int) -> None:
@@ -129,8 +128,8 @@ class _Scan:
         if self.on_cells is not None:
             made = VtkArray(unquote(name), self.on_cells, active, components, kind.lower(), begin, self.file.tell())
             self.arrays.append(made)
-        if len(self.arrays) > MOST_ARRAYS:
-            raise DataError("too many arrays", where=self.where, allowed=f"at most {MOST_ARRAYS}")
+        if len(self.arrays) > MAX_ARRAYS:
+            raise DataError("too many arrays", where=self.where, allowed=f"at most {MAX_ARRAYS}")
 
     def skip(self, kind: str, count: int) -> None:
         """Go past `count` numbers, or strings, one a line."""
@@ -148,7 +147,7 @@ class _Scan:
             return
         check_packed(self.size - begin, count, "text", self.where)
         while count > 0:
-            words = self.file.readline(MOST_LINE).split()
+            words = self.file.readline(MAX_LINE).split()
             if not words and self.file.tell() >= self.size:
                 raise DataError(f"the file ends {count} numbers early", where=self.where)
             count -= len(words)
@@ -156,7 +155,7 @@ class _Scan:
     def skip_string(self) -> None:
         """Go past a line, or past a binary length and as many bytes: two bits tell how long the length is."""
         if not self.binary:
-            self.file.readline(MOST_LINE)
+            self.file.readline(MAX_LINE)
             return
         first = self.file.read(1)
         further = {3: 0, 2: 1, 1: 3, 0: 7}[first[0] >> 6] if first else 0
@@ -189,7 +188,7 @@ class _Scan:
         return numbers
 
 
-def open_vtk(path: Path, subset: Subset) -> LinearSource:
+def open_vtk(path: Path, subset: Subset) -> StridedSource:
     """One array, or one component of one, of a legacy VTK file.
 
     Raises
@@ -200,8 +199,8 @@ def open_vtk(path: Path, subset: Subset) -> LinearSource:
     size = require_file(path)
     with readable(path), path.open("rb") as file:
         scan = _Scan(file, str(path), size)
-        file.readline(MOST_LINE)  # "# vtk DataFile Version 3.0", then a title
-        file.readline(MOST_LINE)
+        file.readline(MAX_LINE)  # "# vtk DataFile Version 3.0", then a title
+        file.readline(MAX_LINE)
         form, kind = scan.line()[:1], scan.line()
         if form not in (["ASCII"], ["BINARY"]):
             raise DataError("neither text nor binary", where=str(path), found=form, allowed="ASCII, BINARY")
@@ -217,35 +216,22 @@ def open_vtk(path: Path, subset: Subset) -> LinearSource:
                 "not image data", where=str(path), found=" ".join(kind), allowed="DATASET STRUCTURED_POINTS"
             )
         scan.run()
-    chosen = _choose(scan.arrays, subset.array, path)
+    chosen = choose_array(scan.arrays, subset.array, "array", path)
     where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
     stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
     grid = _grid_of(scan, chosen.on_cells, where)
     slab = select((*grid.shape_zyx, chosen.components), "ZYXC", subset, where)
     begin, end, count = chosen.begin, chosen.end, slab.samples
-    data = FileBytes([Piece(path, begin, end - begin)])
+    data = FileBytes([FileRange(path, begin, end - begin)])
     storage: Storage = data
     if scan.binary:
         check_size(end - begin, count * stored.itemsize, where, exact=True)
     else:
         storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
     offset, strides = slab.strides(stored.itemsize)
-    return LinearSource(
+    return StridedSource(
         where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
     )
-
-
-def _choose(arrays: list[VtkArray], array: str | None, path: Path) -> VtkArray:
-    listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or "none: no array"
-    if array is not None:
-        named = [a for a in arrays if a.name == array]
-        if not named:
-            raise DataError("no such array", where=str(path), found=array, allowed=listed)
-        return named[0]
-    active = [a for a in arrays if a.active] or arrays
-    if not active or (len(active) > 1 and not active[0].active):
-        raise DataError("several arrays: name one" if active else "no array", where=str(path), allowed=listed)
-    return min(active, key=lambda a: a.on_cells)
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
@@ -254,9 +240,4 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
     points = np.array(scan.numbers["DIMENSIONS"], np.int64)
     steps = np.diag(scan.numbers.get("SPACING") or scan.numbers.get("ASPECT_RATIO") or [1.0, 1.0, 1.0])
     origin = np.array(scan.numbers.get("ORIGIN", [0.0, 0.0, 0.0]))
-    samples: Any = points
-    if on_cells:
-        samples = np.where(points > 1, points - 1, points)
-        origin = origin + steps @ np.where(points > 1, 0.5, 0.0)
-    shape_zyx: Index = check_shape(samples[::-1].tolist(), where)
-    return place(shape_zyx, steps, origin, where)
+    return image_grid(points, steps, origin, np.zeros(3), on_cells, where)

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from clusterviz.data import open_volume
+from clusterviz.data import open_volume, override_grid
 from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.placed import placed
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.errors import InputError
@@ -95,7 +94,7 @@ def _sources(scene: Scene, given: Given) -> list[Source]:
     sources = list(given) if isinstance(given, Sequence) else [given]
     if len(sources) != len(scene.volumes):
         raise InputError("not one for each volume", where="sources", found=len(sources), allowed=len(scene.volumes))
-    return [placed(each, volume) for each, volume in zip(sources, scene.volumes, strict=True)]
+    return [override_grid(each, volume) for each, volume in zip(sources, scene.volumes, strict=True)]
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

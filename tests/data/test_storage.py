@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.data.storage import CHUNK, FileBytes, LoadedBytes, Piece, StreamBytes
+from clusterviz.data.storage import CHUNK, FileBytes, FileRange, LoadedBytes, StreamBytes
 from clusterviz.errors import DataError
 
 
@@ -53,7 +53,7 @@ def test_a_stream_holds_little(packed: tuple[Path, bytes]) -> None:
 def test_pieces_of_files_follow_one_another(tmp_path: Path) -> None:
     for name, content in (("a", b"..12345"), ("b", b"67890.."), ("c", b"AB")):
         (tmp_path / name).write_bytes(content)
-    pieces = [Piece(tmp_path / "a", 2, 5), Piece(tmp_path / "b", 0, 5), Piece(tmp_path / "c", 0, 2)]
+    pieces = [FileRange(tmp_path / "a", 2, 5), FileRange(tmp_path / "b", 0, 5), FileRange(tmp_path / "c", 0, 2)]
     storage = FileBytes(pieces)
     for begin in range(12):
         for count in range(12 - begin):
@@ -65,14 +65,14 @@ def test_pieces_of_files_follow_one_another(tmp_path: Path) -> None:
 def test_a_file_that_shrank_or_went_since_it_was_opened(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"12345")
-    storage = FileBytes([Piece(path, 0, 5)])
+    storage = FileBytes([FileRange(path, 0, 5)])
     assert storage.read_at(0, 5) == b"12345"
     path.write_bytes(b"12")
     with pytest.raises(DataError, match="ends 3 bytes early"):
         storage.read_at(0, 5)
     path.unlink()
     with pytest.raises(DataError, match="no such file"):
-        FileBytes([Piece(path, 0, 5)]).read_at(0, 1)
+        FileBytes([FileRange(path, 0, 5)]).read_at(0, 1)
 
 
 def test_loaded_bytes_are_made_once_and_end() -> None:

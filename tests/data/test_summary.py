@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.selection import keys_of, values_of
+from clusterviz.data.order_statistics import keys_of, values_of
 from clusterviz.data.summary import PERCENTILES, VolumeSummary, summarise
 
 

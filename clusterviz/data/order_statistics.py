@@ -56,7 +56,7 @@ def values_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Selection:
+class RadixSelection:
     """Wanted ranks, each narrowed down to keys that begin with `prefixes`.
 
     Attributes
@@ -73,19 +73,19 @@ class Selection:
         """The distinct prefixes, in order: the rows that `count` counts."""
         return np.array(sorted(set(self.prefixes.tolist())), np.uint64)
 
-    def narrow(self, counts: Counts) -> Selection:
+    def narrow(self, counts: Counts) -> RadixSelection:
         """One digit further, by the counts of it in each bin: int64 (bins, DIGITS)."""
         rows = np.searchsorted(self.bins, self.prefixes)
         below = np.cumsum(counts, axis=1)
         digits = [np.searchsorted(below[row], rank, side="right") for row, rank in zip(rows, self.ranks, strict=True)]
         skipped = [below[row, digit - 1] if digit else 0 for row, digit in zip(rows, digits, strict=True)]
         prefixes = (self.prefixes << np.uint64(DIGIT_BITS)) | np.array(digits, np.uint64)
-        return Selection(prefixes, self.ranks - np.array(skipped, np.int64))
+        return RadixSelection(prefixes, self.ranks - np.array(skipped, np.int64))
 
 
-def select(ranks: Sequence[int]) -> Selection:
+def begin_selection(ranks: Sequence[int]) -> RadixSelection:
     """The selection before anything is counted: every key may be meant."""
-    return Selection(np.zeros(len(ranks), np.uint64), np.array(ranks, np.int64))
+    return RadixSelection(np.zeros(len(ranks), np.uint64), np.array(ranks, np.int64))
 
 
 def count(keys: Keys, bins: NDArray[np.uint64], shift: int) -> Counts:

@@ -14,11 +14,11 @@ from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
 from clusterviz.data.storage import Storage
 
-WORTH_READING = 4096  # bytes between two rows that cost less to read than a second request does
+MAX_READ_GAP = 4096  # bytes between two rows that cost less to read than a second request does
 
 
 @dataclass(frozen=True)
-class LinearSource:
+class StridedSource:
     """Samples stored one after another.
 
     Attributes
@@ -61,7 +61,7 @@ class LinearSource:
         """Fill `plane` (rows, columns) with the samples from the byte `begin` on."""
         rows, columns = plane.shape
         line_bytes = (columns - 1) * sample_bytes + self.stored_dtype.itemsize
-        if rows > 1 and row_bytes - line_bytes > WORTH_READING:
+        if rows > 1 and row_bytes - line_bytes > MAX_READ_GAP:
             for i, row in enumerate(plane):
                 line = self.storage.read_at(begin + i * row_bytes, line_bytes)
                 row[:] = np.ndarray(columns, self.stored_dtype, line, strides=(sample_bytes,))

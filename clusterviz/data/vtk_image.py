@@ -1,0 +1,94 @@
+"""Image data in VTK files, XML or legacy: the arrays, the choice of one, and the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.data.header import check_shape, make_grid
+from clusterviz.errors import DataError
+
+
+class VtkImageArray(Protocol):
+    """Array of an image.
+
+    Attributes
+    ----------
+    name : of the array
+    on_cells : whether it is cell data, else point data
+    active : whether the file marks it as the active scalars
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def on_cells(self) -> bool: ...
+
+    @property
+    def active(self) -> bool: ...
+
+
+Array = TypeVar("Array", bound=VtkImageArray)
+
+
+def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:
+    """Return the named array; without a name the active scalars, point data first, or the only array.
+
+    Parameters
+    ----------
+    arrays : of the file, in order
+    name : of the wanted array, or None
+    noun : what messages call an array
+
+    Raises
+    ------
+    DataError
+        No such array, no array, or several and none named or active.
+    """
+    listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or f"none: no {noun}"
+    if name is not None:
+        named = [a for a in arrays if a.name == name]
+        if not named:
+            raise DataError(f"no such {noun}", where=str(path), found=name, allowed=listed)
+        return named[0]
+    active = [a for a in arrays if a.active]
+    if active:
+        return min(active, key=lambda a: a.on_cells)
+    if len(arrays) != 1:
+        raise DataError("several arrays: name one" if arrays else "no scalar volume", where=str(path), allowed=listed)
+    return arrays[0]
+
+
+def image_grid(
+    points: NDArray[np.int64] | NDArray[np.float64],
+    steps: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    first: NDArray[np.float64],
+    on_cells: bool,
+    where: str,
+) -> Grid:
+    """Return the grid of point data, or of cell data as point data at the cells' centres.
+
+    Parameters
+    ----------
+    points : (3,), points along x, y, z
+    steps : float64 (3, 3), column a is the world vector between neighbours along axis a
+    origin : float64 (3,), world position of index 0
+    first : float64 (3,), index of the first point along x, y, z
+
+    Raises
+    ------
+    DataError
+        An axis without samples, or a singular placement.
+    """
+    samples = points
+    if on_cells:
+        samples = np.where(points > 1, points - 1, points)
+        first = first + np.where(points > 1, 0.5, 0.0)
+    return make_grid(check_shape(samples[::-1].tolist(), where), steps, origin + steps @ first, where)
