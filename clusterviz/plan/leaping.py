@@ -7,16 +7,23 @@ what it bulges. Voxels that stand for themselves are boxes, whose corners jut ou
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from clusterviz.data.grid import Grid
-from clusterviz.scene.values import Quality, Volume
+from clusterviz.scene.values import Scene
 
 BULGE = 2  # slabs
 
 
-def make_leaping(volume: Volume, quality: Quality, grid: Grid, step_world: float) -> int | None:
-    """Slabs between a ray's start and what the last frame found; None where rays start as if there had been none."""
-    if not quality.leaping:
+def make_leaping(scene: Scene, grids: Sequence[Grid], step_world: float) -> int | None:
+    """Slabs between a ray's start and what the last frame found; None where rays start as if there had been none.
+
+    Parameters
+    ----------
+    grids : of the scene's volumes
+    """
+    if not scene.quality.leaping:
         return None
-    juts = math.hypot(*grid.spacing) if volume.interpolation == "nearest" else 0.0
+    boxes = [grid for volume, grid in zip(scene.volumes, grids, strict=True) if volume.interpolation == "nearest"]
+    juts = max((math.hypot(*grid.spacing) for grid in boxes), default=0.0)
     return BULGE + math.ceil(juts / step_world)

@@ -12,7 +12,6 @@ from clusterviz.scene.checks import InvalidValueError
 
 NO_COMMON_SCALE = "their values have no scale in common, of which a ray could show one"
 SINGLE_VOLUME_QUALITY = {
-    "leaping": "the last frame's samples are kept of one",
     "borders": "what each brick needs of a volume is cut out of it already",
     "filter": "the texture unit samples one volume a brick",
     "adaptive": "there is no bound on the error of mixtures",

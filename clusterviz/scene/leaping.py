@@ -1,4 +1,4 @@
-"""What coherence leaping can be asked for: one composited volume, whose bricks are drawn whole."""
+"""What coherence leaping can be asked for: composited volumes and isosurfaces, whose bricks are drawn whole."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 
 from clusterviz.scene.checks import InvalidValueError
 
+HIT = ("composite", "isosurface")
+"""Blendings of which a ray has a first sample that counts; a projection may need any."""
+
 
 def check_leaping(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
     """Refuse what cannot be done with the hits of the last frame.
-
-    Several volumes are refused by `check_mixed`.
 
     Parameters
     ----------
@@ -25,8 +26,7 @@ def check_leaping(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
         "quality.adaptive": bool(quality.adaptive),
         f"cluster.mode: {cluster.mode}": cluster.mode in ("sort-first", "hybrid"),
         "cluster.groups: ranks do not know what other tiles hit": groups,
-        **{f"blending: {volume.blending}": volume.blending != "composite" for volume in volumes},
-        "isosurfaces": any(volume.isosurfaces for volume in volumes),
+        **{f"blending: {volume.blending}": volume.blending not in HIT for volume in volumes},
     }
     for name, is_one in problems.items():
         if is_one:

@@ -330,7 +330,7 @@ class Quality(Section):
     leaping: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False,
         description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
-        "one volume, composited; sort-last; what is thinner than a pixel may be missed for some frames.",
+        "composited volumes and isosurfaces; sort-last; what is thinner than a pixel may be missed for some frames.",
     )
     max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(to_builtin)] | None = Field(
         default=None,

@@ -6,6 +6,7 @@ The bound is that of pictures on other numbers of ranks, 1e-5: nothing in these 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,9 +66,39 @@ def check(frames: Sequence[Rendered], expected: Sequence[Rendered], bound: float
         assert compare(found.image, plain.image, bound).count == 0
 
 
+def wires(tmp_path: Path, **keys: Any) -> dict[str, Any]:
+    """A volume of helices that cross, as those of a stent: beads thinner than a voxel, and than a pixel."""
+    size = 48
+    volume = np.zeros((size, size, size), np.float32)
+    turn = np.linspace(0.0, 1.0, 2 * size)
+    for strand in range(4):
+        for way in (-1, 1):
+            angle = 2 * np.pi * (2 * way * turn + strand / 4)
+            places = [0.1 + 0.8 * turn, 0.5 + 0.3 * np.sin(angle), 0.5 + 0.3 * np.cos(angle)]
+            volume[tuple((size * at).astype(int) for at in places)] = 1.0
+    np.save(tmp_path / "wires.npy", volume)
+    spacing = 2.0 / (size - 1)
+    thin = {"opacity": ((0.0, 0.0), (0.8, 0.0), (0.9, 0.6), (1.0, 0.9)), **keys}
+    return {"path": str(tmp_path / "wires.npy"), "spacing": (spacing,) * 3, "origin": (-1.0,) * 3} | thin
+
+
+LOOKS: dict[str, dict[str, Any]] = {
+    "samples": {},
+    "a surface": {"blending": "isosurface", "isosurfaces": ((0.5, 1.0),), "shade": True},
+    "translucent surfaces": {"blending": "isosurface", "isosurfaces": ((0.5, 0.4), (0.8, 0.6))},
+    "surfaces in a volume": {"isosurfaces": ((0.5, 0.4),)},
+    "two volumes": {},
+}
+
+
 @pytest.mark.parametrize("ranks", [1, 3, 5])
-def test_pictures_are_those_without_on_any_number_of_ranks(ranks: int) -> None:
-    scenes = turning(scene_of())
+@pytest.mark.parametrize("look", LOOKS)
+def test_pictures_are_those_without_on_any_number_of_ranks(look: str, ranks: int) -> None:
+    scene = with_settings(scene_of(), LOOKS[look])
+    if look == "two volumes":
+        other = scene.volumes[0].model_copy(update={"path": "field:marschner-lobb:20", "interpolation": "nearest"})
+        scene = scene.model_copy(update={"volumes": (*scene.volumes, other)})
+    scenes = turning(scene, frames=3)
     frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel))[0]
     plain = without(scenes)
     check(frames, plain, 0.0 if ranks == 1 else BOUND)
@@ -146,17 +177,15 @@ def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch) -
     assert rays(found, "estimated") >= rays(found, "late")
 
 
-def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of crests of waves some are missed. Had all rays been checked, they would have told so, and missed nothing."""
-    crests = ((0.0, 0.0), (0.97, 0.0), (1.0, 0.9))
-    scene = with_settings(scene_of(), {"path": "field:marschner-lobb:48", "opacity": crests, "size": (40, 32)})
-    scenes = turning(scene, 2.0, 2)
+def test_rays_that_are_checked_tell_what_the_others_miss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of thin wires some are missed. Had all rays been checked, they would have told so, and missed nothing."""
+    scenes = turning(with_settings(scene_of(), wires(tmp_path)), 6.0, 2)
     plain = without(scenes)[1]
-    drawn = {}
-    for tiles in (1, 1 << 30):
-        monkeypatch.setattr(last_frame, "FRESH_TILES", tiles)
-        drawn[tiles] = draw_all(scenes, LoopbackChannel())[1]
-    checked, others = drawn.values()
+    drawn = []
+    for check in (np.ones, np.zeros):
+        monkeypatch.setattr(last_frame.LastFrame, "_drawn_at_random", lambda *a, check=check: check(a[-1], np.bool_))
+        drawn.append(draw_all(scenes, LoopbackChannel())[1])
+    checked, others = drawn
     assert rays(checked, "estimated") == rays(others, "checked") == 0
     assert rays(checked, "checked") >= rays(others, "estimated") > 0
     assert compare(checked.image, plain.image, BOUND).count == 0  # type: ignore[arg-type]
@@ -165,6 +194,25 @@ def test_rays_that_are_checked_tell_what_the_others_miss(monkeypatch: pytest.Mon
     assert report is not None
     assert 1 / 255 < missed.max <= report.error + BOUND
     assert 0 < missed.count <= report.wrong <= 2 * missed.count
+
+
+@pytest.mark.parametrize(
+    "look", [{}, {"blending": "isosurface", "isosurfaces": ((0.85, 1.0),)}], ids=["samples", "surface"]
+)
+def test_no_more_rays_err_than_what_is_told(tmp_path: Path, look: dict[str, Any]) -> None:
+    """Where something was missed, rays start anew: what wires there are, and rays go by, is soon all found."""
+    scenes = turning(with_settings(scene_of(), wires(tmp_path, size=(96, 80), **look)), 6.0, 6)
+    frames, missed = draw_all(scenes, LoopbackChannel()), []
+    for frame, plain in zip(frames, without(scenes), strict=True):
+        assert frame.image is not None
+        assert plain.image is not None
+        assert frame.statistics.leaping is not None
+        told, apart = frame.statistics.leaping, np.abs(frame.image - plain.image).max(axis=2)
+        missed.append(int((apart > 1 / 255).sum()))
+        assert missed[-1] <= told.wrong_at_most
+        assert (apart > told.error + BOUND).sum() <= told.beyond_at_most
+        assert told.wrong_at_most <= told.estimated + told.left_out + told.checked
+    assert missed[1] > 2 * missed[-1]
 
 
 def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:

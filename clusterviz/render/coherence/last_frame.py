@@ -1,8 +1,9 @@
 """What a ray caster remembers of its last frame, so that the rays of the next one start later.
 
 What does not hold any more is forgotten: another transfer function, look, step or clipping plane, bricks that came or
-went, a camera that jumped. Then rays start where they enter the volume. So does each ray in every sixteenth frame, tile
-by tile: what is so thin that the last frame's rays passed it by would never be found by those that start behind it.
+went, a camera that jumped. Then rays start where they enter the volume. So do the rays of blocks that are drawn at
+random: what is so thin that the last frame's rays passed it by would never be found by those that start behind it.
+Where one of them has found something, all rays around it do so for some frames.
 
 References
 ----------
@@ -11,7 +12,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,13 @@ from numpy.typing import NDArray
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
-from clusterviz.render.coherence.reprojection import Box, is_coherent, projection_of, reproject
+from clusterviz.render.coherence.reprojection import Box, is_coherent, project, projection_of, reproject
+from clusterviz.report.leaping import BLOCK, BLOCKS, VISIBLE, Leaping
 
 ALIKE = 4  # slabs between neighbouring hits on one surface
-FRESH_TILE, FRESH_TILES = 32, 16
-"""Pixels along the side of a tile whose rays start anew, one of so many in a frame."""
+SUSPECTED = 16  # frames in which rays start anew where something had been missed
+MOST_ANEW = 1 / 2  # of the pixels, from which on it does not pay to let the others start later
+SQUARE = BLOCK * BLOCKS  # pixels along the side of a square, of which the rays of one block start anew
 Bricks = tuple[BrickBox, bytes]
 
 
@@ -36,11 +39,15 @@ class Found:
     ----------
     plan, rect : they were drawn by, and the pixels that they are
     hits : float32 (3, rows, columns), (x, y, z) in index space; NaN where a ray met nothing
+    drawn : bool (rows, columns), the blocks that were drawn at random to be checked
+    suspects : float64 (n, 4), (x, y, z) of what had been missed, and the frame in which that was last found
     """
 
     plan: Plan
     rect: Rect
     hits: NDArray[np.float32]
+    drawn: NDArray[np.bool_]
+    suspects: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
 
 
 class LastFrame:
@@ -61,38 +68,77 @@ class LastFrame:
         self._frame += 1
 
     def arrays(self, plan: Plan, bricks: Bricks, rect: Rect, shape: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
-        """What the kernel reads and writes of a piece: by the names of the job's addresses.
+        """What a caster reads and writes of a piece: view depths with which rays start, and what they hit.
 
         Parameters
         ----------
         bricks : those that are drawn, and the box around them
         shape : rows and columns in memory
+
+        Returns
+        -------
+        arrays : `starts`, float32 (rows, columns): 0 where a ray enters, infinite where it meets nothing, negative
+            where it is checked; and `hits`, as in `Found`, which are to be written
         """
         starts, last = np.zeros(shape, np.float32), self._last.get(bricks)
+        hits, drawn, suspects = np.empty((3, *shape), np.float32), np.zeros(shape, np.bool_), np.empty((0, 4))
         if last is not None and _still_holds(last.plan, plan):
             box = _box_of(plan, bricks[0])
             if is_coherent(last.plan.view, plan.view, box):
-                starts = np.full(shape, np.inf, np.float32)
-                reproject(
-                    (last.plan.view, plan.view),
-                    (last.rect, rect),
-                    box,
-                    ALIKE * plan.march.step_world,
-                    last.hits,
-                    starts,
-                )
-                self._check_some(starts, rect)
-        hits = np.empty((3, *shape), np.float32)
-        self._now[bricks] = Found(plan, rect, hits)
+                suspects, anew = self._suspected(last, plan, rect, shape)
+                if anew.mean() <= MOST_ANEW:
+                    starts = np.full(shape, np.inf, np.float32)
+                    alike = ALIKE * plan.march.step_world
+                    reproject((last.plan.view, plan.view), (last.rect, rect), box, alike, last.hits, starts)
+                    drawn = self._drawn_at_random([*bricks[0].begin_zyx, rect.x_begin, rect.y_begin], shape) & ~anew
+                    np.negative(starts, where=drawn | anew, out=starts)
+        self._now[bricks] = Found(plan, rect, hits, drawn, suspects)
         return {"starts": starts, "hits": hits}
 
-    def _check_some(self, starts: NDArray[np.float32], rect: Rect) -> None:
-        """Have the rays of this frame's tiles of the picture start anew."""
-        for row in range(rect.y_begin // FRESH_TILE, -(-rect.y_end // FRESH_TILE)):
-            for column in range(rect.x_begin // FRESH_TILE, -(-rect.x_end // FRESH_TILE)):
-                if (5 * row + column - self._frame) % FRESH_TILES == 0:
-                    y, x = row * FRESH_TILE - rect.y_begin, column * FRESH_TILE - rect.x_begin
-                    starts[max(y, 0) : y + FRESH_TILE, max(x, 0) : x + FRESH_TILE] *= -1.0
+    def finish(self, bricks: Bricks, missed: NDArray[np.float32], estimated: int, left_out: int, late: int) -> Leaping:
+        """Remember where checked rays would have missed something, and say what became of all rays.
+
+        Parameters
+        ----------
+        bricks : of a piece whose `arrays` were asked for and are written
+        missed : float32 (rows, columns), what opacity checked rays gathered before their starts; -1 for other rays
+        estimated, left_out, late : numbers of rays, as in `Leaping`
+        """
+        found = self._now[bricks]
+        rows, columns = np.nonzero(missed > VISIBLE)
+        _, one_a_square = np.unique(rows // SQUARE * missed.shape[1] + columns // SQUARE, return_index=True)
+        places = found.hits[:, rows[one_a_square], columns[one_a_square]].T
+        new = np.column_stack([places, np.full(len(places), self._frame)])
+        self._now[bricks] = replace(found, suspects=np.concatenate([found.suspects, new]))
+        told = missed[found.drawn[: missed.shape[0], : missed.shape[1]] & (missed >= 0.0)]
+        wrong, error = int(np.count_nonzero(told > VISIBLE)), float(told.max(initial=0.0))
+        return Leaping(estimated, left_out, late, told.size, wrong, error)
+
+    def _suspected(
+        self, last: Found, plan: Plan, rect: Rect, shape: tuple[int, int]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """What was missed not long ago, once a square, and the pixels (rows, columns) of the squares around it."""
+        recent = last.suspects[last.suspects[:, 3] > self._frame - SUSPECTED][::-1]
+        squares = np.zeros([-(-side // SQUARE) + 2 for side in shape], np.bool_)
+        column, row = ((project(plan.view, recent[:, :3])[:, :2] + 0.5 - (rect.x_begin, rect.y_begin)) // SQUARE).T
+        inside = (row >= 0) & (row < squares.shape[0] - 2) & (column >= 0) & (column < squares.shape[1] - 2)
+        rows, columns, recent = row[inside].astype(int), column[inside].astype(int), recent[inside]
+        for down in range(3):
+            for right in range(3):
+                squares[rows + down, columns + right] = True
+        _, latest = np.unique(rows * squares.shape[1] + columns, return_index=True)
+        return recent[latest[::-1]], _pixels(squares[1:-1, 1:-1], SQUARE, shape)
+
+    def _drawn_at_random(self, piece: list[int], shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """The pixels of one block of each square, whatever was drawn before: no error can hide from them."""
+        chosen = np.random.default_rng([self._frame, *piece]).integers(BLOCKS**2, size=[-(-n // SQUARE) for n in shape])
+        blocks = chosen[:, None, :, None] == np.arange(BLOCKS**2).reshape(BLOCKS, 1, BLOCKS)
+        return _pixels(blocks.reshape(chosen.shape[0] * BLOCKS, -1), BLOCK, shape)
+
+
+def _pixels(squares: NDArray[np.bool_], side: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Squares of pixels as pixels."""
+    return squares.repeat(side, axis=0).repeat(side, axis=1)[: shape[0], : shape[1]]
 
 
 def depth_of(plan: Plan) -> NDArray[np.float64]:
@@ -103,7 +149,7 @@ def depth_of(plan: Plan) -> NDArray[np.float64]:
 
 def _still_holds(last: Plan, plan: Plan) -> bool:
     """Whether nothing but the camera is another; frames of which that is so share all else."""
-    names = ("march", "look", "clip", "encoding", "transfer", "segments", "layout", "cost")
+    names = ("march", "look", "clip", "encoding", "transfer", "segments", "layout", "cost", "mixture")
     return all(getattr(last, name) is getattr(plan, name) for name in names)
 
 

@@ -4,8 +4,8 @@ What the last frame saw is a surface: the hits of four neighbouring rays are the
 that is known to be empty, in front of it, from space of which nothing is known, and nothing that was hidden can come
 into view but through it. Where the rays of a cell hit alike, the cell lies between their hits. Where they did not, what
 they passed may reach from the nearest hit as far as each ray saw, or to where it left the box, so all of that counts.
-Where not all of them hit something, a ray a pixel further may just touch it: that counts, too. A cell is drawn as the
-rectangle of pixels around it, at the depth of its nearest corner; of several the nearest one wins.
+There, a ray a pixel further may just touch what is nearer: that counts, too. A cell is drawn as the rectangle of pixels
+around it, at the depth of its nearest corner; of several the nearest one wins.
 
 References
 ----------
@@ -25,7 +25,7 @@ LENS = 16  # numbers of a camera: three rows of four, half the width and height,
 BOX = 6  # the least and the greatest x, y, z
 SIZES = 20
 ROUNDED = 1e-3  # pixels
-RIM = 1.0  # pixels around cells not all of whose rays hit something
+RIM = 1.0  # pixels around cells whose rays did not all hit something, or not alike
 
 _inline = numba.njit(error_model="numpy", inline="always")
 _called = numba.njit(error_model="numpy")
@@ -67,6 +67,8 @@ def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ign
                     sides, depth = _between_hits(places, x, y)
                     if most - least > alike:
                         sides, depth = _before_hits(ray, seen, rect, (x, y), float(least), sides, depth)
+                        # What is nearer may reach into the cell beside this one, whose rays have all passed it.
+                        sides = (sides[0] - RIM, sides[1] + RIM, sides[2] - RIM, sides[3] + RIM)
                     _splat(sides, depth, window, target)
                     continue
             _splat_rim(ray, box, seen, rect, places, (x, y), window, target)

@@ -37,11 +37,12 @@ from clusterviz.render.stored import store
 from clusterviz.render.vectors.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.vectors.machine_code import compiled
 from clusterviz.render.vectors.marching.leaps import leaps_of
+from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.stretch import with_doublings
 from clusterviz.render.vectors.memory import Memory
 from clusterviz.render.vectors.mixed_memory import MixedMemory
 from clusterviz.render.vectors.mixed_order import VolumeJobs, volume_jobs
-from clusterviz.render.vectors.order import domain_tables, hand_over, job_of, leaping_of, tables_of
+from clusterviz.render.vectors.order import domain_tables, hand_over, job_of, tables_of
 from clusterviz.render.vectors.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.vectors.width import Width, host_width, processor_name
 from clusterviz.scene.transfer import TransferFunction
@@ -205,12 +206,15 @@ class VectorCaster:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         job = job_of(plan, (shown.box, shown.bricks), rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
-        memory: dict[str, NDArray[np.float32]] = {}
+        memory, members = dict[str, NDArray[np.float32]](), (shown.box, shown.members)
         if plan.march.leaping is not None:
-            memory = self._last_frame.arrays(plan, (shown.box, shown.members), rect, pixels.shape[:2])
+            memory = self._last_frame.arrays(plan, members, rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.leaping)
         self._run(job, shown.wide, tell)
-        leaping = leaping_of(job, memory["starts"][: rect.height, : rect.width]) if memory else None
+        leaping = None
+        if memory:
+            counts = (int(job[name][0]) for name in COUNTS)
+            leaping = self._last_frame.finish(members, memory["starts"][: rect.height, : rect.width], *counts)
         rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
         seconds = perf_counter() - started
         return Drawn(PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, leaping)

@@ -64,7 +64,6 @@ JOB = np.dtype(
         ("estimated", "i8"),  # rays that the last frame told where to start
         ("left_out", "i8"),  # those that it told to meet nothing
         ("late", "i8"),  # those that it told to start too late, and that began again
-        ("checked", "i8"),  # those that start anew, and find what they would have missed
         ("volumes", "i8"),  # JOB, one a volume of a mixture: see mixed_order.py
         ("index_from_domain", "f8", 12),  # of one of these: rows of the matrix of plan/cut.py
         ("firsts", "i8"),  # int32 (bricks of the box, 4): its cell that is a brick's first; 1: the brick has any

@@ -71,7 +71,7 @@ class Kernel:
         if self.volumes:
             # Names of several would make too long a one for a file.
             each = hashlib.sha256(" ".join(volume.name for volume in self.volumes).encode()).hexdigest()[:16]
-            ways = "_jittered" * self.jittered + "_wide" * self.wide
+            ways = "_jittered" * self.jittered + "_leaping" * self.leaping + "_wide" * self.wide
             return f"cast_{len(self.volumes)}_volumes_{each}_{self.lanes}{ways}"
         parts = (
             self.kind,
@@ -138,7 +138,8 @@ def mixed_kernel_of(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> 
     assert plan.mixture is not None, "the plan is one of several volumes"
     each = zip(plan.mixture.ingredients, pieces, strict=True)
     volumes = tuple(_volume_kernel(part, lanes, own) for part, own in each)
-    return Kernel("u8", "linear", "composite", "many", 0, lanes, jittered=plan.march.jittered, volumes=volumes)
+    jittered, leaping = plan.march.jittered, plan.march.leaping is not None
+    return Kernel("u8", "linear", "composite", "many", 0, lanes, jittered=jittered, leaping=leaping, volumes=volumes)
 
 
 def _volume_kernel(part: Ingredient, lanes: int, pieces: Pieces | None) -> Kernel:

@@ -16,13 +16,11 @@ from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.vectors.job import JOB
 from clusterviz.render.vectors.marching.leaps import FARTHEST
-from clusterviz.render.vectors.marching.starts import COUNTS
 from clusterviz.render.vectors.marching.tile import TILE
 from clusterviz.render.vectors.memory import Numbers
 from clusterviz.render.vectors.transfer.classify import bucket_rows, colour_rows
 from clusterviz.render.vectors.transfer.pieces import Pieces
 from clusterviz.render.windows import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
-from clusterviz.report.leaping import VISIBLE, Leaping
 
 LONGEST_WINDOW = 32  # slabs
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
@@ -132,17 +130,6 @@ def hand_over(job: NDArray[np.void], memory: Tables, depth: NDArray[np.float64],
     """Tell a job where its rays start and where to write what they hit: `LastFrame.arrays`, `depth_of`."""
     tell_tables(job, memory)
     job["plane"], job["depth"], job["offset"] = memory["starts"].nbytes, depth, offset
-
-
-def leaping_of(job: NDArray[np.void], missed: NDArray[np.float32]) -> Leaping:
-    """What a job's rays came to, once it is drawn.
-
-    Parameters
-    ----------
-    missed : what it has written in place of `starts`: the opacity that rays gathered before their starts
-    """
-    estimated, left_out, late, checked = (int(job[name][0]) for name in COUNTS)
-    return Leaping(estimated, left_out, late, checked, int(np.count_nonzero(missed > VISIBLE)), float(missed.max()))
 
 
 def _window(plan: Plan, slot: Slot) -> int:

@@ -42,7 +42,7 @@ def program_of(kernel: Kernel) -> str:
     samples = Variable(code.number(I64, 0))
     field = None if kernel.volumes else _field(kernel, code, job)
     starts = Starts(code, job) if kernel.leaping else None
-    march = _march(kernel, code, job, field, starts) if field else _mixed_march(kernel, code, job)
+    march = _march(kernel, code, job, field, starts) if field else _mixed_march(kernel, code, job, starts)
     tiles = Tile(code, job, march, starts)
 
     def next_tile() -> Value:
@@ -63,7 +63,7 @@ def _field(kernel: Kernel, code: Code, job: Job) -> Field:
     return kind(code, job, kernel.kind, kernel.filter == "nearest")
 
 
-def _mixed_march(kernel: Kernel, code: Code, job: Job) -> March:
+def _mixed_march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) -> March:
     """Of several volumes, each with code of its own."""
     ingredients: list[Ingredient] = []
     bodies = []
@@ -79,8 +79,8 @@ def _mixed_march(kernel: Kernel, code: Code, job: Job) -> March:
         else:
             ingredients.append(Sampled(code, own, body, samples, _optics(volume, code, own, field)))
         bodies.append(body)
-    look, places = Mixture(code, job, ingredients), MixedPlaces(code, job, bodies)
-    return March(code, job, places, look, kernel.jittered, bodies=Bodies(bodies))
+    look, places = Mixture(code, job, ingredients, starts), MixedPlaces(code, job, bodies)
+    return March(code, job, places, look, kernel.jittered, starts=starts, bodies=Bodies(bodies))
 
 
 def _march(kernel: Kernel, code: Code, job: Job, field: Field, starts: Starts | None) -> March | SplitMarch:

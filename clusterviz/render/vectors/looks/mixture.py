@@ -25,6 +25,7 @@ from clusterviz.render.vectors.looks.over import put_behind, take_sample, too_li
 from clusterviz.render.vectors.looks.samples import ABREAST, Samples, four, zeros
 from clusterviz.render.vectors.marching.bodies import Body, Share, Spots
 from clusterviz.render.vectors.marching.march import Four, Variables
+from clusterviz.render.vectors.marching.starts import Starts
 from clusterviz.render.vectors.transfer.opacity import absorbed
 
 THINNEST = 1e-37
@@ -100,10 +101,15 @@ class Sampled:
 
 
 class Mixture:
-    """Several volumes; a `Look`."""
+    """Several volumes; a `Look`.
 
-    def __init__(self, code: Code, job: Job, ingredients: Sequence[Ingredient]) -> None:
-        self._code, self._ingredients = code, ingredients
+    Parameters
+    ----------
+    starts : where rays start; None: at their first slab
+    """
+
+    def __init__(self, code: Code, job: Job, ingredients: Sequence[Ingredient], starts: Starts | None = None) -> None:
+        self._code, self._ingredients, self._starts = code, ingredients, starts
         self._stops = job.part("optics", 1) > 0.0
         self._residual = code.splat(job.part("optics", 1))
 
@@ -119,6 +125,8 @@ class Mixture:
                 seen = (found[3].now > THINNEST) & (one < end.now)
                 with code.when(code.any(seen)):
                     self._take(sums, found, seen)
+                    if self._starts:
+                        self._starts.note(seen, one)
                     with code.when(self._stops):
                         # A ray ends with the slab that leaves too little light, not with its run.
                         ended = seen & (rest * (1.0 - sums[3].now) <= self._residual)

@@ -158,7 +158,9 @@ class Surfaces:
             met = here & (place >= slabs.begin(code.same(I32, 0))) & (place < slabs.begin(slabs.count))
             last.set(code.select(met, place, last.now))
             volume.take_to(place, met)
+            front = sums[3].now
             self._take_surface(sums, line, place, met, (r, g, b), opacity)
+            volume.note(sums[3].now > front, slabs.number(place))
             nth.set(nth.now + 1)
         return last.now
 
@@ -216,9 +218,14 @@ class _Volume:
             self._from.set(code.select(taken, until, begin))
             self._at.set(code.select(taken & until.equals(ends), at + 1, at))
 
+    def note(self, found: Value, number: Value) -> None:
+        """Tell the next frame in which slab of a run something has been found."""
+        if self._whole:
+            self._samples.note(found, number)
+
     def _take(self, middle: Spot, length: Value, taken: Value, full: Value) -> None:
         """So much of slabs, as their midpoints are; `full`: all of them."""
-        code, optics, slab = self._code, self._optics, self._slabs.slab
+        code, optics, slab, front = self._code, self._optics, self._slabs.slab, self._sums[3].now
         assert optics is not None, "there is a volume"
         s = self._samples.at(middle)
         share = taken & (s >= optics.visible_from)
@@ -230,6 +237,7 @@ class _Volume:
         with code.when(code.any(share)):
             found = optics.of_share(s, length, middle, slab)
             take_sample(code, self._sums, share, found.opacity, found.colour)
+        self.note(self._sums[3].now > front, self._at.now)
 
 
 def _chosen(code: Code, where: Value, a: Mark, b: Mark) -> Mark:

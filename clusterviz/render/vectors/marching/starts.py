@@ -21,9 +21,9 @@ from clusterviz.render.vectors.marching.rays import Rays, midpoint
 from clusterviz.render.vectors.marching.state import BLOCKS, NEVER, Packet
 
 NOTHING = 1e30  # view depth at which rays start that meet nothing
-COUNTS = ("estimated", "left_out", "late", "checked")
-"""Numbers of rays: with a start, not drawn at all, begun again, and checked."""
-NOT_YET = -1.0  # in place of what rays gathered before their starts
+COUNTS = ("estimated", "left_out", "late")
+"""Numbers of rays: with a start, not drawn at all, and begun again."""
+NOT_YET = UNCHECKED = -1.0  # in place of what rays gathered before their starts
 
 
 class Starts:
@@ -70,7 +70,6 @@ class Starts:
         start = code.select(nothing, NEVER, code.most(code.least(start, rays.slabs - 2), entry))
         drawn = packet.get("done").equals(0)
         self.count("estimated", drawn & ~nothing & ~checked & (start > entry))
-        self.count("checked", drawn & checked)
         packet.set("entry", entry)
         packet.set("at", code.select(checked | nothing, entry, start))
         packet.set("start", start)
@@ -104,7 +103,7 @@ class Starts:
             self._write(place[axis].now, job["hits"] + job["plane"] * axis, x, y)
         missed = packet.get("missed")
         missed = code.select(missed.equals(NOT_YET), opacity, missed)
-        self._write(code.select(packet.mask("checked"), missed, code.same(F32, 0.0)), job["starts"], x, y)
+        self._write(code.select(packet.mask("checked"), missed, code.same(F32, UNCHECKED)), job["starts"], x, y)
 
     def _write(self, values: Value, address: Value, x: Value, y: Value) -> None:
         """Store a number for each pixel."""
