@@ -1,4 +1,8 @@
-"""Sort-first and hybrid: groups of ranks share the screen's tiles, and inside a group a tree deals out the data.
+"""Sort-first and hybrid: groups of ranks share the screen's tiles, and inside a group the ranks share the data.
+
+Where windows move, the bricks of a group are dealt by their expected cost within its window, corrected by what its
+ranks measured in earlier frames. Fronts divide layers of bricks where whole layers are too coarse, as long as each rank
+still draws one image. Otherwise a tree by the bricks' cells deals them once.
 
 As many groups as ranks are sort-first: each rank needs all bricks that its tiles show, and nothing is blended. Where
 memory allows, a rank holds all bricks that it may ever show; else those that its tiles show now, and what it has had
@@ -7,25 +11,38 @@ before as far as that fits. Windows are shared by all bricks of a group, so ever
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.balance.expected import expected_samples
+from clusterviz.balance.measure import Measured, measure, predict, unmeasured
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 from clusterviz.frame.holding import Holding
 from clusterviz.frame.tiling import TileSettings, Tiling
-from clusterviz.partition import BrickBox, BspTree, Piece, build_tree, front_to_back, owners_of
-from clusterviz.partition.bsp import Costs, trim
+from clusterviz.partition import (
+    NOBODY,
+    BspTree,
+    Owners,
+    Piece,
+    build_tree,
+    eye_place,
+    front_owners,
+    move_planes,
+    owner_pieces,
+    owners_of,
+    search_tree,
+)
+from clusterviz.partition.bsp import Costs
 from clusterviz.partition.screen import CostMap, Mosaic, RankGroups, bricks_seen
 from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.report.statistics import RankFrame
 
-UNEVEN = 1.3  # a group's tree stays until its busiest rank has so many times what a new tree would give it
-UNSEEN = 1e-3  # of the mean, for bricks that a group may come to see
+UNEVEN = 1.02  # bricks of a group stay until its busiest rank has so many times what it could have
 
 Bools = NDArray[np.bool_]
 
@@ -47,6 +64,9 @@ class SharedScreen:
         self._holding, self._brick_bytes, self._limit_bytes = holding, 0, holding.limit_bytes
         self.tiling = Tiling(settings, tuple(map(len, groups)))
         self._trees: list[BspTree] = []
+        self._owners: list[Owners] = []
+        self._models: list[Costs] = []
+        self._measured: Measured | None = None
         self._dealt: Costs | None = None
         self._seen: list[Bools] = []
         self._shown: Bools = np.zeros((1, 1, 1), bool)
@@ -80,61 +100,101 @@ class SharedScreen:
 
     def pieces(self, plan: Plan, mosaic: Mosaic) -> tuple[Piece, ...]:
         """The pieces of any windows, of what the last deal gave to the groups."""
-        view, found = plan.view, []
-        for members, tree, seen, windows in zip(self._groups, self._trees, self._seen, mosaic.windows, strict=True):
-            leaves = []
-            for leaf in front_to_back(tree, view.eye_point, view.forward, plan.layout.brick):
-                box = trim(seen.astype(np.float64), tree.leaves[leaf].box)
-                if box.bricks:
-                    leaves.append((members[leaf], box, _mask(seen, self._shown, box)))
-            found += [Piece(rank, box, mask, window) for window in windows for rank, box, mask in leaves]
+        found: list[Piece] = []
+        for members, owners, seen, windows in zip(self._groups, self._owners, self._seen, mosaic.windows, strict=True):
+            own = []
+            for piece in _pieces(plan, owners, seen):
+                shown = self._shown[piece.box.slices]
+                # Bricks that show nothing divide no piece.
+                is_box = piece.bricks is None or bool(np.all(piece.bricks == shown))
+                own.append(replace(piece, rank=members[piece.rank], bricks=None if is_box else piece.bricks))
+            found += [replace(piece, window=window) for window in windows for piece in own]
         return tuple(found)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """What its tiles show of its leaf; in a loop all that it may show, where all ranks can hold that much."""
+        """What its tiles show of its bricks; in a loop all that it may show, where all ranks can hold that much.
+
+        As far as there is room, bricks that it has held stay, as they may come back.
+        """
         group = next(number for number, members in enumerate(self._groups) if rank in members)
-        leaf = self._trees[group].leaves[self._groups[group].index(rank)]
-        mine = np.zeros(self._shown.shape, bool)
-        mine[leaf.box.slices] = True
+        mine = self._owners[group].owner == self._groups[group].index(rank)
         held = mine & self._seen[group]
         if self._several and self._largest([self._shown] * len(self._groups)) <= self._limit_bytes:
             held = mine & self._shown
-        elif self._held is not None:
-            old = np.argwhere(self._held & mine & self._shown & ~held)
+        if self._held is not None:
+            old = np.argwhere(self._held & self._shown & ~held)
             held[tuple(old[: self._limit_bytes // max(1, self._brick_bytes) - int(held.sum())].T)] = True
         self._held = held
         return frozenset((z, y, x) for z, y, x in np.argwhere(held).tolist())
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """Nothing: what a strategy follows is the cost of parts of the screen, not of ranks."""
+        """What bricks cost, from what the ranks of each group took; the cost of groups is for `follow`."""
+        for members, owners, model in zip(self._groups, self._owners, self._models, strict=False):
+            if len(members) > 1 and self._measured is not None:
+                samples = [costs[rank].samples - costs[rank].samples_estimate for rank in members]
+                self._measured = measure(self._measured, model, owners, np.array(samples, np.float64))
 
     def follow(self, cost: CostMap) -> None:
         """What the last frame cost, or what a pre-pass says of this one."""
         self.tiling.learn(cost)
 
     def _dealt_out(self, plan: Plan) -> Mosaic:
-        """The windows of the groups, what they show, and the trees that deal this out."""
+        """The windows of the groups, what they show, and who draws that."""
         mosaic = self.tiling.mosaic(plan)
         self._seen = [self._shown if self.tiling.is_static else bricks_seen(plan, each) for each in mosaic.windows]
-        self._grow(plan)
+        if self.tiling.is_static or max(map(len, self._groups)) == 1:
+            self._deal_once(plan)
+        else:
+            self._follow_cost(plan, mosaic)
         return mosaic
 
-    def _grow(self, plan: Plan) -> None:
-        """The groups' trees, where the old ones will not do."""
+    def _deal_once(self, plan: Plan) -> None:
+        """A tree a group, that stays until a plan shows a brick that was hidden."""
         if self._dealt is None or (self.tiling.is_static and shows_more(plan, self._dealt)):
-            self._dealt, self._trees = plan.cost, []
-        if self.tiling.is_static or max(map(len, self._groups)) == 1:
-            self._trees = self._trees or [build_tree(self._dealt, len(members)) for members in self._groups]
-            return
-        expected = expected_samples(plan)
-        expected = np.where(self._shown, expected + UNSEEN * (expected.mean() or 1.0), 0.0)
-        costs = [np.where(seen, expected, 0.0) for seen in self._seen]
-        anew = [build_tree(cost, len(members)) for cost, members in zip(costs, self._groups, strict=True)]
-        old = self._trees or anew
-        self._trees = [
-            new if _busiest(kept, cost) > UNEVEN * _busiest(new, cost) else kept
-            for kept, new, cost in zip(old, anew, costs, strict=True)
+            self._dealt = plan.cost
+            self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self._groups]
+
+    def _follow_cost(self, plan: Plan, mosaic: Mosaic) -> None:
+        """Who draws what in each group, by the cost that is expected of bricks within its windows."""
+        self._measured = self._measured or unmeasured(plan.layout.counts_zyx)
+        self._models = []
+        for seen, windows in zip(self._seen, mosaic.windows, strict=True):
+            visible = replace(plan, cost=np.where(seen, plan.cost, 0.0))
+            models = [expected_samples(visible, window) for window in windows]
+            self._models.append(np.sum(models, axis=0) if models else np.zeros_like(plan.cost))
+        costs = [predict(self._measured, *each) for each in zip(self._models, self._seen, strict=True)]
+        self._trees = self._trees or [
+            search_tree(cost, len(each)) for cost, each in zip(costs, self._groups, strict=True)
         ]
+        before = self._owners or [owners_of(tree) for tree in self._trees]
+        dealt = [self._dealt_in_group(plan, *each) for each in zip(costs, self._seen, self._trees, before, strict=True)]
+        self._trees, self._owners = [tree for tree, _ in dealt], [owners for _, owners in dealt]
+
+    def _dealt_in_group(
+        self, plan: Plan, cost: Costs, seen: Bools, tree: BspTree, before: Owners
+    ) -> tuple[BspTree, Owners]:
+        """The bricks of one group: the most even way, those first that move fewest bricks."""
+        ranks = before.ranks
+        if ranks == 1 or not cost.any() or self._is_even(plan, cost, seen, before):
+            return tree, before
+        options = [
+            (found, owners)
+            for found, owners in _options(tree, before, cost, plan)
+            if _is_ordered(plan, owners, seen) and self._fits(owners, seen)
+        ]
+        if not options:
+            # By the number of bricks, which takes least memory.
+            tree = build_tree(seen.astype(np.float64), ranks)
+            return tree, owners_of(tree)
+        least = min(float(owners.loads(cost).max()) for _, owners in options)
+        return next(option for option in options if option[1].loads(cost).max() <= UNEVEN * least)
+
+    def _is_even(self, plan: Plan, cost: Costs, seen: Bools, owners: Owners) -> bool:
+        even = owners.imbalance(cost) <= UNEVEN
+        return even and _is_ordered(plan, owners, seen) and self._fits(owners, seen)
+
+    def _fits(self, owners: Owners, bricks: Bools) -> bool:
+        return int(owners.loads(bricks.astype(np.float64)).max()) * self._brick_bytes <= self._limit_bytes
 
     def _check_memory(self) -> None:
         """Before anything is loaded: what the tiles show has to fit."""
@@ -154,17 +214,28 @@ class SharedScreen:
 
     def _largest(self, bricks: Sequence[Bools]) -> int:
         """The most bytes of a rank, of some bricks for each group."""
-        loads = (
-            owners_of(tree).loads(some.astype(np.float64)).max() for tree, some in zip(self._trees, bricks, strict=True)
-        )
+        loads = (owners.loads(some.astype(np.float64)).max() for owners, some in zip(self._owners, bricks, strict=True))
         return int(max(loads)) * self._brick_bytes
 
 
-def _mask(seen: Bools, shown: Bools, box: BrickBox) -> Bools | None:
-    """Which bricks of a box are its own, where not all that are shown are."""
-    inside = seen[box.slices]
-    return None if bool(np.all(inside == shown[box.slices])) else inside
+def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator[tuple[BspTree, Owners]]:
+    """Ways to deal the bricks of a group: as before, at fronts, by planes; then the same with other axes."""
+    eye = eye_place(plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    moved, other = move_planes(tree, cost), search_tree(cost, before.ranks)
+    yield tree, before
+    yield tree, front_owners(tree, cost, eye)
+    yield moved, owners_of(moved)
+    yield other, front_owners(other, cost, eye)
+    yield other, owners_of(other)
 
 
-def _busiest(tree: BspTree, cost: Costs) -> float:
-    return float(owners_of(tree).loads(cost).max())
+def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
+    """What the members of a group draw, front to back."""
+    drawn = Owners(owners.ranks, np.where(seen, owners.owner, NOBODY).astype(np.int32))
+    return owner_pieces(drawn, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+
+
+def _is_ordered(plan: Plan, owners: Owners, seen: Bools) -> bool:
+    """Whether whole ranks can be drawn front to back: a rank of a group has one image."""
+    ranks = [piece.rank for piece in _pieces(plan, owners, seen)]
+    return len(set(ranks)) == len(ranks)

@@ -13,6 +13,7 @@ from clusterviz.partition.screen import (
     adapt,
     brick_rects,
     build_cuts,
+    carried,
     interleaved_tiles,
     pattern_tiles,
     queue_of_tiles,
@@ -53,6 +54,8 @@ class Tiling:
         self.settings, self._weights = settings, weights
         self._tree: ScreenTree | None = None
         self._before: ScreenTree | None = None
+        self._expected: CostMap | None = None
+        self._last: CostMap | None = None
 
     @property
     def is_static(self) -> bool:
@@ -69,6 +72,13 @@ class Tiling:
             return pattern_tiles(plan.view, (x - 1.0, y - 1.0, z - 1.0), groups, side, self.settings.repetitions)
         if self._tree is None or self._tree.size != plan.view.size:
             self._tree, self._before = build_cuts(expected_map(plan), self._weights), None
+            self._expected = self._last = None
+        if name == "temporal":
+            expected = expected_map(plan)
+            if self._last is not None and self._expected is not None:
+                self._before = self._tree
+                self._tree = adapt(self._tree, carried(self._last, self._expected, expected))
+            self._expected, self._last = expected, None
         return self._tree.mosaic()
 
     def queue(self, plan: Plan) -> tuple[Rect, ...]:
@@ -78,9 +88,11 @@ class Tiling:
     def learn(self, cost: CostMap) -> None:
         """What the last frame cost, or what a pre-pass says of this one."""
         if self._tree is not None and self._tree.size == cost.size and cost.cost.any():
-            temporal = self.settings.strategy == "temporal"
+            if self.settings.strategy == "temporal":
+                self._last = cost
+                return
             self._before = self._tree
-            self._tree = adapt(self._tree, cost) if temporal else build_cuts(cost, self._weights)
+            self._tree = build_cuts(cost, self._weights)
 
     def step_back(self) -> bool:
         """Go back to what was before the last lesson; whether there is such a thing."""

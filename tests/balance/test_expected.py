@@ -9,6 +9,7 @@ from clusterviz.balance.expected import expected_samples
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.image.region import Rect
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
 
@@ -50,6 +51,16 @@ def counted(plan: Plan) -> np.ndarray:
             inside = points[((points >= 0) & (points < cells)).all(axis=1)]
             np.add.at(samples, tuple((inside // LAYOUT.brick).astype(int).T[::-1]), 1)
     return samples
+
+
+@pytest.mark.parametrize("camera", OUTSIDE.values(), ids=OUTSIDE.keys())
+def test_windows_divide_the_expected_samples(camera: Camera) -> None:
+    plan = plan_of(camera)
+    windows = Rect(0, 0, 40, 60), Rect(40, 0, 80, 30), Rect(40, 30, 80, 60)
+    parts = [expected_samples(plan, window) for window in windows]
+    np.testing.assert_allclose(np.sum(parts, axis=0), expected_samples(plan))
+    assert all(0 < part.sum() < 0.8 * expected_samples(plan).sum() for part in parts)
+    assert not expected_samples(plan, Rect(9, 9, 9, 9)).any()
 
 
 @pytest.mark.parametrize("camera", OUTSIDE.values(), ids=OUTSIDE.keys())

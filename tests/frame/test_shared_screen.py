@@ -156,3 +156,30 @@ def test_cuts_that_follow_the_cost_leave_the_ranks_more_even() -> None:
         return max(samples) * len(samples) / sum(samples)
 
     assert busiest("temporal") < 1.2 < busiest("interleaved")
+
+
+def clouds() -> np.ndarray:
+    """Three small clouds in an empty volume."""
+    z, y, x = np.mgrid[:48, :48, :64].astype(np.float32)
+    places = ((10, 10, 10, 3.5), (35, 15, 50, 5.5), (25, 40, 32, 2.5))
+    return np.add.reduce([np.exp(-((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2) / (2 * w * w)) for a, b, c, w in places])
+
+
+@pytest.mark.parametrize(("ranks", "groups"), [(4, 2), (6, 2), (6, 3)])
+def test_bricks_and_cuts_follow_the_cost_while_the_camera_moves(ranks: int, groups: int) -> None:
+    volume = Volume(path="clouds", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)))
+    settings = {"mode": "hybrid", "groups": groups, "tiling": "temporal", "size": (128, 128), "brick": 8}
+    scene = with_settings(Scene(volumes=(volume,)), settings)
+    angles = np.radians(np.arange(12) * 6.0)
+    positions = [(32 + 150 * np.cos(angle), 24 + 150 * np.sin(angle), 100.0) for angle in angles]
+    scenes = [
+        with_settings(scene, {"position": at, "focal_point": (32, 24, 24), "view_up": (0, 0, 1)}) for at in positions
+    ]
+
+    def on_rank(channel: Channel) -> list[Rendered]:
+        with FrameLoop(scenes[0], channel, ArraySource(clouds())) as loop:
+            return [loop.frame(each, number) for number, each in enumerate(scenes)]
+
+    frames = run_loopback(ranks, on_rank)[0]
+    samples = np.array([[rank.samples for rank in frame.statistics.per_rank] for frame in frames])
+    assert samples.max(axis=1).sum() < 1.11 * samples.mean(axis=1).sum()

@@ -25,7 +25,7 @@ from clusterviz.partition.screen.pattern import pattern_tiles
 from clusterviz.partition.screen.rank_groups import RankGroups, rank_groups
 from clusterviz.partition.screen.scheduled import queue_of_tiles
 from clusterviz.partition.screen.seen import brick_rects, bricks_seen
-from clusterviz.partition.screen.temporal import adapt
+from clusterviz.partition.screen.temporal import adapt, carried
 
 __all__ = [
     "COARSE",
@@ -38,6 +38,7 @@ __all__ = [
     "brick_rects",
     "bricks_seen",
     "build_cuts",
+    "carried",
     "coarse_mosaic",
     "coarse_plan",
     "gathered",

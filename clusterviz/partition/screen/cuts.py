@@ -11,7 +11,6 @@ from clusterviz.image.region import Rect
 from clusterviz.partition.screen.cost_map import CostMap, Costs
 from clusterviz.partition.screen.mosaic import Mosaic, Size
 
-ALIGN = 8  # cuts lie between whole work groups of pixels, so that none is drawn twice in part
 LONG_SIDE = 1.05  # a cut across the short side has to be better than one across the long side by this factor
 
 
@@ -87,11 +86,11 @@ def best_cut(profile: Costs, begin: int, share: float) -> tuple[float, int]:
     Parameters
     ----------
     profile : float64 (n + 1,), the cost before each pixel, from 0
-    begin : the interval's first pixel; cuts lie at multiples of `ALIGN`
+    begin : the interval's first pixel
     share : of the weight, on the low side, between 0 and 1
     """
     end, total = begin + len(profile) - 1, float(profile[-1])
-    places = np.arange(begin // ALIGN * ALIGN + ALIGN, end, ALIGN)
+    places = np.arange(begin + 1, end)
     if len(places) == 0:
         return total / share, end
     below = profile[places - begin]

@@ -1,11 +1,13 @@
-"""Temporal adaption: the screen's cuts move to where the last frame's cost is even.
+"""Temporal adaption: the screen's cuts move to where the last frame's cost, carried to the next camera, is even.
 
 When to use: frames that follow each other closely. What the balance needs is known already, so no pass is added and
-little is sent. When not: single frames, and jumps, for which the last frame says nothing; the first frame after one is
+little is sent. When not: single frames, and jumps, for which the last frame says little; the first frame after one is
 as uneven as the jump was far.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
@@ -22,7 +24,7 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
     Parameters
     ----------
     tree : of the last frame
-    last : what that frame cost, seen from its own camera
+    last : what that frame cost, or what the next one should cost after it
 
     Returns
     -------
@@ -46,6 +48,27 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
     moved = ScreenTree(tree.size, tree.weights, _moved(tree.root, Rect(0, 0, *tree.size), tree.weights, last))
     anew = build_cuts(last, tree.weights)
     return anew if moved.busiest(last) > WORSE * anew.busiest(last) else moved
+
+
+def carried(last: CostMap, before: CostMap, now: CostMap) -> CostMap:
+    """What the next frame should cost: the cost of the last one, and the change that a model expects.
+
+    Parameters
+    ----------
+    last : what the last frame cost
+    before, now : the model of the last frame, and of the next one; their scale is taken from `last`
+
+    Raises
+    ------
+    InputError
+        The maps are over different pictures.
+    """
+    if not last.size == before.size == now.size:
+        raise InputError("over another picture", where="cost map", found=now.size, allowed=last.size)
+    total = float(before.cost.sum())
+    scale = float(last.cost.sum()) / total if total > 0 else 0.0
+    found = np.maximum(0.0, last.cost + scale * (now.cost - before.cost))
+    return CostMap(last.size, found) if found.any() else last
 
 
 def _moved(node: ScreenNode, rect: Rect, weights: tuple[int, ...], cost: CostMap) -> ScreenNode:

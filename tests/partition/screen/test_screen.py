@@ -19,6 +19,7 @@ from clusterviz.partition.screen import (
     adapt,
     blank_map,
     build_cuts,
+    carried,
     coarse_mosaic,
     gathered,
     interleaved_tiles,
@@ -121,20 +122,41 @@ def test_a_view_along_an_axis_and_one_from_inside_paint_the_volume() -> None:
         assert len(np.unique(owner)) == 6
 
 
+def bump(at: tuple[float, float]) -> CostMap:
+    """A smooth cost round a cell of a picture of 640 × 480."""
+    y, x = np.mgrid[0:30, 0:40]
+    return CostMap((640, 480), np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 60))
+
+
 def test_cuts_are_even_where_the_cost_can_be_divided() -> None:
     """Smooth costs, unequal weights: every rank of a group has nearly the same, first and after moves."""
-    size = (640, 480)
-    y, x = np.mgrid[0:30, 0:40]
-
-    def bump(at: tuple[float, float]) -> CostMap:
-        return CostMap(size, np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 60))
-
     for weights in ((1,) * 8, (2, 1, 3), (1,) * 5):
         tree = build_cuts(bump((12, 9)), weights)
         for at in ((12, 9), (13, 10), (15, 11), (34, 25)):
             tree = adapt(tree, bump(at))
             even = bump(at).cost.sum() / sum(weights)
             assert tree.busiest(bump(at)) <= 1.25 * even
+
+
+def test_a_cost_is_carried_to_the_next_camera() -> None:
+    """The model knows where the cost goes, but neither its scale nor all of it."""
+    before, now = bump((12, 9)), bump((16, 12))
+    halved, doubled = (CostMap(now.size, factor * now.cost) for factor in (0.5, 2.0))
+    last = CostMap(before.size, 2.0 * before.cost)
+    np.testing.assert_allclose(carried(last, before, now).cost, doubled.cost, atol=1e-9 * doubled.cost.max())
+    tree = build_cuts(last, (1,) * 4)
+    even = doubled.cost.sum() / 4
+    assert adapt(tree, carried(last, before, now)).busiest(doubled) < 1.1 * even < adapt(tree, last).busiest(doubled)
+    np.testing.assert_array_equal(carried(last, halved, halved).cost, last.cost)
+    np.testing.assert_array_equal(carried(last, blank_map(now.size), now).cost, last.cost)
+    with pytest.raises(InputError, match="over another picture"):
+        carried(last, blank_map((9, 9)), blank_map((9, 9)))
+
+
+def test_cuts_lie_at_any_pixel() -> None:
+    even = CostMap((70, 45), np.ones(blank_map((70, 45)).cost.shape))
+    for groups in (2, 3, 5):
+        assert build_cuts(even, (1,) * groups).busiest(even) < 1.03 * even.cost.sum() / groups
 
 
 def test_cuts_stay_while_they_are_good_enough_and_without_a_cost() -> None:
