@@ -84,7 +84,7 @@ def _files(kernels: list[Kernel]) -> dict[Path, Job]:
     """Where each kernel is kept, and what makes it; those that composite, too."""
     texts = sources()
     files: dict[Path, Job] = {kept_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
-    for module, name in native.USUAL:
+    for module, name in native.COMMON_KERNELS:
         files[kept_path(name, native.sources())] = native.kernel, (module, name)
     return files
 

@@ -1,4 +1,4 @@
-"""What one rank's composition cost: plain numbers, for the report."""
+"""Counters of one rank's compositing, for the report."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass, fields
 
 @dataclass(frozen=True)
 class PeerCounters:
-    """One other rank in one stage, as one rank sees it.
+    """Counters of one peer in one stage.
 
     Attributes
     ----------
-    peer : the channel's rank
-    messages_sent, pixels_sent : to it
-    bytes_raw, bytes_sent : of those pixels, and of what the codec made of them
-    seconds_encode : packing, and starting the send
-    seconds_wait : from the start of waiting until its message was here; 0 where none was expected
+    peer : rank of the channel
+    messages_sent, pixels_sent : sent to it
+    bytes_raw, bytes_sent : bytes of those pixels before and after the codec
+    seconds_encode : time of packing and starting the send
+    seconds_wait : time from the start of waiting until its message had arrived; 0 if none was expected
     """
 
     peer: int
@@ -30,16 +30,16 @@ class PeerCounters:
 
 @dataclass(frozen=True)
 class StageCounters:
-    """One stage on one rank.
+    """Counters of one stage.
 
     Attributes
     ----------
-    messages_sent, pixels_sent : to other ranks
-    bytes_raw, bytes_sent : of those pixels, and of what the codec made of them
-    seconds_encode : packing, and starting the sends
-    seconds_wait : waiting for messages
-    seconds_blend : unpacking and merging them
-    peers : the same, peer by peer; empty where no message passes
+    messages_sent, pixels_sent : sent to other ranks
+    bytes_raw, bytes_sent : bytes of those pixels before and after the codec
+    seconds_encode : time of packing and starting the sends
+    seconds_wait : time of waiting for messages
+    seconds_blend : time of unpacking and merging
+    peers : counters of each peer; empty if there are no messages
     """
 
     messages_sent: int = 0
@@ -54,18 +54,18 @@ class StageCounters:
 
 @dataclass(frozen=True)
 class CompositeCounters:
-    """All stages on one rank, and what was chosen.
+    """Counters of all stages, and what was chosen.
 
     Attributes
     ----------
     algorithm, transport : what ran, never "auto"
-    codec : as wanted; "auto" is decided for each message
-    participants : ranks that had pixels
-    seconds_agree : the exchange of footprints, and the planning
-    seconds_predicted : by the time model, from the footprints to the picture on the root
+    codec : as requested; "auto" is decided for each message
+    participants : number of ranks with pixels
+    seconds_agree : time of the exchange of footprints and of planning
+    seconds_predicted : prediction of the time model, from the footprints to the picture on the root
     stages : one for each stage of the schedule; empty on ranks without pixels
-    seconds_collect : the final gather; 0 where it was left to the caller
-    bytes_collected : what this rank sent to the root in it
+    seconds_collect : time of the final gather; 0 if it was left to the caller
+    bytes_collected : bytes that this rank sent to the root in the final gather
     """
 
     algorithm: str
@@ -80,14 +80,14 @@ class CompositeCounters:
 
     @property
     def seconds(self) -> float:
-        """What was measured, all together: the counterpart of `seconds_predicted`."""
+        """Measured time, to be compared with `seconds_predicted`."""
         total = self.total
         spent = total.seconds_encode + total.seconds_wait + total.seconds_blend
         return self.seconds_agree + spent + self.seconds_collect
 
     @property
     def total(self) -> StageCounters:
-        """The sums over all stages, without the peers."""
+        """Sums over all stages, without the peers."""
         return _sum(self.stages)
 
 

@@ -1,6 +1,6 @@
-"""Footprints first: one exchange of small numbers tells every rank where all images lie, so that all plan alike.
+"""Footprints of all partial images, exchanged before compositing so that all ranks make the same plan.
 
-Whatever is wrong with any partial image is found here, before a pixel moves, and raised on every rank.
+Errors in any partial image are found here, before a pixel moves, and raised on every rank.
 """
 
 from __future__ import annotations
@@ -16,51 +16,51 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import DTYPES
-from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.merge import ORDER_FREE, Operator
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import EMPTY, Rect
 
 Numbers = NDArray[np.int64]
-# What tells one row of numbers of every rank to every rank.
-Share = Callable[[Numbers], Numbers]
+# Gathers one row of numbers from each rank on every rank.
+Exchange = Callable[[Numbers], Numbers]
 
-# A row: fault, type, images, order; then two images of five numbers: rectangle and place. More images take more rows.
+# A row: error, type, images, order; then two images of five numbers: rectangle and offset. More images need more rows.
 _HEAD, _IMAGE, _IMAGES_A_ROW = 4, 5, 2
 _UNKNOWN_TYPE = -1
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """One partial image that is not empty, as every rank knows it.
+    """Footprint of one partial image that is not empty.
 
     Attributes
     ----------
-    rank : the channel's rank that drew it
-    image : which of that rank's images
-    rect : on the screen
-    place : a number that the rank told with it: where its pixels lie in shared memory
+    rank : rank of the channel that drew it
+    image : index among the images of that rank
+    rect : rectangle on the screen
+    offset : offset of its pixels in shared memory, where that is used
     """
 
     rank: int
     image: int
     rect: Rect
-    place: int
+    offset: int
 
 
 @dataclass(frozen=True)
 class Footprints:
-    """Where all images lie.
+    """Footprints of all images.
 
     Attributes
     ----------
-    canvas : the rectangle of the screen whose pixels are numbered: the smallest that holds all images
-    dtype : of every image that is not empty
-    layers : the images that are not empty, front to back
-    order : channel ranks that have such images, by their first, front to back; a rank's index is its *position*
-    operator : how pixels of two images become one
+    canvas : smallest rectangle of the screen that contains all images; its pixels are numbered
+    dtype : pixel type of every image that is not empty
+    layers : images that are not empty, front to back
+    order : channel ranks with such images, by their first, front to back; a rank's index is its *position*
+    operator : merge operator
     """
 
     canvas: Rect
@@ -70,29 +70,29 @@ class Footprints:
     operator: Operator = "over"
 
     @property
-    def several(self) -> bool:
-        """Whether images of other ranks lie between those of a rank."""
+    def interleaved(self) -> bool:
+        """Whether an image of another rank lies between two of one rank."""
         return len(self.order) < sum(1 for _ in groupby(self.layers, key=lambda layer: layer.rank))
 
     def in_best_order(self, nodes: Sequence[Sequence[int]]) -> Footprints:
-        """The same, with the images of each rank side by side where that changes no pixel.
+        """Return the footprints with the images of each rank adjacent, where that changes no pixel.
 
-        Then any algorithm takes several images a rank. Images that do not overlap may change places. Where the operator
-        needs no order, those of a node are side by side, too, and each node has one layer for the others.
+        Any algorithm can then handle several images per rank. Images that do not overlap may be swapped. If the
+        operator needs no order, those of a node are adjacent too, and each node has one layer for the others.
         """
-        if len(self.layers) < 3 or (self.operator not in ORDER_FREE and not self.several):
+        if len(self.layers) < 3 or (self.operator not in ORDER_FREE and not self.interleaved):
             return self
         if self.operator in ORDER_FREE:
-            place = {rank: number for number, rank in enumerate(rank for ranks in nodes for rank in ranks)}
+            position = {rank: number for number, rank in enumerate(rank for ranks in nodes for rank in ranks)}
         else:
-            place = {rank: number for number, rank in enumerate(self._ranks_in_order())}
-            if len(place) < len(self.order):
+            position = {rank: number for number, rank in enumerate(self._ranks_in_order())}
+            if len(position) < len(self.order):
                 return self
-        layers = tuple(sorted(self.layers, key=lambda layer: place[layer.rank]))
+        layers = tuple(sorted(self.layers, key=lambda layer: position[layer.rank]))
         return replace(self, layers=layers, order=_order(layers))
 
     def _ranks_in_order(self) -> list[int]:
-        """Ranks from front to back, each as a whole; fewer than there are where some lie in front of each other."""
+        """Return whole ranks from front to back; some are missing where ranks lie in front of each other."""
         sides = np.array([(r.x_begin, r.y_begin, r.x_end, r.y_end) for r in (each.rect for each in self.layers)])
         ranks = np.array([self.order.index(each.rank) for each in self.layers])
         begin, end = sides[:, None, :2], sides[:, None, 2:]
@@ -107,7 +107,7 @@ class Footprints:
         return found
 
     def patch(self, layer: Footprint) -> Patch:
-        """An image as a patch of the whole canvas."""
+        """Return an image as a patch of the whole canvas."""
         x, y, rect = self.canvas.x_begin, self.canvas.y_begin, layer.rect
         shifted = Rect(rect.x_begin - x, rect.y_begin - y, rect.x_end - x, rect.y_end - y)
         return Patch(self.canvas.width, 0, self.canvas.pixels, shifted)
@@ -117,19 +117,19 @@ def gather_footprints(
     images: Sequence[PartialImage],
     order: Sequence[int],
     channel: Channel,
-    share: Share | None = None,
-    places: Sequence[int] = (),
+    exchange: Exchange | None = None,
+    offsets: Sequence[int] = (),
     operator: Operator = "over",
 ) -> Footprints:
-    """Tell each other the footprints, leave out empty ones, and agree on what is wrong; collective.
+    """Exchange the footprints of all ranks, leave out empty ones, and agree on errors; collective.
 
     Parameters
     ----------
-    images : of this rank, front to back
+    images : this rank's images, front to back
     order : channel ranks from front to back, one entry for each image of each rank
-    share : tells the numbers, instead of the channel
-    places : a number for each image that the others shall know
-    operator : how pixels of two images become one, the same on every rank
+    exchange : gathers the numbers, instead of the channel
+    offsets : offset in shared memory of each image
+    operator : merge operator, the same on every rank
 
     Raises
     ------
@@ -137,44 +137,44 @@ def gather_footprints(
         On every rank: an image with a wrong type or shape, or of a type that the operator does not merge; images of
         different types, orders that do not name every image of every rank once or that differ between ranks.
     """
-    share = share or channel.allgather_numbers
-    fault = _fault(images, order, channel)
-    head, rows = _rows(images, order, bool(fault), places)
-    first = share(np.concatenate([head, rows[0]]))
+    exchange = exchange or channel.allgather_numbers
+    error = _argument_error(images, order, channel)
+    head, rows = _rows(images, order, bool(error), offsets)
+    first = exchange(np.concatenate([head, rows[0]]))
     if np.any(first[:, 0]) or np.any(first[:, 3] != first[0, 3]) or sum(map(int, first[:, 2])) != len(order):
-        _raise(fault, tuple(order), len(images), channel)
+        _raise_agreed(error, tuple(order), len(images), channel)
     most = -(-int(first[:, 2].max()) // _IMAGES_A_ROW)
-    more = [share(rows[k] if k < len(rows) else np.zeros_like(rows[0])) for k in range(1, most)]
+    more = [exchange(rows[k] if k < len(rows) else np.zeros_like(rows[0])) for k in range(1, most)]
     table = np.concatenate([first[:, _HEAD:], *more], axis=1)
     layers = _layers(order, table.reshape(len(first), -1, _IMAGE).tolist())
     return Footprints(_canvas(layers), _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
 
 
 def _rows(
-    images: Sequence[PartialImage], order: Sequence[int], fault: bool, places: Sequence[int]
+    images: Sequence[PartialImage], order: Sequence[int], error: bool, offsets: Sequence[int]
 ) -> tuple[Numbers, list[Numbers]]:
-    """This rank's numbers: the head, and its images row by row; where there is a fault, no images."""
-    count = 0 if fault else len(images)
+    """Return this rank's numbers: the head, and rows of images; no images if there is an error."""
+    count = 0 if error else len(images)
     dtype = DTYPES.index(images[0].rgba.dtype) if count else _UNKNOWN_TYPE
-    named = zlib.crc32(np.asarray(order, np.int64).tobytes()) if not fault else 0
+    named = zlib.crc32(np.asarray(order, np.int64).tobytes()) if not error else 0
     rows = [np.zeros(_IMAGE * _IMAGES_A_ROW, np.int64) for _ in range(max(1, -(-count // _IMAGES_A_ROW)))]
     for index in range(count):
-        rect, place = images[index].rect, places[index] if places else 0
+        rect, offset = images[index].rect, offsets[index] if offsets else 0
         row, begin = rows[index // _IMAGES_A_ROW], index % _IMAGES_A_ROW * _IMAGE
-        row[begin : begin + _IMAGE] = rect.x_begin, rect.y_begin, rect.x_end, rect.y_end, place
-    return np.array([fault, dtype, count, named], np.int64), rows
+        row[begin : begin + _IMAGE] = rect.x_begin, rect.y_begin, rect.x_end, rect.y_end, offset
+    return np.array([error, dtype, count, named], np.int64), rows
 
 
 def _layers(order: Sequence[int], table: list[list[list[int]]]) -> tuple[Footprint, ...]:
-    """All images that are not empty; each entry of the order is the next image of its rank."""
+    """Return the images that are not empty; each entry of the order is the next image of its rank."""
     taken = [0] * len(table)
     layers = []
     for rank in order:
         image, taken[rank] = taken[rank], taken[rank] + 1
-        *sides, place = table[rank][image]
+        *sides, offset = table[rank][image]
         rect = Rect(*sides)
         if rect.pixels:
-            layers.append(Footprint(rank, image, rect, place))
+            layers.append(Footprint(rank, image, rect, offset))
     return tuple(layers)
 
 
@@ -190,7 +190,7 @@ def _canvas(layers: Sequence[Footprint]) -> Rect:
 
 
 def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> np.dtype[Any]:
-    """The type of all images that are not empty; of the first there is where all are."""
+    """Return the type of the images that are not empty, or of any image if all are empty."""
     found = {int(types[layer.rank]) for layer in layers} or {int(kind) for kind in types if kind >= 0} or {0}
     if len(found) > 1 and layers:
         names = ", ".join(sorted(DTYPES[kind].name for kind in found))
@@ -202,9 +202,9 @@ def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> n
     return dtype
 
 
-def _raise(fault: str, order: tuple[int, ...], count: int, channel: Channel) -> None:
-    """Tell each other in words what is wrong, and raise the same everywhere."""
-    reports = channel.allgather((fault, order, count))
+def _raise_agreed(error: str, order: tuple[int, ...], count: int, channel: Channel) -> None:
+    """Exchange the error texts, and raise the same error on every rank."""
+    reports = channel.allgather((error, order, count))
     for rank, (text, other, _) in enumerate(reports):
         if text:
             raise mark_agreed(InputError(text, where=f"partial image of rank {rank}"))
@@ -217,21 +217,21 @@ def _raise(fault: str, order: tuple[int, ...], count: int, channel: Channel) -> 
     )
 
 
-def _fault(images: Sequence[PartialImage], order: Sequence[int], channel: Channel) -> str:
-    """What is wrong with this rank's arguments, or nothing."""
+def _argument_error(images: Sequence[PartialImage], order: Sequence[int], channel: Channel) -> str:
+    """Return what is wrong with this rank's arguments, or an empty text."""
     ranks = range(channel.size)
     if any(rank not in ranks for rank in order) or sum(rank == channel.rank for rank in order) != len(images):
         if len(images) == 1:
             return f"the visibility order is no permutation of {channel.size} ranks; found {list(order)}"
         return f"the visibility order does not name each of its {len(images)} images; found {list(order)}"
     for partial in images:
-        if fault := _image_fault(partial):
-            return fault
+        if error := _image_error(partial):
+            return error
     types = sorted({image.rgba.dtype.name for image in images if image.rect.pixels})
     return f"its images differ in pixel type; found {', '.join(types)}" if len(types) > 1 else ""
 
 
-def _image_fault(partial: PartialImage) -> str:
+def _image_error(partial: PartialImage) -> str:
     if not isinstance(partial.rgba, np.ndarray) or partial.rgba.dtype not in DTYPES:
         found = getattr(partial.rgba, "dtype", type(partial.rgba).__name__)
         allowed = ", ".join(sorted(dtype.name for dtype in DTYPES))

@@ -1,47 +1,125 @@
-"""A patch with its pixels, and how two of them become one in place.
+"""Patches of the canvas, fragments (a patch with its pixels), and the pixels that a rank owns after compositing.
 
-Pixels that the caller owns are read-only, and never written; whatever was received or merged is ours to change.
+The canvas is the union of all footprints. Its pixels are numbered row by row. A patch is the part of a rectangle whose
+pixel numbers lie in a range; the rest of the range is blank, and neither stored nor sent. Pixel numbers grow along the
+rows of the rectangle too, so a patch is one contiguous slice of the rectangle's rows, and cutting a range out of an
+image never copies.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from clusterviz.codec.contract import Pixels
-from clusterviz.composite.over import blend
-from clusterviz.composite.patch import Patch
-from clusterviz.image.merge import Operator
+from clusterviz.image.region import EMPTY, Rect
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide.
+
+    Attributes
+    ----------
+    first : number of pixels of the rectangle before the range
+    count : number of pixels
+    """
+
+    width: int
+    begin: int
+    end: int
+    rect: Rect
+    first: int = field(init=False, compare=False)
+    count: int = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # Counted once, as they are used often.
+        first = self._before(self.begin)
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "count", self._before(self.end) - first)
+
+    def _before(self, number: int) -> int:
+        rect = self.rect
+        left, top, right, bottom = rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
+        if self.width == 0 or right <= left or bottom <= top:
+            return 0
+        row, column = divmod(number, self.width)
+        if row < top:
+            return 0
+        width = right - left
+        if row >= bottom:
+            return (bottom - top) * width
+        return (row - top) * width + min(max(column - left, 0), width)
+
+    def cut(self, begin: int, end: int) -> Patch:
+        """Return the part in [begin, end), a range inside this patch's own; the rectangle keeps its columns."""
+        inside = Patch(self.width, begin, end, self.rect)
+        if inside.count == 0:
+            return Patch(self.width, begin, end, EMPTY)
+        (top, first), (bottom, last) = divmod(begin, self.width), divmod(end - 1, self.width)
+        # A row belongs to the cut only if the range reaches the rectangle's columns in it.
+        top, bottom = top + (first >= self.rect.x_end), bottom + (last >= self.rect.x_begin)
+        return Patch(self.width, begin, end, self.rect.intersect(Rect(self.rect.x_begin, top, self.rect.x_end, bottom)))
+
+
+def unite(width: int, begin: int, end: int, patches: Sequence[Patch]) -> Patch:
+    """Return the smallest patch of the range [begin, end) that contains all patches, on a canvas `width` wide."""
+    rect = EMPTY
+    for patch in patches:
+        rect = rect.unite(patch.rect)
+    return Patch(width, begin, end, rect).cut(begin, end)
 
 
 @dataclass(frozen=True, eq=False)
 class Fragment:
     """A patch and its pixels.
 
+    Pixels of the caller are read-only and never changed; received and merged pixels may be overwritten.
+
     Attributes
     ----------
-    patch : which pixels of the canvas
-    pixels : float32, float16 or uint8 (patch.count, 4), premultiplied, C order; writeable only if they are ours
+    patch : pixels of the canvas
+    pixels : float32, float16 or uint8 (patch.count, 4), premultiplied, C order; read-only if they are the caller's
     """
 
     patch: Patch
     pixels: Pixels
 
     def cut(self, patch: Patch) -> Fragment:
-        """The part of this fragment that `patch` (from `Patch.cut`) names, without a copy."""
+        """Return the part in `patch`, a result of `Patch.cut`, without a copy."""
         if patch == self.patch:
             return self
         begin = patch.first - self.patch.first if patch.count else 0
-        # The cut rectangle has lost rows above it, which its own count of earlier pixels no longer includes.
+        # `first` of the cut patch does not count the rows that its rectangle has lost above it.
         lost = (patch.rect.y_begin - self.patch.rect.y_begin) * self.patch.rect.width if patch.count else 0
         return Fragment(patch, self.pixels[begin + lost : begin + lost + patch.count])
 
 
-def merge_in_place(front: Fragment, back: Fragment, result: Patch, operator: Operator) -> Fragment | None:
-    """Front merged with back in the pixels of whichever is the result's patch and ours; None where neither is."""
-    if back.patch == result and back.pixels.flags.writeable:
-        blend.put_before(back.pixels, back.patch, front.pixels, front.patch, operator=operator)
-        return back
-    if front.patch == result and front.pixels.flags.writeable:
-        blend.put_behind(front.pixels, front.patch, back.pixels, back.patch, operator=operator)
-        return front
-    return None
+@dataclass(frozen=True, eq=False)
+class OwnedPixels:
+    """Pixels that one rank owns after compositing; each pixel of the picture has one owner.
+
+    Attributes
+    ----------
+    canvas : rectangle of the screen on which pixels are numbered, the same on every rank
+    dtype : float32, float16 or uint8, the same on every rank
+    fragments : owned ranges of the canvas with their pixels; empty on ranks that own nothing
+    owners : ranks of the channel that may own pixels; the rest of the picture is transparent
+    ranges : (owner, begin, end) of all owned ranges, ascending, if every rank knows them; the fragments then include
+        blank pixels. None if each owner has to send its own
+    picture : (height, width, 4), if the transport has written the whole picture on this rank
+    disjoint : whether no two fragments overlap, so that blank pixels hide nothing
+    gathered : whether the whole picture lies on one rank already; the same on every rank
+    """
+
+    canvas: Rect
+    dtype: np.dtype[Any]
+    fragments: tuple[Fragment, ...]
+    owners: tuple[int, ...]
+    ranges: tuple[tuple[int, int, int], ...] | None = None
+    disjoint: bool = False
+    picture: Pixels | None = None
+    gathered: bool = False

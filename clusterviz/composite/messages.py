@@ -1,40 +1,42 @@
-"""The transport that works everywhere: a schedule's transfers as messages of a channel."""
+"""Message transport: a schedule's transfers as messages of a channel, packed by a codec."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from clusterviz.codec import AutoCodec, pack, prepare_codecs
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
-from clusterviz.composite.exchange import Link, run_exchange
+from clusterviz.composite.exchange import Endpoint, run_exchange
 from clusterviz.composite.footprints import Footprints
-from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.fragment import Fragment, OwnedPixels
 from clusterviz.composite.gather import Pack
-from clusterviz.composite.piece import Piece
+from clusterviz.composite.model.network import Network
 from clusterviz.composite.schedules.algorithms import make_schedule
 from clusterviz.composite.traffic import Part, StageTraffic, owned_ranges, plan_traffic
 from clusterviz.image.partial import PartialImage
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What one rank does, and what everybody owns in the end.
+class MessagePlan:
+    """Messages of one rank, and final owners of the pixels.
 
     Attributes
     ----------
-    stages : what it sends and receives
-    owned : (channel rank, begin, end) of all ranges of the canvas, where that is known beforehand
+    stages : messages sent and received
+    owned : (channel rank, begin, end) of all ranges of the canvas; None if only the owners know them
     """
 
     stages: tuple[StageTraffic, ...]
     owned: tuple[tuple[int, int, int], ...] | None
 
 
-def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> Plan:
-    """The plan of one of the channel's ranks, which may have no pixels."""
+def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> MessagePlan:
+    """Return the plan of one of the channel's ranks, which may have no pixels."""
     order = footprints.order
     patches = [footprints.patch(layer) for layer in footprints.layers]
     owners = [order.index(layer.rank) for layer in footprints.layers]
@@ -45,31 +47,46 @@ def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> Plan:
     ranges = owned_ranges(schedule)
     owned = None if ranges is None else tuple((order[position], begin, end) for position, begin, end in ranges)
     if rank not in order:
-        return Plan((), owned)
+        return MessagePlan((), owned)
     whole = owned is not None
-    return Plan(plan_traffic(schedule, order.index(rank), layers, footprints.canvas.width, whole=whole), owned)
+    return MessagePlan(plan_traffic(schedule, order.index(rank), layers, footprints.canvas.width, whole=whole), owned)
 
 
 def run_messages(
-    images: Sequence[PartialImage], footprints: Footprints, plan: Plan, channel: Channel, pack: Pack
-) -> tuple[Piece, tuple[StageCounters, ...]]:
-    """Run the plan; on ranks without pixels, nothing."""
+    images: Sequence[PartialImage], footprints: Footprints, plan: MessagePlan, channel: Channel, pack: Pack
+) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
+    """Run a plan; ranks without pixels do nothing."""
     fragments: tuple[Fragment, ...] = ()
     stages: tuple[StageCounters, ...] = ()
     if channel.rank in footprints.order:
         order, dtype = footprints.order, footprints.dtype
-        link = Link(channel, order, order.index(channel.rank), dtype, pack, footprints.operator)
+        endpoint = Endpoint(channel, order, order.index(channel.rank), dtype, pack, footprints.operator)
         own = {
             depth: Fragment(footprints.patch(layer), _pixels(images[layer.image]))
             for depth, layer in enumerate(footprints.layers)
             if layer.rank == channel.rank
         }
-        fragments, stages = run_exchange(own, plan.stages, link)
-    return Piece(footprints.canvas, footprints.dtype, fragments, footprints.order, plan.owned), stages
+        fragments, stages = run_exchange(own, plan.stages, endpoint)
+    return OwnedPixels(footprints.canvas, footprints.dtype, fragments, footprints.order, plan.owned), stages
 
 
 def _pixels(image: PartialImage) -> np.ndarray:
-    """The pixels (n, 4), contiguous and read-only: they are the caller's."""
+    """Return the pixels (n, 4) of the caller's image, contiguous and read-only."""
     pixels = np.require(image.rgba, requirements=["C", "A"]).reshape(-1, 4).view()
     pixels.setflags(write=False)
     return pixels
+
+
+def packer(codec: str, network: Network, nodes: int) -> Pack:
+    """Return the function that packs messages: one codec for all, or with "auto" the fastest on the slowest link."""
+    if codec == "auto":
+        return AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte).pack
+    return lambda pixels, rows, key: pack(pixels, codec, rows)
+
+
+def compile_codecs(channel: Channel, dtype: np.dtype[Any]) -> None:
+    """Compile the kernels of codecs on one rank of each node, and load them on the others; collective."""
+    if channel.placement().local_rank == 0:
+        prepare_codecs((dtype,))
+    channel.barrier()
+    prepare_codecs((dtype,))

@@ -1,13 +1,13 @@
-"""The transport inside a node: no messages; every rank blends a strip of the picture from all images in place.
+"""Shared-memory transport within a node: every rank blends a strip of the picture from all images in place.
 
 Each image is written once, into memory that the ranks of the node share. All ranks, those without pixels too, then
-blend a strip each, straight into the picture in the root's part. Two exchanges of small numbers keep them in step: one
-when the images are there, which also tells where they lie, and one when the strips are done.
+blend a strip each, straight into the picture in the root's part. Two exchanges of small numbers synchronize them: one
+when the images are written, which also tells their offsets, and one when the strips are blended.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -17,11 +17,9 @@ from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
-from clusterviz.composite.node_memory import NOWHERE, NodeMemory
+from clusterviz.composite.fragment import OwnedPixels, Patch
+from clusterviz.composite.node_memory import NOT_PLACED, NodeMemory
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.composite.patch import Patch
-from clusterviz.composite.piece import Piece
-from clusterviz.composite.strips import cut_strips
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
@@ -34,31 +32,31 @@ def share_images(
     memory: NodeMemory,
     operator: Operator = "over",
 ) -> Footprints:
-    """Bring all images of the node into the window, and learn where they lie; collective.
+    """Copy all images of the node into shared memory, and gather their footprints and offsets; collective.
 
     Raises
     ------
     InputError
-        As `gather_footprints`.
+        See `gather_footprints`.
     """
     while True:
-        places = memory.put(images)
-        footprints = gather_footprints(images, order, channel, memory.exchange, places, operator)
-        if all(layer.place != NOWHERE for layer in footprints.layers):
+        offsets = memory.put(images)
+        footprints = gather_footprints(images, order, channel, memory.exchange, offsets, operator)
+        if all(layer.offset != NOT_PLACED for layer in footprints.layers):
             return footprints
         memory.grow(images)
 
 
 @dataclass(frozen=True, eq=False)
 class StripPlan:
-    """What one rank blends: good as long as the images and their memory stay where they are.
+    """Plan of one rank's strip; valid while the footprints and the shared memory are the same.
 
     Attributes
     ----------
-    layers : the images' rows in this rank's strip, front to back, in place
-    strip : on the whole picture as canvas
-    target : its pixels (strip.count, 4), a part of the picture
-    picture : the whole of it, on the root; None elsewhere
+    layers : rows of the images in this rank's strip, front to back, in place
+    strip : patch of the strip, with the whole picture as canvas
+    target : pixels of the strip (strip.count, 4), a part of the picture
+    picture : the whole picture on the root; None elsewhere
     """
 
     layers: tuple[Layer, ...]
@@ -70,11 +68,11 @@ class StripPlan:
 def plan_strip(
     footprints: Footprints, channel: Channel, memory: NodeMemory, size: tuple[int, int], root: int
 ) -> StripPlan:
-    """Cut the picture into strips, and find what lies in this rank's.
+    """Cut the picture into strips, and find the layers of this rank's.
 
     Parameters
     ----------
-    size : (width, height) of the picture, which holds all images
+    size : (width, height) of the picture, which contains all images
     """
     screen = Rect(0, 0, *size)
     members = memory.window.members
@@ -91,11 +89,29 @@ def plan_strip(
     return StripPlan(tuple(layers), strip, picture[top:bottom].reshape(-1, 4), mine)
 
 
-def blend_strip(plan: StripPlan, footprints: Footprints, memory: NodeMemory) -> tuple[Piece, StageCounters]:
+def blend_strip(plan: StripPlan, footprints: Footprints, memory: NodeMemory) -> tuple[OwnedPixels, StageCounters]:
     """Blend this rank's strip into the picture, and wait for the others; collective."""
     started = perf_counter()
     blend_layers(plan.layers, plan.strip, plan.target, operator=footprints.operator)
     blended = perf_counter()
     memory.exchange(np.zeros(1, np.int64))
     counters = StageCounters(seconds_blend=blended - started, seconds_wait=perf_counter() - blended)
-    return Piece(footprints.canvas, footprints.dtype, (), (), picture=plan.picture, gathered=True), counters
+    return OwnedPixels(footprints.canvas, footprints.dtype, (), (), picture=plan.picture, gathered=True), counters
+
+
+def cut_strips(canvas: Rect, rects: Iterable[Rect], strips: int) -> list[int]:
+    """Return the rows between strips of equal blending cost: strips + 1 numbers, ascending from 0 to the height.
+
+    A row costs one unit for each pixel that is written, and one for each pixel of an image that is read. All integers,
+    so that every rank computes the same cut.
+    """
+    steps = np.zeros(canvas.height + 1, np.int64)
+    for rect in rects:
+        if rect.pixels:
+            steps[rect.y_begin - canvas.y_begin] += rect.width
+            steps[rect.y_end - canvas.y_begin] -= rect.width
+    cost = np.cumsum(canvas.width + np.cumsum(steps[:-1]))
+    if not cost.size:
+        return [0] * (strips + 1)
+    goals = int(cost[-1]) * np.arange(1, strips, dtype=np.int64) // strips
+    return [0, *(np.searchsorted(cost, goals, "left") + 1).clip(0, canvas.height).tolist(), canvas.height]

@@ -1,7 +1,7 @@
-"""Image collection: tiles that do not overlap become one picture; nothing is blended, and each pixel travels once.
+"""Collection of disjoint tiles into one picture; nothing is blended, and each pixel travels once.
 
-Each rank sends what it drew straight to the root, in one message, behind a header that says where its tiles lie: who
-draws which tile may be known only afterwards, and nobody but the root has to know at all.
+Each rank sends its tiles to the root in one message, after a header with their rectangles. The assignment of tiles to
+ranks may be known only after drawing, and other ranks do not need it.
 
 References
 ----------
@@ -21,27 +21,25 @@ from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm import Channel
 from clusterviz.comm.agree import mark_agreed
 from clusterviz.composite.counters import CompositeCounters, StageCounters
-from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
+from clusterviz.composite.messages import compile_codecs, packer
 from clusterviz.composite.model.network import Network, default_network
-from clusterviz.composite.packing import compile_codecs, packer
-from clusterviz.composite.patch import Patch
-from clusterviz.composite.piece import Piece
 from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 
 
 class TileCollector:
-    """Makes one picture of the tiles of all ranks, as often as asked; every method is collective.
+    """Collector of the tiles of all ranks, frame after frame; every method is collective.
 
     Parameters
     ----------
-    channel : to the other ranks
+    channel : channel of the ranks
     size : (width, height) of the picture
-    codec : a name of the registry, or "auto"
-    pixel : the type of the tiles: float32, float16 or uint8
-    network : the constants by which codecs are judged; those that `clusterviz bench network` kept where None
+    codec : registered name, or "auto"
+    pixel : pixel type of the tiles: float32, float16 or uint8
+    network : constants for the choice of codecs; if None, those that `clusterviz bench network` saved
 
     Raises
     ------
@@ -50,7 +48,7 @@ class TileCollector:
 
     Attributes
     ----------
-    pixel : the same
+    pixel : pixel type of the tiles
     """
 
     def __init__(
@@ -74,16 +72,16 @@ class TileCollector:
             compile_codecs(channel, self._dtype)
 
     def collect(self, tiles: Sequence[PartialImage]) -> tuple[Pixels | None, CompositeCounters]:
-        """One picture.
+        """Collect one picture.
 
         Parameters
         ----------
-        tiles : of this rank, of the collector's type, inside the picture; none of any rank reaches where another lies
+        tiles : this rank's tiles, of the collector's pixel type, inside the picture; tiles of all ranks are disjoint
 
         Returns
         -------
-        picture : (height, width, 4), of that type, on rank 0; None elsewhere. Where no tile lies it is 0
-        counters : what it cost on this rank
+        picture : (height, width, 4), of that type, on rank 0, 0 outside of all tiles; None elsewhere
+        counters : cost on this rank
         """
         whole = Rect(0, 0, *self._size)
         drawn = [tile for tile in tiles if tile.rect.pixels]
@@ -92,28 +90,31 @@ class TileCollector:
             Fragment(patch, np.asarray(tile.rgba, self._dtype).reshape(-1, 4))
             for patch, tile in zip(patches, drawn, strict=True)
         )
-        everybody = tuple(range(self._channel.size))
-        counted = _Counted(self._pack)
+        all_ranks = tuple(range(self._channel.size))
+        packing = _CountingPacker(self._pack)
         started = perf_counter()
         picture: Any = collect(
-            Piece(whole, self._dtype, fragments, everybody, disjoint=True), self._size, self._channel, pack=counted
+            OwnedPixels(whole, self._dtype, fragments, all_ranks, disjoint=True),
+            self._size,
+            self._channel,
+            pack=packing,
         )
-        return picture, self._counters(counted, perf_counter() - started)
+        return picture, self._counters(packing, perf_counter() - started)
 
-    def _counters(self, counted: _Counted, seconds: float) -> CompositeCounters:
+    def _counters(self, packing: _CountingPacker, seconds: float) -> CompositeCounters:
         stage = StageCounters(
-            messages_sent=counted.messages,
-            pixels_sent=counted.pixels,
-            bytes_raw=counted.pixels * 4 * self._dtype.itemsize,
-            bytes_sent=counted.bytes,
-            seconds_encode=counted.seconds,
-            seconds_wait=seconds - counted.seconds,
+            messages_sent=packing.messages,
+            pixels_sent=packing.pixels,
+            bytes_raw=packing.pixels * 4 * self._dtype.itemsize,
+            bytes_sent=packing.bytes,
+            seconds_encode=packing.seconds,
+            seconds_wait=seconds - packing.seconds,
         )
         return CompositeCounters("tiles", self._codec, "messages", self._channel.size, 0.0, 0.0, (stage,))
 
 
-class _Counted:
-    """Packs messages, and counts what it does."""
+class _CountingPacker:
+    """Packer that counts messages, pixels, bytes and seconds."""
 
     def __init__(self, pack: Any) -> None:
         self._pack = pack

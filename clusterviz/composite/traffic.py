@@ -1,12 +1,11 @@
-"""What a schedule moves for given footprints: which patches really travel, and what a rank holds after each stage.
+"""Traffic of a schedule for given footprints: the patches that travel, and those that a rank holds after each stage.
 
-A schedule speaks of ranges. Footprints tell where the images are not blank, and since every rank knows all of them, it
-can follow what it will receive without being told: no message needs a header, and one that would be empty is neither
-sent nor waited for.
+A schedule transfers ranges of the canvas. Every rank knows the footprints of all images, so it can compute which pixels
+it will receive: messages need no header, and empty ones are neither sent nor expected.
 
-A rank may begin with several layers (one for each convex group of its bricks). They travel side by side, each with
-its depth, to whoever merges them. After a merge there is one layer; it goes by the depth of the rank's own first layer,
-which is in it, and since layers are only merged with their neighbours, any of its depths would tell its place.
+A rank may begin with several layers (one for each convex group of its bricks). They travel together, each with its
+depth, to the rank that merges them. A merged layer has the depth of the rank's own first layer, which is part of it.
+Layers are only merged with neighbours, so any of the merged depths gives the right order.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch, unite
+from clusterviz.composite.fragment import Patch, unite
 from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer
 from clusterviz.image.region import Rect
 from clusterviz.scene.transfer import distinct
@@ -27,7 +26,7 @@ from clusterviz.scene.transfer import distinct
 
 @dataclass(frozen=True)
 class Part:
-    """A patch of one layer; `depth` is the layer's place in visibility order, 0 in front."""
+    """A patch of one layer; `depth` is the layer's index in visibility order, 0 in front."""
 
     depth: int
     patch: Patch
@@ -35,46 +34,46 @@ class Part:
 
 @dataclass(frozen=True)
 class Zone:
-    """A range [begin, end) that a rank holds, and the parts of its layers that are not blank there, front to back."""
+    """A range [begin, end) that a rank holds, with the parts of its layers that are not blank, front to back."""
 
     begin: int
     end: int
     parts: tuple[Part, ...]
 
     def cut(self, begin: int, end: int) -> Zone:
-        """The range [begin, end) of it, which lies inside."""
+        """Return the sub-range [begin, end), which lies inside."""
         cut = ((part.depth, part.patch.cut(begin, end)) for part in self.parts)
         return Zone(begin, end, tuple(Part(depth, patch) for depth, patch in cut if patch.count))
 
 
 Held = tuple[Zone, ...]
-# What each rank begins with, front to back; a single patch for most.
+# Layers of each rank at the beginning, front to back; a single patch for most.
 Layers = Sequence[Sequence[Part]]
 
 
 @dataclass(frozen=True)
 class Message:
-    """Parts that travel between this rank and a peer, one after the other, in one message."""
+    """Parts that travel between this rank and a peer in one message, in this order."""
 
     peer: int
     parts: tuple[Part, ...]
 
     @cached_property
     def pixels(self) -> int:
-        """Pixels in the message, at least one."""
+        """Number of pixels in the message, at least one."""
         return sum(part.patch.count for part in self.parts)
 
 
 @dataclass(frozen=True)
 class Merge:
-    """All that comes together in one range that a rank keeps.
+    """Merge of all parts in one range that a rank keeps.
 
     Attributes
     ----------
-    zone : what remains of what the rank held
+    zone : the rank's own parts in the range
     incoming : parts that arrive
-    result : the patch that holds all of it
-    depth : by which the merged layer goes
+    result : patch that contains all parts
+    depth : depth of the merged layer
     """
 
     zone: Zone
@@ -84,14 +83,14 @@ class Merge:
 
     @property
     def merged(self) -> Zone:
-        """The range after the merge: one layer, or none."""
+        """Zone after the merge: one layer, or none."""
         parts = (Part(self.depth, self.result),) if self.result.count else ()
         return Zone(self.zone.begin, self.zone.end, parts)
 
 
 @dataclass(frozen=True)
 class StageTraffic:
-    """One stage as one rank sees it: what leaves and comes, by peer (nothing empty), and what becomes of the rest."""
+    """Messages (none empty) and merges of one rank in one stage."""
 
     sends: tuple[Message, ...]
     receives: tuple[Message, ...]
@@ -99,26 +98,26 @@ class StageTraffic:
 
 
 def layers_of(patches: Sequence[Patch]) -> Layers:
-    """One layer a rank, in order of position."""
+    """Return one layer for each rank, by position."""
     return [(Part(depth, patch),) for depth, patch in enumerate(patches)]
 
 
 def plan_traffic(
     schedule: Schedule, rank: int, layers: Layers, width: int, *, whole: bool = False
 ) -> tuple[StageTraffic, ...]:
-    """What one rank sends and receives, stage by stage.
+    """Return the messages and merges of one rank, stage by stage.
 
     Parameters
     ----------
-    schedule : between positions
-    rank : this rank's position
-    layers : by position; each patch's range is the whole canvas
-    width : of the canvas
-    whole : whether the last merges shall make every pixel of their ranges, blank ones too, so that whoever gathers
-        them need not be told where they are not blank
+    schedule : schedule between positions
+    rank : position of this rank
+    layers : layers of each position; the range of each patch is the whole canvas
+    width : width of the canvas
+    whole : whether the last merges make all pixels of their ranges, also blank ones, so that the final gather needs
+        no headers
     """
     if not schedule.stages and len(layers[rank]) > 1:
-        # Nobody sends, but a rank's own layers still have to come together.
+        # Nothing is sent, but the rank's own layers have to be merged.
         schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.of(()),))
     concerned = _concerned(schedule, rank)
     held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
@@ -136,9 +135,9 @@ def _whole(pixels: int, layers: Sequence[Part]) -> Zone:
 
 
 def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
-    """Who owns what in the end, as (rank, begin, end), ascending; None where pixels stay with whoever covers them.
+    """Return the final owners as (rank, begin, end), ascending; None if pixels stay on the rank that covers them.
 
-    The owner of a pixel is the target of its last transfer, where every rank but one hands every pixel over.
+    The owner of a pixel is the target of its last transfer, if all ranks but one send every pixel away.
     """
     moved = sum(int((stage.table[:, 3] - stage.table[:, 2]).sum()) for stage in schedule.stages)
     if moved != (schedule.ranks - 1) * schedule.pixels:
@@ -158,14 +157,14 @@ def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
 
 
 def _whole_ranges(stage: StageTraffic, pixels: int, width: int) -> StageTraffic:
-    """The same stage, with merges that make all pixels of their ranges."""
+    """Return the stage with merges that make all pixels of their ranges."""
     canvas = Patch(width, 0, pixels, Rect(0, 0, width, pixels // max(width, 1)))
     merges = (replace(merge, result=canvas.cut(merge.zone.begin, merge.zone.end)) for merge in stage.merges)
     return replace(stage, merges=tuple(merges))
 
 
 def _concerned(schedule: Schedule, rank: int) -> list[set[int]]:
-    """The ranks whose holdings before each stage (and after the last) one rank must know, to know its messages."""
+    """Return the ranks whose zones before each stage (and after the last) determine the messages of one rank."""
     needed = [{rank}]
     for stage in reversed(schedule.stages):
         needed.append(needed[-1] | {t.source for r in needed[-1] for t in stage.received_by(r)})
@@ -182,12 +181,12 @@ def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held], depth: int, w
 
 
 def _find(held: Held, transfer: Transfer) -> Zone:
-    """The range of a transfer in what a rank holds.
+    """Return the zone of a transfer's range in the zones that a rank holds.
 
     Raises
     ------
     ValueError
-        The range is not inside one zone: no algorithm may ask for that.
+        The range is not inside one zone; no algorithm may do that.
     """
     index = bisect_right(held, transfer.begin, key=lambda zone: zone.begin) - 1
     if index < 0 or transfer.end > held[index].end:
@@ -196,7 +195,7 @@ def _find(held: Held, transfer: Transfer) -> Zone:
 
 
 def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tuple[Merge, ...]:
-    """Each kept zone with the parts that lie in its range."""
+    """Return the merge of each kept zone with the parts that arrive in its range."""
     coming = sorted(incoming, key=lambda part: (part.patch.begin, part.depth))
     starts = [part.patch.begin for part in coming]
     merges = []
@@ -209,7 +208,7 @@ def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tup
 
 
 def _messages(zones: Iterable[tuple[int, Zone]]) -> tuple[Message, ...]:
-    """One message for each peer, of the parts that hold something."""
+    """Return one message for each peer, of the parts that are not empty."""
     by_peer: dict[int, list[Part]] = {}
     for peer, zone in zones:
         if zone.parts:
@@ -218,7 +217,7 @@ def _messages(zones: Iterable[tuple[int, Zone]]) -> tuple[Message, ...]:
 
 
 def _cut_out(held: Held, leaving: Sequence[Transfer], coming: Sequence[Transfer]) -> Held:
-    """What a rank keeps: its zones without what it sends, cut where a run of received ranges begins or ends."""
+    """Return the zones without the ranges that are sent, cut where a run of received ranges begins or ends."""
     gone = sorted((transfer.begin, transfer.end) for transfer in leaving)
     starts = [begin for begin, _ in gone]
     borders = sorted({border for span in gone for border in span} | _run_borders(coming))
@@ -233,7 +232,7 @@ def _cut_out(held: Held, leaving: Sequence[Transfer], coming: Sequence[Transfer]
 
 
 def _run_borders(transfers: Sequence[Transfer]) -> set[int]:
-    """Where runs of ranges that overlap or touch begin and end: fragments that complete each other stay together."""
+    """Return where runs of overlapping or touching ranges begin and end."""
     borders: set[int] = set()
     reached = -1
     for begin, end in sorted((transfer.begin, transfer.end) for transfer in transfers):

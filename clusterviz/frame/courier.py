@@ -22,8 +22,8 @@ from clusterviz.codec import AutoCodec
 from clusterviz.codec.auto import MIN_BYTES
 from clusterviz.codec.contract import Bytes, CodecError
 from clusterviz.comm import Channel
+from clusterviz.composite.messages import compile_codecs
 from clusterviz.composite.model.network import default_network
-from clusterviz.composite.packing import compile_codecs
 from clusterviz.data.source import Index
 from clusterviz.frame.parcel import PIXEL, Parcels
 from clusterviz.frame.time_slice import TimeSlice

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from clusterviz.comm.placement import Nodes
-from clusterviz.composite.model.choice import Wanted, fastest
-from clusterviz.composite.model.moves import Scene
+from clusterviz.composite.model.choice import Request, fastest
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import Network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.frame.holding import Holding
@@ -73,11 +73,11 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
         canvas = canvas.unite(rect)
     places, pixels, size = place_ranks(range(ranks), nodes), max(1, canvas.pixels), 4 * np.dtype(pixel).itemsize
     if groups == ranks:
-        scene = Scene(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
+        scene = ImageStatistics(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
         return predict("serial", "messages", scene, places, network)
     covers = np.array([rect.pixels for rect in rects] or [0]) / pixels / groups
-    scene = Scene(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), size, True)
-    return fastest(Wanted("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
+    scene = ImageStatistics(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), size, True)
+    return fastest(Request("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
 
 
 def choose(found: Sequence[Forecast], present: int | None = None) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.image.region import Rect
 
 DTYPES = (np.dtype(np.uint8), np.dtype(np.float16), np.dtype(np.float32))

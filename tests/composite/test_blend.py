@@ -10,10 +10,10 @@ from composite.patches import DTYPES, WIDTHS, line, patches, random_pixels, rand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over import job
 from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, plain_layers
-from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 

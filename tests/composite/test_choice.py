@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from clusterviz.composite.footprints import Footprint, Footprints
-from clusterviz.composite.model.choice import HANDICAPS, Choice, Wanted, choose
+from clusterviz.composite.model.choice import HANDICAPS, Choice, Request, choose
 from clusterviz.composite.model.network import Network, open_network, shipped_networks
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES
 from clusterviz.composite.simulation.cubes import cube_footprints
 from clusterviz.errors import InputError
 from clusterviz.image.region import EMPTY, Rect
 
-AUTO = Wanted("auto", "auto", "auto")
-MESSAGES = Wanted("auto", "messages", "raw")
+AUTO = Request("auto", "auto", "auto")
+MESSAGES = Request("auto", "messages", "raw")
 HD = Rect(0, 0, 1920, 1080)
 
 
@@ -86,7 +86,7 @@ def test_nodes_of_several_ranks_merge_inside_first() -> None:
     network = open_network("ethernet-10g")
     choice = choose(AUTO, footprints([HD] * 16, np.float32), together(16, 4), network)
     assert choice.transport == "hierarchical"
-    assert choose(AUTO, footprints([HD] * 16), together(16, 4), network, window_possible=False).transport == "messages"
+    assert choose(AUTO, footprints([HD] * 16), together(16, 4), network, memory_shared=False).transport == "messages"
 
 
 @pytest.mark.parametrize("nodes", [together(4), apart(4), together(4, 2)])
@@ -99,12 +99,12 @@ def test_all_empty_and_all_but_one_empty(network: Network, nodes: tuple[tuple[in
 
 def test_one_rank_needs_no_memory_in_common(network: Network) -> None:
     for transport in ("auto", "messages", "shared", "hierarchical"):
-        choice = choose(Wanted("auto", transport, "raw"), footprints([HD]), ((0,),), network)
+        choice = choose(Request("auto", transport, "raw"), footprints([HD]), ((0,),), network)
         assert choice == Choice("direct-send", "messages", "raw", choice.seconds_predicted)
 
 
 def test_hierarchical_over_single_ranks_is_messages(network: Network) -> None:
-    choice = choose(Wanted("auto", "hierarchical", "raw"), footprints([HD] * 4), apart(4), network)
+    choice = choose(Request("auto", "hierarchical", "raw"), footprints([HD] * 4), apart(4), network)
     assert choice.transport == "messages"
 
 
@@ -113,14 +113,14 @@ def test_hierarchical_over_single_ranks_is_messages(network: Network) -> None:
 def test_a_named_algorithm_runs_and_has_a_prediction(algorithm: str, nodes: tuple[tuple[int, ...], ...]) -> None:
     network = open_network("laptop")
     for rects in ([HD] * 6, bricks(6, (300, 200)), [HD, *[EMPTY] * 5]):
-        choice = choose(Wanted(algorithm, "auto", "lz4"), footprints(rects), nodes, network)
+        choice = choose(Request(algorithm, "auto", "lz4"), footprints(rects), nodes, network)
         assert (choice.algorithm, choice.codec) == (algorithm, "lz4")
         assert choice.transport in ("messages", "hierarchical")
         assert 0 < choice.seconds_predicted < 60
 
 
 def test_the_shared_transport_is_direct_send_whatever_is_named() -> None:
-    wanted = Wanted("binary-swap", "shared", "raw")
+    wanted = Request("binary-swap", "shared", "raw")
     choice = choose(wanted, footprints([HD] * 4), together(4), open_network("laptop"))
     assert (choice.algorithm, choice.transport) == ("direct-send", "shared")
 
@@ -131,7 +131,7 @@ def test_auto_is_the_least_prediction_of_what_it_may_take(network: Network) -> N
         best = choose(AUTO, found, together(7, 4), network).seconds_predicted
         for transport in ("messages", "hierarchical"):
             for algorithm in ("direct-send", "binary-swap-telescope", "binary-swap-remainder", "2-3-swap"):
-                fixed = choose(Wanted(algorithm, transport, "auto"), found, together(7, 4), network)
+                fixed = choose(Request(algorithm, transport, "auto"), found, together(7, 4), network)
                 assert fixed.seconds_predicted >= best
 
 
@@ -141,7 +141,7 @@ def test_a_tree_has_to_win_clearly() -> None:
         found = footprints([Rect(0, 0, side, side)] * 8)
         taken = choose(MESSAGES, found, apart(8), network)
         other, tree = (
-            choose(Wanted(name, "messages", "raw"), found, apart(8), network).seconds_predicted
+            choose(Request(name, "messages", "raw"), found, apart(8), network).seconds_predicted
             for name in ("binary-swap", "tree")
         )
         if taken.algorithm == "tree":
@@ -159,18 +159,18 @@ def test_lists_of_nodes_and_repeated_calls_give_the_same() -> None:
 def test_several_images_a_rank_go_by_what_takes_them() -> None:
     network = open_network("laptop")
     found = footprints([HD] * 6, ranks=[0, 1, 2, 0, 1, 2])
-    assert choose(MESSAGES, found, apart(3), network, several=True).algorithm == "direct-send"
+    assert choose(MESSAGES, found, apart(3), network, interleaved=True).algorithm == "direct-send"
     for name in ALGORITHMS:
-        wanted = Wanted(name, "messages", "raw")
+        wanted = Request(name, "messages", "raw")
         ran = name if name in SEVERAL_IMAGES else "direct-send"
-        assert choose(wanted, found, apart(3), network, several=True).algorithm == ran
+        assert choose(wanted, found, apart(3), network, interleaved=True).algorithm == ran
 
 
 def test_a_node_between_the_images_of_another_is_several_images() -> None:
     network = open_network("ethernet-10g")
     found = footprints([HD] * 4, ranks=[0, 2, 1, 3])
-    assert choose(Wanted("auto", "hierarchical", "raw"), found, together(4, 2), network).algorithm == "direct-send"
-    swap = Wanted("binary-swap", "hierarchical", "raw")
+    assert choose(Request("auto", "hierarchical", "raw"), found, together(4, 2), network).algorithm == "direct-send"
+    swap = Request("binary-swap", "hierarchical", "raw")
     assert choose(swap, found, together(4, 2), network).algorithm == "direct-send"
     in_line = footprints([HD] * 4)
     assert choose(swap, in_line, together(4, 2), network).algorithm == "binary-swap"
@@ -179,19 +179,21 @@ def test_a_node_between_the_images_of_another_is_several_images() -> None:
 @pytest.mark.parametrize(
     ("wanted", "nodes", "window", "text"),
     [
-        (Wanted("auto", "shared", "raw"), together(4, 2), True, "cluster.transport.*messages, hierarchical, auto"),
-        (Wanted("auto", "shared", "raw"), apart(4), True, "cluster.transport.*found shared; allowed messages, auto"),
-        (Wanted("auto", "shared", "raw"), together(4), False, "cluster.transport.*allowed messages, auto"),
-        (Wanted("auto", "hierarchical", "raw"), together(4, 2), False, "cluster.transport.*allowed messages, auto"),
+        (Request("auto", "shared", "raw"), together(4, 2), True, "cluster.transport.*messages, hierarchical, auto"),
+        (Request("auto", "shared", "raw"), apart(4), True, "cluster.transport.*found shared; allowed messages, auto"),
+        (Request("auto", "shared", "raw"), together(4), False, "cluster.transport.*allowed messages, auto"),
+        (Request("auto", "hierarchical", "raw"), together(4, 2), False, "cluster.transport.*allowed messages, auto"),
         (
-            Wanted("auto", "pigeons", "raw"),
+            Request("auto", "pigeons", "raw"),
             together(4),
             True,
             "unknown transport.*messages, shared, hierarchical, auto",
         ),
-        (Wanted("swap", "messages", "raw"), together(4), True, "unknown compositing algorithm.*direct-send"),
+        (Request("swap", "messages", "raw"), together(4), True, "unknown compositing algorithm.*direct-send"),
     ],
 )
-def test_what_cannot_be_is_refused(wanted: Wanted, nodes: tuple[tuple[int, ...], ...], window: bool, text: str) -> None:
+def test_what_cannot_be_is_refused(
+    wanted: Request, nodes: tuple[tuple[int, ...], ...], window: bool, text: str
+) -> None:
     with pytest.raises(InputError, match=text):
-        choose(wanted, footprints([HD] * 4), nodes, open_network("laptop"), window_possible=window)
+        choose(wanted, footprints([HD] * 4), nodes, open_network("laptop"), memory_shared=window)

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import direct_send
-from clusterviz.composite.schedules.cuts import row_borders, top_to_bottom, weighted_borders
+from clusterviz.composite.schedules.direct_send import row_borders, top_to_bottom, weighted_borders
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import borders, check
-from clusterviz.composite.simulation.closed_forms_sparse import direct_send_sparse
+from clusterviz.composite.simulation.closed_forms import direct_send_sparse
 from clusterviz.composite.simulation.cubes import cube_footprints
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect

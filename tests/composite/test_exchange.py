@@ -9,11 +9,9 @@ from composite.images import over_all, random_partial, random_rect
 from clusterviz.codec import pack
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.exchange import Link, run_exchange
-from clusterviz.composite.fragment import Fragment
+from clusterviz.composite.exchange import Endpoint, run_exchange
+from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
-from clusterviz.composite.patch import Patch
-from clusterviz.composite.piece import Piece
 from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer, check, piece
 from clusterviz.composite.traffic import layers_of, plan_traffic
 from clusterviz.image.region import Rect
@@ -64,9 +62,11 @@ def test_any_schedule_makes_the_picture(name: str, dense: bool) -> None:
         own = {rank: Fragment(patches[rank], partials[rank].rgba.reshape(-1, 4))}
         moved = plan_traffic(schedule, rank, layers_of(patches), WIDTH)
         order = tuple(range(channel.size))
-        link = Link(channel, order, rank, np.dtype(np.float32), lambda pixels, rows, key: pack(pixels, "raw", rows))
-        fragments, counters = run_exchange(own, moved, link)
-        made = collect(Piece(canvas, np.dtype(np.float32), fragments, order), (WIDTH, HEIGHT), channel)
+        endpoint = Endpoint(
+            channel, order, rank, np.dtype(np.float32), lambda pixels, rows, key: pack(pixels, "raw", rows)
+        )
+        fragments, counters = run_exchange(own, moved, endpoint)
+        made = collect(OwnedPixels(canvas, np.dtype(np.float32), fragments, order), (WIDTH, HEIGHT), channel)
         return made, sum(c.messages_sent for c in counters), sum(c.pixels_sent for c in counters)
 
     results = run_loopback(schedule.ranks, run)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.fitting import fit_line, fit_link, fit_program
-from clusterviz.composite.model.moves import Scene
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 
@@ -70,7 +70,7 @@ def test_the_costs_of_the_program(nodes: tuple[tuple[int, ...], ...], cores: int
 
 
 def _tiny(ranks: int, nodes: tuple[tuple[int, ...], ...], network: Network) -> float:
-    scene = Scene(ranks, 256, 1.0, 1.0, 4, True)
+    scene = ImageStatistics(ranks, 256, 1.0, 1.0, 4, True)
     return predict("direct-send", "messages", scene, place_ranks(range(ranks), nodes), network)
 
 

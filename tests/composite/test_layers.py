@@ -10,9 +10,9 @@ from composite.patches import DTYPES, WIDTHS, line, patches, random_pixels, rand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over import job
 from clusterviz.composite.over.layers import Layer, blend_layers, plain_layers
-from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 from clusterviz.reference.over import over as exact_over

@@ -9,18 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import direct_send, pipeline
 from clusterviz.composite.schedules.load import Load, count_dense
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.simulation.closed_forms import direct_send_dense, parallel_pipeline_dense
-from clusterviz.composite.simulation.closed_forms_sparse import (
+from clusterviz.composite.simulation.closed_forms import (
+    direct_send_dense,
     direct_send_sparse,
+    parallel_pipeline_dense,
     parallel_pipeline_sparse,
     pipeline_sparse,
 )
 from clusterviz.composite.simulation.cubes import cube_footprints
-from clusterviz.composite.simulation.flow import count_sparse
+from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.composite.traffic import layers_of, plan_traffic
 from clusterviz.image.region import Rect
 

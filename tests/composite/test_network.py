@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from clusterviz.composite.model.network import (
-    STAND_INS,
+    DERIVED_CONSTANTS,
     Network,
     default_network,
-    keep_network,
-    kept_path,
     open_network,
+    save_network,
+    saved_path,
     shipped_networks,
 )
 from clusterviz.errors import InputError, OutputError
@@ -37,7 +37,7 @@ def test_a_plain_file_is_taken_and_the_rest_is_derived(tmp_path: Path) -> None:
     path = tmp_path / "n.json"
     path.write_text(json.dumps({"name": "mine", "source": "made up", **FOUR}))
     network = open_network(str(path))
-    for name, (other, factor) in STAND_INS.items():
+    for name, (other, factor) in DERIVED_CONSTANTS.items():
         assert getattr(network, name) == getattr(network, other) * factor
     assert (network.frame_seconds, network.message_seconds, network.cores, network.nodes) == (0, 0, 0, 2)
 
@@ -45,7 +45,7 @@ def test_a_plain_file_is_taken_and_the_rest_is_derived(tmp_path: Path) -> None:
 def test_what_is_kept_is_read_back(tmp_path: Path) -> None:
     network = replace(open_network("laptop"), name="kept", cores=7, barrier_seconds=3e-6, nodes=3)
     path = tmp_path / "new" / "folder" / "n.json"
-    keep_network(network, path)
+    save_network(network, path)
     assert open_network(str(path)) == network
     assert os.listdir(path.parent) == ["n.json"]
 
@@ -86,12 +86,12 @@ def test_a_required_key_that_is_missing_is_refused(tmp_path: Path, missing: str)
 
 
 def test_the_environment_names_the_file_before_the_folders(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert kept_path() == home / "clusterviz" / "network.json"
+    assert saved_path() == home / "clusterviz" / "network.json"
     monkeypatch.delenv("XDG_CONFIG_HOME")
     monkeypatch.setenv("HOME", str(home / "me"))
-    assert kept_path() == home / "me" / ".config" / "clusterviz" / "network.json"
+    assert saved_path() == home / "me" / ".config" / "clusterviz" / "network.json"
     monkeypatch.setenv("CLUSTERVIZ_NETWORK", str(home / "x.json"))
-    assert kept_path() == home / "x.json"
+    assert saved_path() == home / "x.json"
 
 
 def test_without_a_kept_file_one_node_is_a_laptop_and_several_have_a_slow_network(home: Path) -> None:
@@ -102,13 +102,13 @@ def test_without_a_kept_file_one_node_is_a_laptop_and_several_have_a_slow_networ
 
 def test_the_kept_file_counts(home: Path) -> None:
     kept = replace(open_network("infiniband-200g"), name="kept")
-    keep_network(kept, kept_path())
+    save_network(kept, saved_path())
     assert default_network(1) == default_network(8) == kept
 
 
 def test_a_file_measured_on_one_node_tells_nothing_of_the_network(home: Path) -> None:
     kept = replace(open_network("laptop"), name="kept", nodes=1, node_latency_seconds=1.5, seconds_per_pixel=2.5)
-    keep_network(kept, kept_path())
+    save_network(kept, saved_path())
     found, slow = default_network(2), open_network("ethernet-10g")
     assert default_network(1) == kept
     assert (found.latency_seconds, found.seconds_per_byte) == (slow.latency_seconds, slow.seconds_per_byte)
@@ -117,15 +117,15 @@ def test_a_file_measured_on_one_node_tells_nothing_of_the_network(home: Path) ->
 
 @pytest.mark.parametrize("text", ["", "latency: 1", "[1]", '{"name": "x"}'])
 def test_a_broken_kept_file_is_an_error_that_names_it(home: Path, text: str) -> None:
-    kept_path().parent.mkdir()
-    kept_path().write_text(text)
+    saved_path().parent.mkdir()
+    saved_path().write_text(text)
     with pytest.raises(InputError, match=r"clusterviz/network\.json"):
         default_network(1)
 
 
 def test_a_kept_file_that_is_no_text_is_an_error_that_names_it(home: Path) -> None:
-    kept_path().parent.mkdir()
-    kept_path().write_bytes(b"\xff\xfe\x00")
+    saved_path().parent.mkdir()
+    saved_path().write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"clusterviz/network\.json"):
         default_network(1)
 
@@ -139,7 +139,7 @@ def test_a_named_file_that_is_missing_is_an_error(home: Path, monkeypatch: pytes
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="no folder can be made here"):
-        keep_network(open_network("laptop"), tmp_path / "file" / "n.json")
+        save_network(open_network("laptop"), tmp_path / "file" / "n.json")
 
 
 def test_constants_by_position_make_the_plain_model() -> None:

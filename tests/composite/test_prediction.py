@@ -7,39 +7,39 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.composite.model.moves import MOVES, Scene
+from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageStatistics
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
 from clusterviz.composite.schedules.load import Load, count_dense
-from clusterviz.composite.simulation.closed_forms_sparse import direct_send_sparse
+from clusterviz.composite.simulation.closed_forms import direct_send_sparse
 from clusterviz.composite.simulation.cubes import cube_footprints
-from clusterviz.composite.simulation.flow import count_sparse
+from clusterviz.composite.simulation.sparse import count_sparse
 
 PIXELS = 512 * 512
 SWAPS = ("tree", "binary-swap", "binary-swap-telescope", "binary-swap-remainder", "2-3-swap", "radix-k")
 
 
-def dense(ranks: int, bytes_per_pixel: int = 4) -> Scene:
-    return Scene(ranks, PIXELS, 1.0, 1.0, bytes_per_pixel, True)
+def dense(ranks: int, bytes_per_pixel: int = 4) -> ImageStatistics:
+    return ImageStatistics(ranks, PIXELS, 1.0, 1.0, bytes_per_pixel, True)
 
 
-def cubes(ranks: int) -> tuple[Scene, Load]:
+def cubes(ranks: int) -> tuple[ImageStatistics, Load]:
     """Bricks of a cube, and what direct send moves of them; more rows than strips."""
     footprints = cube_footprints(ranks, (512, 512) if ranks < 1000 else (4096, 4096))
     cover = footprints.count() / footprints.canvas_pixels
-    scene = Scene(ranks, footprints.canvas_pixels, float(cover.mean()), float(cover.max()), 4, True)
+    scene = ImageStatistics(ranks, footprints.canvas_pixels, float(cover.mean()), float(cover.max()), 4, True)
     return scene, direct_send_sparse(footprints)
 
 
 def test_every_algorithm_has_a_closed_form() -> None:
-    assert list(MOVES) == list(ALGORITHMS)
+    assert list(COMMUNICATION_COSTS) == list(ALGORITHMS)
 
 
 @pytest.mark.parametrize("ranks", [2, 4, 8, 16, 64, 128])
-@pytest.mark.parametrize("algorithm", MOVES)
+@pytest.mark.parametrize("algorithm", COMMUNICATION_COSTS)
 def test_dense_images_of_a_power_of_two_are_counted_exactly(algorithm: str, ranks: int) -> None:
-    moves, load = MOVES[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
+    moves, load = COMMUNICATION_COSTS[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
     assert moves.rounds == load.rounds
     assert moves.messages_all == load.messages_sent.sum()
     assert moves.pixels_all == pytest.approx(load.pixels_sent.sum())
@@ -49,9 +49,9 @@ def test_dense_images_of_a_power_of_two_are_counted_exactly(algorithm: str, rank
 
 
 @pytest.mark.parametrize("ranks", [3, 5, 6, 7, 11, 31, 100])
-@pytest.mark.parametrize("algorithm", MOVES)
+@pytest.mark.parametrize("algorithm", COMMUNICATION_COSTS)
 def test_dense_images_of_any_number_are_nearly_counted(algorithm: str, ranks: int) -> None:
-    moves, load = MOVES[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
+    moves, load = COMMUNICATION_COSTS[algorithm](dense(ranks)), count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ()))
     assert abs(moves.rounds - load.rounds) <= 1
     assert moves.pixels_all == pytest.approx(load.pixels_sent.sum(), rel=0.2)
     assert moves.messages_all == pytest.approx(load.messages_sent.sum(), rel=0.3)
@@ -66,7 +66,7 @@ def test_bricks_of_a_cube_move_what_the_growing_of_their_unions_says(algorithm: 
     scene, _ = cubes(ranks)
     footprints = cube_footprints(ranks, (512, 512))
     load = count_sparse(ALGORITHMS[algorithm](ranks, footprints.canvas_pixels, ()), footprints)
-    moves = MOVES[algorithm](scene)
+    moves = COMMUNICATION_COSTS[algorithm](scene)
     most = max(load.pixels_sent.max(), load.pixels_received.max())
     assert load.pixels_sent.sum() / 1.6 <= moves.pixels_all <= load.pixels_sent.sum() * 1.6
     assert most / 1.8 <= moves.pixels <= most * 1.8
@@ -75,16 +75,16 @@ def test_bricks_of_a_cube_move_what_the_growing_of_their_unions_says(algorithm: 
 @pytest.mark.parametrize("ranks", [2, 4, 8, 16, 31, 64, 128, 1000])
 def test_direct_send_of_bricks(ranks: int) -> None:
     scene, load = cubes(ranks)
-    moves = MOVES["direct-send"](scene)
+    moves = COMMUNICATION_COSTS["direct-send"](scene)
     most = max(load.pixels_sent.max(), load.pixels_received.max())
     assert load.pixels_sent.sum() / 1.6 <= moves.pixels_all <= load.pixels_sent.sum() * 1.6
     assert most / 1.8 <= moves.pixels <= most * 1.8
     assert load.messages_sent.sum() / 1.7 <= moves.messages_all <= load.messages_sent.sum() * 1.7
 
 
-@pytest.mark.parametrize("algorithm", MOVES)
+@pytest.mark.parametrize("algorithm", COMMUNICATION_COSTS)
 def test_one_image_moves_nothing_but_to_the_root(algorithm: str) -> None:
-    moves = MOVES[algorithm](dense(1))
+    moves = COMMUNICATION_COSTS[algorithm](dense(1))
     assert (moves.messages, moves.pixels, moves.pixels_all, moves.gathered) == (0, 0, 0, 0)
 
 
@@ -145,7 +145,7 @@ def test_places() -> None:
     assert not place_ranks([1, 0, 4], nodes).interleaved
     assert place_ranks([], nodes).busy == 0
     assert not np.isnan(
-        predict("direct-send", "shared", Scene(0, 0, 1.0, 1.0, 4, True), place_ranks([], nodes), _LAPTOP)
+        predict("direct-send", "shared", ImageStatistics(0, 0, 1.0, 1.0, 4, True), place_ranks([], nodes), _LAPTOP)
     )
 
 

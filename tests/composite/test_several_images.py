@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import direct_send, serial, slic
-from clusterviz.composite.schedules.schedule import AlgorithmOfManyImages, check
+from clusterviz.composite.schedules.schedule import MultiImageAlgorithm, check
 from clusterviz.image.region import Rect
 
 WIDTH, HEIGHT = 13, 11
 PIXELS = WIDTH * HEIGHT
-TAKERS: dict[str, AlgorithmOfManyImages] = {
+TAKERS: dict[str, MultiImageAlgorithm] = {
     "serial": serial.schedule,
     "direct-send": direct_send.schedule,
     "slic": slic.schedule,

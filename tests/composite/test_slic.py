@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from clusterviz.comm import run_loopback
 from clusterviz.composite import composite
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import slic
 from clusterviz.image.region import Rect
 

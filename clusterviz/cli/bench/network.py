@@ -23,7 +23,7 @@ from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.model.fitting import fit_program
-from clusterviz.composite.model.network import FILE_VARIABLE, Network, keep_network, kept_path, open_network
+from clusterviz.composite.model.network import FILE_VARIABLE, Network, open_network, save_network, saved_path
 from clusterviz.composite.over.blend import compile_kernels
 from clusterviz.errors import InputError
 from clusterviz.image.replace import check_replaceable
@@ -48,7 +48,7 @@ def command(
     """Measure the links between the ranks of an mpirun, and blending, and keep what compositing chooses by."""
     channel = open_channel()
     limit_threads(channel.placement())
-    path = output or kept_path()
+    path = output or saved_path()
     with agree(channel, 0, "options"):
         if channel.size < 2:
             raise InputError("a network has two ranks and more", found=channel.size, allowed="mpirun -n 2 and more")
@@ -59,7 +59,7 @@ def command(
         network, report = measure(channel, frames)
     with agree(channel, 0, "write"):
         if channel.rank == 0:
-            keep_network(network, path)
+            save_network(network, path)
             if json:
                 write_json(json, {"constants": asdict(network), **report, "file": str(path), "frames": frames})
             print(*_lines(network, report), f"kept in {path}", sep="\n", flush=True)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
 from clusterviz.composite.over.depth import DepthLayer, put_nearest
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.composite.patch import Patch
 from clusterviz.image.region import Rect
 
 RUN = 64  # active pixels in a row, and as many blank ones after them, in the variants with runs

@@ -14,10 +14,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from clusterviz.comm import Channel
 from clusterviz.composite import Compositor
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.model.fitting import Link, fit_link
 from clusterviz.composite.model.network import open_network
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.composite.patch import Patch
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import EMPTY, Rect
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from statistics import median
 
-from clusterviz.composite.model.moves import Scene
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import Network
 from clusterviz.composite.model.prediction import Nodes, place_ranks, predict
 
@@ -84,9 +84,9 @@ def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixel
     """
 
     def seconds(ranks: int, frame: float, message: float) -> float:
-        scene = Scene(ranks, pixels, 1.0, 1.0, 4, True)
+        stats = ImageStatistics(ranks, pixels, 1.0, 1.0, 4, True)
         costs = replace(network, frame_seconds=frame, message_seconds=message)
-        return predict("direct-send", "messages", scene, place_ranks(tuple(range(ranks)), nodes), costs)
+        return predict("direct-send", "messages", stats, place_ranks(tuple(range(ranks)), nodes), costs)
 
     # The model is a line in each of its constants.
     frame = tiny[1] / seconds(1, 1.0, 0.0)

@@ -23,7 +23,7 @@ REQUIRED = ("name", "source", "latency_seconds", "overhead_seconds", "seconds_pe
 COUNTS = ("cores", "nodes")
 
 # What stands for a constant that is not given: another one, times a number.
-STAND_INS = {
+DERIVED_CONSTANTS = {
     "node_latency_seconds": ("latency_seconds", 1.0),
     "node_overhead_seconds": ("overhead_seconds", 1.0),
     "node_seconds_per_byte": ("seconds_per_byte", 1.0),
@@ -77,7 +77,7 @@ class Network:
     nodes: int = 2
 
     def __post_init__(self) -> None:
-        for name, (other, factor) in STAND_INS.items():
+        for name, (other, factor) in DERIVED_CONSTANTS.items():
             if math.isnan(getattr(self, name)):
                 object.__setattr__(self, name, getattr(self, other) * factor)
 
@@ -135,13 +135,13 @@ def _value(where: str, key: str, value: object) -> Any:
     return float(value)
 
 
-def kept_path() -> Path:
+def saved_path() -> Path:
     """Where the measured constants of this user are kept: the environment names the file, else its folder."""
     named, folder = os.environ.get(FILE_VARIABLE), os.environ.get("XDG_CONFIG_HOME")
     return Path(named) if named else Path(folder or Path.home() / ".config") / "clusterviz" / "network.json"
 
 
-def keep_network(network: Network, path: Path) -> None:
+def save_network(network: Network, path: Path) -> None:
     """Write a network file, whole or not at all; its folder is made where it is missing.
 
     Raises
@@ -169,7 +169,7 @@ def default_network(nodes: int) -> Network:
     InputError
         The kept file is named by the environment and missing, or it is broken.
     """
-    path = kept_path()
+    path = saved_path()
     kept = open_network(str(path)) if path.exists() or os.environ.get(FILE_VARIABLE) else None
     if kept is None:
         shipped = open_network("laptop" if nodes < 2 else "ethernet-10g")

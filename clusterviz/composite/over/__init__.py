@@ -1,13 +1,11 @@
-"""The over operator, compiled to vectors: two images at a time, many layers in one pass, the nearest of depths.
+"""The over operator as compiled vector code: for two images, for many layers in one pass, and by depth.
 
-The operators of projections (maximum, minimum, sum, stretch) run in the same kernels.
+The operators of projections (maximum, minimum, sum, stretch) use the same kernels.
 
-- blend.py   two images; the plain NumPy twin
-- layers.py  many layers in one pass, rounded once
-- depth.py   the nearest fragment
-- job.py, job_layout.py                                  what compiled code shall do, as a table of numbers
-- pair_kernels.py, layer_kernels.py, depth_kernels.py    the kernels
-- instructions.py, vector_code.py, places.py, sums.py    what kernels are made of
-- merge_code.py, merging_pixels.py                       the operators of projections
-- native.py                                              compiled once for all, loaded without a compiler
+- blend.py, layers.py, depth.py   two images, many layers, nearest depths; each with a plain NumPy reference
+- job.py      jobs of the kernels: arrays as addresses in a table of numbers
+- pair_kernels.py, layer_kernels.py, depth_kernels.py   the kernels
+- intrinsics.py, vector_code.py, geometry.py, sums.py   parts of the kernels
+- merge_code.py, merging_pixels.py                      the operators of projections
+- native.py   object files of the kernels, compiled once and loaded without a compiler
 """

@@ -1,9 +1,9 @@
-"""The over operator for two images at a time: in place, out of place, and between runs of active pixels.
+"""The over operator for two images: in place, out of place, and for runs of active pixels.
 
-For floats, c = f + (1 − α_f)·b in each channel, alpha too, product and sum rounded to float32 one by one; halves are
-blended so and rounded once more. For uint8 the same with a division by 255 rounded to nearest exactly,
-(x + 128 + ((x + 128) >> 8)) >> 8: each merge rounds once, by half a level at most. `over` is the plain NumPy twin; the
-compiled kernels equal it bit for bit. Many layers are blended at once in `layers.py`, which rounds only once.
+For floats, c = f + (1 − α_f)·b in each channel and alpha; product and sum are each rounded to float32. Half floats are
+blended in float32 and rounded. For uint8 the division by 255 is rounded to nearest exactly,
+(x + 128 + ((x + 128) >> 8)) >> 8, so each merge rounds once, by half a level at most. `over` is the plain NumPy
+reference; the compiled kernels equal it bit for bit. `layers.py` blends many layers at once and rounds only once.
 """
 
 from __future__ import annotations
@@ -15,10 +15,19 @@ from numpy.typing import NDArray
 
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.over.job import DTYPES, check_floats, entry, head, run, runs_at
-from clusterviz.composite.over.job_layout import BEFORE, BEHIND, INTO
+from clusterviz.composite.fragment import Patch
+from clusterviz.composite.over.job import (
+    BEFORE,
+    BEHIND,
+    DTYPES,
+    INTO,
+    check_floats,
+    job_head,
+    layer_entry,
+    run,
+    runs_at,
+)
 from clusterviz.composite.over.native import kernel
-from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
 from clusterviz.image.region import Rect
@@ -30,7 +39,7 @@ Active = tuple[NDArray[Any], NDArray[np.int32]]
 
 
 def over(front: Pixels, back: Pixels) -> NDArray[Any]:
-    """Front over back in plain NumPy.
+    """Return front over back, in plain NumPy.
 
     Parameters
     ----------
@@ -53,14 +62,14 @@ def put_before(
     operator: Operator = "over",
     threads: int = 1,
 ) -> None:
-    """target = source over target, in place, where both have pixels.
+    """Blend source over target in place, where both have pixels.
 
     Parameters
     ----------
-    target, source : of one type, uint8, float16 or float32 (patch.count, 4), premultiplied, C order
-    target_patch, source_patch : which pixels of the canvas they are
-    operator : another one than over, of `image/merge.py`, for float32
-    threads : how many may work at once; small targets are not shared out
+    target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
+    target_patch, source_patch : patches of the canvas
+    operator : merge operator of `image/merge.py`; all but over need float32
+    threads : most threads; small targets are blended by one
 
     Raises
     ------
@@ -79,36 +88,36 @@ def put_behind(
     operator: Operator = "over",
     threads: int = 1,
 ) -> None:
-    """target = target over source, in place, where both have pixels; otherwise as `put_before`."""
+    """Blend target over source in place, where both have pixels; otherwise as `put_before`."""
     _put((target, target_patch), (source, source_patch), BEHIND, operator, threads)
 
 
-def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], wish: int, operator: Operator, threads: int) -> None:
+def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], mode: int, operator: Operator, threads: int) -> None:
     (target, target_patch), (source, source_patch) = into, given
     _check_types(target, source)
     check_floats(operator, target)
-    numbers = [*head(target, target_patch, 1, wish, operator=operator), *entry(source, source_patch)]
+    numbers = [*job_head(target, target_patch, 1, mode, operator=operator), *layer_entry(source, source_patch)]
     run(kernel("pair_kernels", "put"), numbers, (target_patch, source_patch), threads)
 
 
 def over_into(out: Pixels, front: Pixels, back: Pixels, *, threads: int = 1) -> None:
-    """out = front over back; all (n, 4) of one type, C order; otherwise as `put_before`."""
+    """Blend front over back into `out`; all (n, 4) of one type, C order; otherwise as `put_before`."""
     _check_types(out, front, back)
     patch = Patch(1, 0, len(out), Rect(0, 0, 1, len(out)))
-    numbers = [*head(out, patch, 2, INTO), *entry(front, patch), *entry(back, patch)]
+    numbers = [*job_head(out, patch, 2, INTO), *layer_entry(front, patch), *layer_entry(back, patch)]
     run(kernel("pair_kernels", "put"), numbers, (patch,) * 3, threads)
 
 
 def merge_runs(front: Active, back: Active) -> Active:
-    """Front over back, where both are runs of active pixels, as runs again: nothing is unpacked, or blended with blank.
+    """Blend front over back, both runs of active pixels, into runs; blank pixels are not unpacked or blended.
 
     Parameters
     ----------
-    front, back : pixels (n, 4) of one type, and int32 (k, 2) runs, ascending and disjoint, counted in the same patch
+    front, back : pixels (n, 4) of one type, and int32 (k, 2) runs, ascending and disjoint, indices in the same patch
 
     Returns
     -------
-    pixels, runs : every pixel that is active in either; runs that touch are one
+    pixels, runs : pixels that are active in either; adjacent runs are joined
 
     Raises
     ------
@@ -119,9 +128,9 @@ def merge_runs(front: Active, back: Active) -> Active:
     pixels = np.empty((len(front[0]) + len(back[0]), 4), front[0].dtype)
     runs = np.empty((len(front[1]) + len(back[1]), 2), np.int32)
     nowhere = Patch(0, 0, 0, Rect(0, 0, 0, 0))
-    numbers = head(pixels, nowhere, 2, 0, runs_at(runs)[0])
+    numbers = job_head(pixels, nowhere, 2, 0, runs_at(runs)[0])
     for active, where in (front, back):
-        numbers += entry(active, nowhere, *runs_at(where))
+        numbers += layer_entry(active, nowhere, *runs_at(where))
     count = run(kernel("pair_kernels", "merge_runs"), numbers, (nowhere,) * 3)
     runs = runs[:count]
     return pixels[: int(runs[:, 1].sum())], runs
@@ -134,9 +143,9 @@ def _check_types(*images: Pixels) -> None:
 
 
 def compile_kernels(channel: Channel) -> None:
-    """Compile what blending needs, or load what an earlier run compiled; collective.
+    """Compile the blending kernels, or load those that an earlier run compiled; collective.
 
-    One rank of each node compiles while the others wait, since all would take as long and get in each other's way.
+    One rank of each node compiles while the others wait: all together would be no faster.
     """
     if channel.size == 1:
         return

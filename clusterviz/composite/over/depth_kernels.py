@@ -1,4 +1,4 @@
-"""The nearest fragment of each pixel, compiled."""
+"""Compiled kernel that keeps the nearest of several layers in each pixel."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
-from clusterviz.composite.over.instructions import clear, compiled, instruction, set_number, word
-from clusterviz.composite.over.job_layout import (
+from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
+from clusterviz.composite.over.intrinsics import clear, compiled, define_intrinsic, set_number, word
+from clusterviz.composite.over.job import (
     BEFORE,
     BYTE,
     COUNT,
     EXTRA,
-    FINE,
     FRESH,
     HALF,
     KIND,
     LAYERS,
+    MODE,
+    OK,
     OUT,
     OUT_EXTRA,
     PIXELS,
     TARGET,
-    WISH,
 )
-from clusterviz.composite.over.places import block, clip, layer_at, pixel_bytes, settle_all
 
-BLOCK = 512  # pixels of the target, with their depths, which stay in the nearest cache while layers are gone through
+BLOCK = 512  # pixels of the target that stay in the L1 cache, with their depths, for all layers
 _INFINITY = 0x7F800000  # as float32
 
 
 def _depths(builder: Any, address: Any, pixels: int) -> Any:
-    return builder.load(vector_code.place(builder, address, ir.FloatType(), pixels), align=1)
+    return builder.load(vector_code.pointer_to(builder, address, ir.FloatType(), pixels), align=1)
 
 
 def _stepper(words: int, pixels: int) -> Any:
-    """The nearer of target and source, so many pixels of so many 32-bit words: colours, depths, whether ties count."""
+    """Return a function that writes the nearer of target and source, for `pixels` pixels of `words` 32-bit words."""
 
     def emit(builder: Any, colour: Any, depth: Any, new_colour: Any, new_depth: Any, or_equal: Any) -> None:
         colours = ir.VectorType(ir.IntType(32), words * pixels)
@@ -45,9 +45,9 @@ def _stepper(words: int, pixels: int) -> Any:
         chosen = builder.select(wins, builder.load(here, align=1), builder.load(there, align=1))
         builder.store(chosen, there, align=1)
         least = builder.select(vector_code.nearer(builder, depths, or_equal, 1), *depths[::-1])
-        builder.store(least, vector_code.place(builder, depth, ir.FloatType(), pixels), align=1)
+        builder.store(least, vector_code.pointer_to(builder, depth, ir.FloatType(), pixels), align=1)
 
-    return instruction(5, emit)
+    return define_intrinsic(5, emit)
 
 
 _nearest_bytes, _nearest_halves, _nearest_floats = (_stepper(words, 16) for words in (1, 2, 4))
@@ -56,7 +56,7 @@ _nearest_byte, _nearest_half, _nearest_float = (_stepper(words, 1) for words in 
 
 @compiled
 def _nearest(kind, colour, depth, new_colour, new_depth, or_equal, count):  # type: ignore[no-untyped-def]
-    """Colours and depths of the nearer fragments, in place."""
+    """Write colours and depths of the nearer pixels, in place."""
     i = 0
     if kind == BYTE:
         while i < count - 15:
@@ -82,16 +82,16 @@ def _nearest(kind, colour, depth, new_colour, new_depth, or_equal, count):  # ty
 
 
 def put_nearest(job):  # type: ignore[no-untyped-def]
-    """Put layers into the target where they are nearer; returns as `settle_all` does."""
-    fault, done = settle_all(job), 0
-    if fault != FINE:
+    """Write layers into the target where they are nearer; return the result of `prepare_geometry`."""
+    fault, done = prepare_geometry(job), 0
+    if fault != OK:
         return fault
-    kind, wish = word(job, KIND), word(job, WISH)
-    size, or_equal = pixel_bytes(kind), 1 if wish == BEFORE else 0
+    kind, mode = word(job, KIND), word(job, MODE)
+    size, or_equal = pixel_bytes(kind), 1 if mode == BEFORE else 0
     while done < word(job + 8 * TARGET, COUNT):
         x, y, count = block(job, done, BLOCK)
         colour, depth = word(job, OUT) + done * size, word(job, OUT_EXTRA) + done * 4
-        if wish == FRESH:
+        if mode == FRESH:
             clear(colour, count * size)
             for i in range(count):
                 set_number(depth, i, _INFINITY)
@@ -102,4 +102,4 @@ def put_nearest(job):  # type: ignore[no-untyped-def]
                 source, far = word(layer, PIXELS) + low * size, word(layer, EXTRA) + low * 4
                 _nearest(kind, colour + begin * size, depth + begin * 4, source, far, or_equal, high - low)
         done += count
-    return FINE
+    return OK

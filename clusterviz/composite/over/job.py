@@ -1,7 +1,8 @@
-"""What compiled code shall do, as a table of numbers: the only place where arrays become addresses.
+"""Jobs of the compiled kernels: tables of int64 in which arrays become addresses.
 
-Whatever a kernel could not survive is refused here: types, shapes, arrays that are not in C order or may not be
-written. The numbers are laid out as `job_layout.py` says.
+Arrays that a kernel cannot handle are refused here: wrong types and shapes, arrays that are not in C order or are
+read-only. A job is a head for the target, then one entry for each layer. Each has the geometry of its array: the patch
+of the canvas (see `fragment.py`) that the array holds.
 """
 
 from __future__ import annotations
@@ -17,28 +18,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.composite.over.job_layout import (
-    BYTE,
-    FINE,
-    FIRST_WRONG,
-    FLOAT,
-    HALF,
-    KIND,
-    MAXIMUM,
-    MINIMUM,
-    OUT,
-    OUT_EXTRA,
-    OVER,
-    RESULT,
-    SIZE,
-    STRETCH,
-    SUM,
-    TARGET,
-)
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.native import Kernel
-from clusterviz.composite.patch import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
+
+# Head: result of the kernel, unused word of numba's calling convention; address, type and number of the target's
+# pixels, address of its depths or runs; number of layers, mode, operator, width of the canvas, geometry.
+RESULT, UNUSED, OUT, KIND, SIZE, OUT_EXTRA, LAYERS, MODE, OPERATOR, WIDTH, TARGET = range(11)
+HEAD = TARGET + 6
+
+# Layer: address, type and number of its stored pixels; address of its runs or depths, number of runs (-1 for none);
+# geometry; the next run, and the number of stored pixels before it.
+PIXELS, TYPE, STORED, EXTRA, RUN_COUNT, GEOMETRY = range(6)
+RUN, PASSED = GEOMETRY + 6, GEOMETRY + 7
+LAYER = GEOMETRY + 8
+
+# Geometry: begin and end of a range, and the four sides of a rectangle. `prepare_geometry` converts them to the number
+# of the rectangle's pixels before the range and in it, and to corner, width and height of the rectangle.
+FIRST, COUNT, X, Y, COLUMNS, ROWS = range(6)
+
+# Pixel types.
+FLOAT, BYTE, HALF = range(3)
+
+# Merge operators; all but over are for floats only.
+OVER, MAXIMUM, MINIMUM, SUM, STRETCH = range(5)
+
+# Modes: merge layers behind or before the target, begin with an empty target, or merge the first layer over the second.
+BEHIND, BEFORE, FRESH, INTO = range(4)
+
+# Results of a kernel: OK, or FIRST_BAD and less for a wrong array: the target, the first layer, the second, …
+OK, FIRST_BAD = -1, -2
+
 
 _OPERATORS: dict[Operator, int] = {
     "over": OVER,
@@ -48,49 +59,49 @@ _OPERATORS: dict[Operator, int] = {
     "stretch": STRETCH,
 }
 _KINDS: dict[np.dtype[Any], int] = {np.dtype(np.float32): FLOAT, np.dtype(np.uint8): BYTE, np.dtype(np.float16): HALF}
-# The types of pixel, by their numbers.
+# Pixel types by number.
 DTYPES: tuple[np.dtype[Any], ...] = tuple(sorted(_KINDS, key=_KINDS.__getitem__))
 
 _DEPTH_BYTES = 4
-# Waking a thread takes as long as blending two layers of this many pixels (measured: 0.06 ms); below, it does not pay.
+# Waking a thread takes as long as blending two layers of this many pixels (measured: 0.06 ms).
 PIXELS_A_THREAD = 1 << 17
 
 
-def head(
-    out: NDArray[Any], patch: Patch, layers: int, wish: int, extra: int = 0, operator: Operator = "over"
+def job_head(
+    out: NDArray[Any], patch: Patch, layers: int, mode: int, extra: int = 0, operator: Operator = "over"
 ) -> list[int]:
-    """The numbers of a target; `extra` is where its depths are.
+    """Return the head of a job; `extra` is the address of the target's depths.
 
     Raises
     ------
     InputError
-        It cannot be written.
+        The target is read-only.
     """
     if not out.flags.writeable:
         raise InputError("the target is read-only")
-    return [0, 0, *pixels_at(out, "target"), extra, layers, wish, _OPERATORS[operator], patch.width, *_place(patch)]
+    return [0, 0, *pixels_at(out, "target"), extra, layers, mode, _OPERATORS[operator], patch.width, *_geometry(patch)]
 
 
 def check_floats(operator: Operator, *images: NDArray[Any]) -> None:
-    """Refuse pixels that an operator cannot merge.
+    """Raise if an operator cannot merge the pixels.
 
     Raises
     ------
     InputError
-        The operator is not over, and the pixels are no float32.
+        The operator is not over, and the pixels are not float32.
     """
     if operator != "over" and any(image.dtype != np.float32 for image in images):
         found = ", ".join(sorted({str(image.dtype) for image in images}))
         raise InputError(f"pixels that the operator {operator} cannot merge", found=found, allowed="float32")
 
 
-def entry(pixels: NDArray[Any], patch: Patch, extra: int = 0, runs: int = -1) -> tuple[int, ...]:
-    """The numbers of a layer: `extra` is where its runs or depths are, `runs` how many runs it has, -1 for none."""
-    return *pixels_at(pixels, "layer"), extra, runs, *_place(patch), 0, 0
+def layer_entry(pixels: NDArray[Any], patch: Patch, extra: int = 0, runs: int = -1) -> tuple[int, ...]:
+    """Return the entry of a layer; `extra` is the address of its runs or depths, `runs` the number of runs or -1."""
+    return *pixels_at(pixels, "layer"), extra, runs, *_geometry(patch), 0, 0
 
 
 def pixels_at(pixels: NDArray[Any], where: str) -> tuple[int, int, int]:
-    """Address, type and number of pixels.
+    """Return address, type and number of pixels.
 
     Raises
     ------
@@ -107,7 +118,7 @@ def pixels_at(pixels: NDArray[Any], where: str) -> tuple[int, int, int]:
 
 
 def runs_at(runs: NDArray[np.int32]) -> tuple[int, int]:
-    """Address and number of runs.
+    """Return address and number of runs.
 
     Raises
     ------
@@ -120,16 +131,16 @@ def runs_at(runs: NDArray[np.int32]) -> tuple[int, int]:
 
 
 def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], threads: int = 1) -> int:
-    """Do a job on the patches of the target and the layers, with several threads where the target is large enough.
+    """Run a job on the patches of the target and the layers, with several threads if the target is large enough.
 
     Returns
     -------
-    answer : of a kernel that counts something; -1 from the others
+    result : of a kernel that counts something; OK from the others
 
     Raises
     ------
     InputError
-        An array is not as large as its patch.
+        The size of an array does not fit its patch.
     """
     job = array("q", numbers)
     threads = min(threads, job[SIZE] // PIXELS_A_THREAD)
@@ -140,16 +151,16 @@ def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], thread
         others = [_pool(os.getpid()).submit(kernel, part.buffer_info()[0]) for part in parts[1:]]
         kernel(parts[0].buffer_info()[0])
         wait(others)
-    answer = min(part[RESULT] for part in parts)
-    if answer < FINE:
-        wrong = FIRST_WRONG - answer
+    result = min(part[RESULT] for part in parts)
+    if result < OK:
+        wrong = FIRST_BAD - result
         where = f"layer {wrong - 1}" if wrong else "target"
         raise InputError("the pixels do not fit their patch", where=where, allowed=f"{patches[wrong].count} pixels")
-    return answer
+    return result
 
 
 def _parts(job: array[int], patch: Patch, count: int) -> list[array[int]]:
-    """The job for each thread: rows of the target, which are neighbours in memory."""
+    """Return the job of each thread: adjacent rows of the target."""
     rect, bytes_a_pixel = patch.rect, 4 * DTYPES[job[KIND]].itemsize
     rows = [rect.y_begin + rect.height * k // count for k in range(1, count)]
     cuts = [patch.begin, *(min(max(row * patch.width, patch.begin), patch.end) for row in rows), patch.end]
@@ -170,11 +181,11 @@ def _parts(job: array[int], patch: Patch, count: int) -> list[array[int]]:
 
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
-    """Threads that wait for work, made as they are needed; a forked process has none of its parent's."""
+    """Return the thread pool of a process; a forked process does not have the threads of its parent."""
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="blend")
 
 
-def _place(patch: Patch) -> tuple[int, ...]:
-    """Which pixels: the range and the rectangle's sides."""
+def _geometry(patch: Patch) -> tuple[int, ...]:
+    """Return the geometry of a patch: its range, and the sides of its rectangle."""
     rect = patch.rect
     return patch.begin, patch.end, rect.x_begin, rect.y_begin, rect.x_end, rect.y_end

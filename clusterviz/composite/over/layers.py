@@ -1,10 +1,10 @@
-"""Many layers in one pass: read once each, blended in float32, rounded once.
+"""Blending of many layers in one pass: each is read once, blended in float32, and the result is rounded once.
 
-Merging two images at a time reads and writes the result again for each layer, and rounds bytes each time. Here a strip
-of the picture is made from all layers that touch it at once, wherever they lie: whole images in shared memory, received
-messages, runs of active pixels. Bytes come out within 0.51 levels of the exact picture for any number of layers, floats
-within n·2⁻²³. Floats may also be merged by the operators of projections. `plain_layers` is the plain NumPy twin; the
-compiled kernel equals it bit for bit.
+Merging two images at a time reads and writes the result again for each layer, and rounds bytes each time. Here all
+layers that touch a patch are blended at once: whole images in shared memory, received messages, runs of active pixels.
+Bytes are within 0.51 levels of the exact picture for any number of layers, floats within n·2⁻²³. Floats may also be
+merged by the operators of projections. `plain_layers` is the plain NumPy reference; the compiled kernel equals it bit
+for bit.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.composite.over.job import check_floats, entry, head, run, runs_at
+from clusterviz.composite.fragment import Patch
+from clusterviz.composite.over.job import check_floats, job_head, layer_entry, run, runs_at
 from clusterviz.composite.over.native import kernel
-from clusterviz.composite.patch import Patch
 from clusterviz.image.merge import MERGES, Operator
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One image's share.
+    """Pixels of one image.
 
     Attributes
     ----------
-    patch : which pixels of the canvas
+    patch : pixels of the canvas
     pixels : uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
-    runs : int32 (k, 2), ascending and disjoint: the first active pixel of each run, counted in the patch's own pixels,
-        and how many follow each other; None where all pixels are there
+    runs : int32 (k, 2), ascending and disjoint: index in the patch of the first active pixel of each run, and length
+        of the run; None if all pixels are stored
     """
 
     patch: Patch
@@ -48,16 +48,16 @@ def blend_layers(
     split: int = 0,
     threads: int = 1,
 ) -> None:
-    """out = (the first `split` layers over each other) over (the others over each other), clipped to a patch.
+    """Blend layers into `out`: (the first `split` over each other) over (the others over each other).
 
     Parameters
     ----------
-    layers : front to back, of any types; they may reach outside the patch, or not into it
-    patch : of the target, on the same canvas
+    layers : layers from front to back, of any types; they are clipped to the patch
+    patch : patch of the target, on the same canvas
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
-    operator : another one than over, of `image/merge.py`; then all must be float32
-    split : layers in the front group
-    threads : how many may work at once; small targets are not shared out
+    operator : merge operator of `image/merge.py`; all but over need float32 arrays
+    split : number of layers in the front group
+    threads : most threads; small targets are blended by one
 
     Raises
     ------
@@ -65,10 +65,10 @@ def blend_layers(
         An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
     check_floats(operator, out, *(layer.pixels for layer in layers))
-    numbers = head(out, patch, len(layers), min(max(split, 0), len(layers)), operator=operator)
+    numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator=operator)
     for layer in layers:
         runs = (0, -1) if layer.runs is None else runs_at(layer.runs)
-        numbers += entry(layer.pixels, layer.patch, *runs)
+        numbers += layer_entry(layer.pixels, layer.patch, *runs)
     patches = [patch, *(layer.patch for layer in layers)]
     run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)
 
@@ -76,7 +76,7 @@ def blend_layers(
 def plain_layers(
     layers: Sequence[Layer], patch: Patch, dtype: np.dtype[Any], split: int = 0, operator: Operator = "over"
 ) -> NDArray[Any]:
-    """What `blend_layers` writes, by whole canvases of plain NumPy: (patch.count, 4)."""
+    """Return what `blend_layers` writes, (patch.count, 4), computed with whole canvases in plain NumPy."""
     bottom = max(place.rect.y_end for place in (patch, *(layer.patch for layer in layers)))
     groups = []
     for group in (layers[:split], layers[split:]):
@@ -98,7 +98,7 @@ def _as_floats(pixels: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _numbers(patch: Patch) -> NDArray[np.int64]:
-    """The canvas numbers of a patch's pixels."""
+    """Return the canvas numbers of a patch's pixels."""
     rect = patch.rect
     rows, columns = np.arange(rect.y_begin, rect.y_end), np.arange(rect.x_begin, rect.x_end)
     numbers = (rows[:, None] * patch.width + columns).reshape(-1)
@@ -106,7 +106,7 @@ def _numbers(patch: Patch) -> NDArray[np.int64]:
 
 
 def _active(layer: Layer) -> NDArray[np.int64]:
-    """The canvas numbers of the pixels that a layer stores."""
+    """Return the canvas numbers of the pixels that a layer stores."""
     numbers = _numbers(layer.patch)
     if layer.runs is None:
         return numbers

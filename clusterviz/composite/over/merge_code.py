@@ -1,7 +1,7 @@
-"""LLVM code for the operators of projections: floats of two parts of a volume, the one in front first, become one.
+"""LLVM code of the merge operators of projections, for float pixels of two parts of a volume, the front one first.
 
-What the four floats of a pixel mean for each operator is said in `image/merge.py`, whose plain NumPy functions these
-equal bit for bit. A pixel of zeros is one without a sample, and changes nothing.
+`image/merge.py` defines the four floats of a pixel for each operator, and holds the plain NumPy functions that these
+equal bit for bit. A pixel of zeros has no sample, and changes nothing.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ _FLOAT, _I32 = ir.FloatType(), ir.IntType(32)
 
 
 def maximum(builder: Any, front: Any, behind: Any) -> Any:
-    """The larger scalar, where there are two."""
+    """Return the larger scalar, where there are two."""
     return _where_both(builder, front, behind, _larger(builder, front, behind))
 
 
 def minimum(builder: Any, front: Any, behind: Any) -> Any:
-    """The smaller scalar, where there are two."""
+    """Return the smaller scalar, where there are two."""
     smaller = builder.select(builder.fcmp_ordered("<", behind, front), behind, front)
     return _where_both(builder, front, behind, smaller)
 
 
-def total(builder: Any, front: Any, behind: Any) -> Any:
-    """Sums and slabs, added."""
+def add(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the sums of scalars and of slabs."""
     return builder.fadd(front, behind)
 
 
 def stretch(builder: Any, front: Any, behind: Any) -> Any:
-    """The first stretch: that of the front, or what is behind goes on with it, or the one behind."""
+    """Return the first stretch: that of the front, the front's continued behind, or that behind."""
     lanes = front.type.count
     words = ir.VectorType(_I32, lanes)
     ahead, after = (builder.fptosi(_component(builder, pixels, 2), words) for pixels in (front, behind))
@@ -55,20 +55,20 @@ def _larger(builder: Any, front: Any, behind: Any) -> Any:
 
 
 def _where_both(builder: Any, front: Any, behind: Any, both: Any) -> Any:
-    """`both` where each part has samples, else the part that has."""
+    """Return `both` where each part has samples, else the part that has some."""
     zero = splat(_FLOAT, 0.0, front.type.count)
     merged = builder.select(builder.fcmp_ordered("==", _component(builder, behind, 3), zero), front, both)
     return builder.select(builder.fcmp_ordered("==", _component(builder, front, 3), zero), behind, merged)
 
 
 def _component(builder: Any, pixels: Any, number: int) -> Any:
-    """One of the four floats of each pixel, in all of the pixel's lanes."""
+    """Return one of the four floats of each pixel, in all lanes of the pixel."""
     lanes = [lane // 4 * 4 + number for lane in range(pixels.type.count)]
     return builder.shuffle_vector(pixels, pixels, _lanes(lanes))
 
 
 def _put_component(builder: Any, pixels: Any, number: int, given: Any) -> Any:
-    """The pixels with one of their floats from elsewhere."""
+    """Return the pixels with one of their floats replaced."""
     count = pixels.type.count
     return builder.shuffle_vector(
         pixels, given, _lanes([lane + count if lane % 4 == number else lane for lane in range(count)])

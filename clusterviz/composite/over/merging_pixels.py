@@ -1,4 +1,4 @@
-"""Pixels of two parts merged by the operators of projections, compiled."""
+"""Compiled loops of the merge operators of projections."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Callable
 from typing import Any
 
 from clusterviz.composite.over import merge_code, vector_code
-from clusterviz.composite.over.instructions import compiled, instruction
-from clusterviz.composite.over.job_layout import FLOAT, MAXIMUM, MINIMUM, SUM
+from clusterviz.composite.over.intrinsics import compiled, define_intrinsic
+from clusterviz.composite.over.job import FLOAT, MAXIMUM, MINIMUM, SUM
 
 
 def _stepper(merge: Callable[[Any, Any, Any], Any], pixels: int) -> Any:
-    """target = front merged with behind, so many pixels; the target may be either of them."""
+    """Return a function that merges `pixels` pixels of front and behind; the target may be either of them."""
 
     def emit(builder: Any, target: Any, front: Any, behind: Any) -> None:
         floats = (vector_code.load(builder, FLOAT, address, pixels) for address in (front, behind))
         vector_code.store(builder, FLOAT, target, merge(builder, *floats))
 
-    return instruction(3, emit)
+    return define_intrinsic(3, emit)
 
 
 def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
-    """A loop over pixels: 64 bytes at a time, then one by one."""
+    """Return a loop over pixels: 64 bytes at a time, then single pixels."""
     four, one = _stepper(merge, 4), _stepper(merge, 1)
 
     @compiled
@@ -38,12 +38,12 @@ def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
 
 
 _maximum, _minimum = _merger(merge_code.maximum), _merger(merge_code.minimum)
-_total, _stretch = _merger(merge_code.total), _merger(merge_code.stretch)
+_total, _stretch = _merger(merge_code.add), _merger(merge_code.stretch)
 
 
 @compiled
 def merge_pixels(operator, target, front, behind, count):  # type: ignore[no-untyped-def]
-    """target = front merged with behind, addresses of so many pixels of floats; the target may be either of them."""
+    """Merge `count` float pixels at addresses: target = front merged with behind; the target may be either of them."""
     if operator == MAXIMUM:
         _maximum(target, front, behind, count)
     elif operator == MINIMUM:

@@ -1,6 +1,6 @@
-"""Compiled kernels as object files: numba compiles them once, later runs load them without numba.
+"""Object files of the kernels: compiled once by numba, loaded by later runs without numba.
 
-numba's own cache would need numba to be imported, and keep code whose imported parts have changed.
+numba's own cache needs numba to be imported, and does not notice when imported parts of a kernel change.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ from clusterviz.kernels.objects import function_address, machine
 
 Kernel = Callable[[int], int]
 
-# What kernels are made from.
-_PARTS = ("job_layout", "vector_code", "merge_code", "instructions", "places", "merging_pixels", "sums")
-USUAL = (("layer_kernels", "blend_layers"), ("pair_kernels", "put"))
-"""Module and name of the kernels that every composition needs."""
+# Modules from which kernels are made.
+_PARTS = ("job", "vector_code", "merge_code", "intrinsics", "geometry", "merging_pixels", "sums")
+COMMON_KERNELS = (("layer_kernels", "blend_layers"), ("pair_kernels", "put"))
+"""Module and name of the kernels that all compositing needs."""
 SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")
 
 
 @cache
 def kernel(module: str, name: str) -> Kernel:
-    """A function of a module of this room, compiled: it takes the address of a job and writes its answer there.
+    """Return a compiled kernel of a module of this package: a function of the address of a job.
 
-    Made by the first process that needs it, where a file can be kept, and loaded from then on. It needs no lock of
-    Python's, so threads run it at once.
+    The kernel writes its result into the job. It is compiled by the first process that needs it and saved if possible.
+    It runs without Python's lock, so several threads can call it at once.
     """
     address = function_address(name, sources(), lambda: _compile(module, name))
     function = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_int64] * 3)(address)
-    # numba's way to call: where the result goes, where an exception would go (there is none), and the job.
+    # numba's calling convention: address of the result, address of an exception (there is none), and the job.
     return lambda job: function(job, job + 8, job)
 
 
 def sources() -> list[bytes]:
-    """What the files hold that kernels are made from."""
+    """Return the contents of the modules from which kernels are made."""
     return [Path(__file__).with_name(f"{source}.py").read_bytes() for source in SOURCES]
 
 
 def _compile(module: str, name: str) -> bytes:
-    """An object file with one function of this name."""
+    """Return an object file with one function of this name."""
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
     from numba import int64, njit
 
     function = getattr(import_module(f"clusterviz.composite.over.{module}"), name)
-    # Nothing in the file may call Python, so numba shall not write the functions by which Python would call it.
+    # The file may not call Python, so numba does not write the wrappers for calls from Python.
     options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = njit(error_model="numpy", **options)(function)
     compiled.compile((int64,))

@@ -1,4 +1,4 @@
-"""Two images at a time, compiled: one over another in place or out of place, and runs of active pixels over runs."""
+"""Compiled kernels for two images: one over the other in place or out of place, and runs of active pixels."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
-from clusterviz.composite.over.instructions import compiled, copy, instruction, number, set_number, word
-from clusterviz.composite.over.job_layout import (
+from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
+from clusterviz.composite.over.intrinsics import compiled, copy, define_intrinsic, number, set_number, word
+from clusterviz.composite.over.job import (
     BEFORE,
     BEHIND,
     BYTE,
     COUNT,
     EXTRA,
-    FINE,
     FLOAT,
     HALF,
     INTO,
     KIND,
+    MODE,
+    OK,
     OPERATOR,
     OUT,
     OUT_EXTRA,
@@ -28,14 +30,12 @@ from clusterviz.composite.over.job_layout import (
     SIZE,
     STORED,
     TARGET,
-    WISH,
 )
 from clusterviz.composite.over.merging_pixels import merge_pixels
-from clusterviz.composite.over.places import block, clip, layer_at, pixel_bytes, settle_all
 
 
 def _stepper(kind: int, pixels: int) -> Any:
-    """target = front over back, so many pixels; the target may be either of them."""
+    """Return a function for target = front over back of `pixels` pixels; the target may be either of them."""
 
     def emit(builder: Any, target: Any, front: Any, back: Any) -> None:
         if kind == BYTE:
@@ -47,17 +47,17 @@ def _stepper(kind: int, pixels: int) -> Any:
             floats = (vector_code.load(builder, kind, address, pixels) for address in (front, back))
             vector_code.store(builder, kind, target, vector_code.over(builder, *floats))
 
-    return instruction(3, emit)
+    return define_intrinsic(3, emit)
 
 
-# 64 bytes of each type, and one pixel.
+# Functions for 64 bytes of each type, and for one pixel.
 _over_floats, _over_bytes, _over_halves = _stepper(FLOAT, 4), _stepper(BYTE, 16), _stepper(HALF, 8)
 _over_float, _over_byte, _over_half = _stepper(FLOAT, 1), _stepper(BYTE, 1), _stepper(HALF, 1)
 
 
 @compiled
 def _over(kind, target, front, back, count):  # type: ignore[no-untyped-def]
-    """target = front over back, addresses of so many pixels."""
+    """Blend `count` pixels at addresses: target = front over back."""
     i, size = 0, count * pixel_bytes(kind)
     if kind == BYTE:
         while i < size - 63:
@@ -83,31 +83,31 @@ def _over(kind, target, front, back, count):  # type: ignore[no-untyped-def]
 
 
 def put(job):  # type: ignore[no-untyped-def]
-    """Blend one layer into the target, or two of the target's own size; returns as `settle_all` does."""
-    fault, done = settle_all(job), 0
-    if fault != FINE:
+    """Blend one layer into the target, or two of the target's own size; return the result of `prepare_geometry`."""
+    fault, done = prepare_geometry(job), 0
+    if fault != OK:
         return fault
-    kind, wish, operator, layer = word(job, KIND), word(job, WISH), word(job, OPERATOR), layer_at(job, 0)
+    kind, mode, operator, layer = word(job, KIND), word(job, MODE), word(job, OPERATOR), layer_at(job, 0)
     size = pixel_bytes(kind)
     while done < word(job + 8 * TARGET, COUNT):
         x, y, count = block(job, done, word(job, SIZE))
         low, high, begin = clip(layer, x, y, count)
         if low < high:
             target, source = word(job, OUT) + (done + begin) * size, word(layer, PIXELS) + low * size
-            front, back = target if wish == BEHIND else source, target if wish == BEFORE else source
-            if wish == INTO:
+            front, back = target if mode == BEHIND else source, target if mode == BEFORE else source
+            if mode == INTO:
                 back = word(layer_at(job, 1), PIXELS) + low * size
             if operator == OVER:
                 _over(kind, target, front, back, high - low)
             else:
                 merge_pixels(operator, target, front, back, high - low)
         done += count
-    return FINE
+    return OK
 
 
 @compiled
 def _next_run(layer, run, taken):  # type: ignore[no-untyped-def]
-    """A layer's run: its first pixel, and how many of it are stored; none after the last."""
+    """Return first pixel and number of stored pixels of a layer's run; 0, 0 after the last."""
     if run >= word(layer, RUN_COUNT):
         return 0, 0
     first, length = number(word(layer, EXTRA), 2 * run), number(word(layer, EXTRA), 2 * run + 1)
@@ -116,7 +116,7 @@ def _next_run(layer, run, taken):  # type: ignore[no-untyped-def]
 
 @compiled
 def _grow(runs, count, first, length):  # type: ignore[no-untyped-def]
-    """Add pixels to the last run where they follow it, else as a new one; returns the number of runs."""
+    """Append pixels to the last run if they follow it, else as a new run; return the number of runs."""
     if count and number(runs, 2 * count - 2) + number(runs, 2 * count - 1) == first:
         set_number(runs, 2 * count - 1, number(runs, 2 * count - 1) + length)
         return count
@@ -126,7 +126,7 @@ def _grow(runs, count, first, length):  # type: ignore[no-untyped-def]
 
 
 def merge_runs(job):  # type: ignore[no-untyped-def]
-    """The active pixels of two layers, the first over the second, into the target; returns its number of runs."""
+    """Blend the active pixels of two layers, the first over the second, into the target; return its number of runs."""
     front, back, target = layer_at(job, 0), layer_at(job, 1), word(job, OUT)
     kind, runs, count = word(job, KIND), word(job, OUT_EXTRA), 0
     size = pixel_bytes(kind)

@@ -1,6 +1,6 @@
-"""The sums of a block of pixels, compiled: float32, four numbers a pixel, in the nearest cache.
+"""Compiled sums of a block of pixels: float32, four per pixel, in the L1 cache.
 
-Layers are added behind a sum, and a sum is written as pixels of any type, rounded once.
+Layers are blended behind a sum, and a sum is rounded once to pixels of any type.
 """
 
 from __future__ import annotations
@@ -8,15 +8,15 @@ from __future__ import annotations
 from typing import Any
 
 from clusterviz.composite.over import vector_code
-from clusterviz.composite.over.instructions import alpha, any_set, compiled, copy, instruction
-from clusterviz.composite.over.job_layout import BYTE, FLOAT, HALF
+from clusterviz.composite.over.intrinsics import alpha, any_set, compiled, copy, define_intrinsic
+from clusterviz.composite.over.job import BYTE, FLOAT, HALF
 from clusterviz.composite.over.vector_code import offset
 
 SUM_BYTES = 16  # of a pixel
 
 
 def _adder(kind: int, pixels: int) -> Any:
-    """total = total over source, so many pixels, four at a time."""
+    """Return a function for total = total over source of `pixels` pixels, four at a time."""
 
     def emit(builder: Any, total: Any, source: Any) -> None:
         for k in range(0, pixels, 4):
@@ -25,22 +25,22 @@ def _adder(kind: int, pixels: int) -> Any:
             back = vector_code.load(builder, kind, there, min(pixels, 4))
             vector_code.store(builder, FLOAT, here, vector_code.over(builder, front, back))
 
-    return instruction(2, emit)
+    return define_intrinsic(2, emit)
 
 
 def _mover(source_kind: int, target_kind: int, pixels: int) -> Any:
-    """target = source, so many pixels, four at a time."""
+    """Return a function that converts `pixels` pixels from source to target, four at a time."""
 
     def emit(builder: Any, target: Any, source: Any) -> None:
         for k in range(0, pixels, 4):
             floats = vector_code.load(builder, source_kind, offset(builder, source_kind, source, k), min(pixels, 4))
             vector_code.store(builder, target_kind, offset(builder, target_kind, target, k), floats)
 
-    return instruction(2, emit)
+    return define_intrinsic(2, emit)
 
 
 _MOVES = ((BYTE, FLOAT), (HALF, FLOAT), (FLOAT, BYTE), (FLOAT, HALF))
-# 64 bytes of each type, or 16 pixels, and one pixel.
+# Functions for 64 bytes of each type, or 16 pixels, and for one pixel.
 _add_floats, _add_bytes, _add_halves = _adder(FLOAT, 4), _adder(BYTE, 16), _adder(HALF, 8)
 _add_float, _add_byte, _add_half = _adder(FLOAT, 1), _adder(BYTE, 1), _adder(HALF, 1)
 _read_bytes, _read_halves, _write_bytes, _write_halves = (_mover(*move, 16) for move in _MOVES)
@@ -49,7 +49,7 @@ _read_byte, _read_half, _write_byte, _write_half = (_mover(*move, 1) for move in
 
 @compiled
 def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
-    """How many of so many pixels can be passed by: stretches of 64 bytes that are zero."""
+    """Return the number of leading pixels in blocks of 64 bytes that are zero."""
     i, step = 0, 64 // size
     while i + step <= count and not any_set(source + i * size):
         i += step
@@ -58,7 +58,7 @@ def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
 
 @compiled
 def add(kind, total, source, count):  # type: ignore[no-untyped-def]
-    """total = total over source; a stretch of 64 bytes that is zero adds nothing."""
+    """Blend source behind total; blocks of 64 bytes that are zero are skipped."""
     i = 0
     if kind == BYTE:
         while i + 16 <= count:
@@ -88,7 +88,7 @@ def add(kind, total, source, count):  # type: ignore[no-untyped-def]
 
 @compiled
 def read(kind, total, source, count):  # type: ignore[no-untyped-def]
-    """total = source, as floats."""
+    """Convert source to floats in total."""
     i, whole = 0, count - 15
     if kind == BYTE:
         while i < whole:
@@ -110,7 +110,7 @@ def read(kind, total, source, count):  # type: ignore[no-untyped-def]
 
 @compiled
 def write(kind, target, total, count):  # type: ignore[no-untyped-def]
-    """target = total, rounded."""
+    """Round total to pixels in target."""
     i, whole = 0, count - 15
     if kind == BYTE:
         while i < whole:
@@ -132,7 +132,7 @@ def write(kind, target, total, count):  # type: ignore[no-untyped-def]
 
 @compiled
 def add_sums(total, behind, count):  # type: ignore[no-untyped-def]
-    """total = total over behind."""
+    """Blend the sum `behind` behind total."""
     i = 0
     while i + 4 <= count:
         _add_floats(total + 16 * i, behind + 16 * i)
@@ -144,7 +144,7 @@ def add_sums(total, behind, count):  # type: ignore[no-untyped-def]
 
 @compiled
 def is_opaque(total, count):  # type: ignore[no-untyped-def]
-    """Whether nothing behind these pixels can be seen."""
+    """Return whether all pixels are opaque."""
     for i in range(count):  # noqa: SIM110, compiled
         if alpha(total, i) != 1:
             return False

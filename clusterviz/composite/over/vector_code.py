@@ -1,11 +1,10 @@
-"""LLVM code for pixels in vectors: loading any type as floats, one layer behind what lies in front, storing.
+"""LLVM code for vectors of pixels: loading any type as floats, the over operator, depth comparison, storing.
 
-numba's own loops stay scalar here (floats) or take twice as long as memory does (bytes). Each function below emits code
-for some pixels, four floats each; LLVM splits the vectors for processors with narrower registers. No address need be
-aligned. Products and sums are rounded one by one, never fused: NumPy does the same, and so does every processor.
+numba does not vectorize these loops for floats, and for bytes takes twice as long as the memory transfer. Each function
+emits code for several pixels of four floats; LLVM splits the vectors for CPUs with narrower registers. Addresses need
+not be aligned. Products and sums are rounded separately, never fused, as in NumPy and the same on every CPU.
 
-float16 is converted by the processor where it can, and else taken apart and put together with integers [1]_; both round
-to the nearest, ties to even.
+float16 is converted by the CPU if it can, else by integer arithmetic [1]_; both round to nearest, ties to even.
 
 References
 ----------
@@ -21,14 +20,14 @@ import llvmlite.binding as llvm  # type: ignore[import-untyped]
 from llvmlite import ir
 from numba.core import cgutils
 
-from clusterviz.composite.over.job_layout import BYTE, FLOAT, HALF
+from clusterviz.composite.over.job import BYTE, FLOAT, HALF
 
 CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
 
-# numba's own building blocks carry no types.
+# numba's functions have no type annotations.
 _function: Callable[..., Any] = cgutils.get_or_insert_function
 
-# Without it LLVM calls a function of the compiler's own library, which is not there.
+# Without f16c LLVM calls a function of the compiler's runtime library, which is not linked.
 HALVES_IN_HARDWARE = bool(llvm.get_host_cpu_features().get("f16c"))
 
 _HALF = ir.HalfType()
@@ -36,42 +35,42 @@ _FLOAT, _I8, _I16, _I32, _I64 = ir.FloatType(), ir.IntType(8), ir.IntType(16), i
 
 
 def splat(element: Any, value: float, lanes: int) -> Any:
-    """A constant vector of equal lanes."""
+    """Return a constant vector of equal lanes."""
     return ir.Constant(ir.VectorType(element, lanes), [value] * lanes)
 
 
-def place(builder: Any, address: Any, element: Any, lanes: int) -> Any:
-    """The pointer to a vector at an address."""
+def pointer_to(builder: Any, address: Any, element: Any, lanes: int) -> Any:
+    """Return the pointer to a vector at an address."""
     return builder.inttoptr(address, ir.VectorType(element, lanes).as_pointer())
 
 
 def offset(builder: Any, kind: int, address: Any, pixels: int) -> Any:
-    """The address so many pixels further on."""
+    """Return the address `pixels` pixels further on."""
     return builder.add(address, ir.Constant(_I64, 4 * CHANNEL_BYTES[kind] * pixels)) if pixels else address
 
 
 def load(builder: Any, kind: int, address: Any, pixels: int) -> Any:
-    """Pixels at an address as floats, bytes and halves as multiples of one: float (4·pixels)."""
+    """Load pixels at an address as floats with full scale 1: float (4·pixels)."""
     lanes = 4 * pixels
     floats = ir.VectorType(_FLOAT, lanes)
     if kind == FLOAT:
-        return builder.load(place(builder, address, _FLOAT, lanes), align=1)
+        return builder.load(pointer_to(builder, address, _FLOAT, lanes), align=1)
     if kind == BYTE:
-        levels = builder.load(place(builder, address, _I8, lanes), align=1)
+        levels = builder.load(pointer_to(builder, address, _I8, lanes), align=1)
         levels = builder.zext(levels, ir.VectorType(_I32, lanes))
         # The product with 1/255 is at most one unit in the last place off, and exact for 0 and 255.
         return builder.fmul(builder.sitofp(levels, floats), splat(_FLOAT, 1 / 255, lanes))
     if HALVES_IN_HARDWARE:
-        return builder.fpext(builder.load(place(builder, address, _HALF, lanes), align=1), floats)
-    words = builder.load(place(builder, address, _I16, lanes), align=1)
+        return builder.fpext(builder.load(pointer_to(builder, address, _HALF, lanes), align=1), floats)
+    words = builder.load(pointer_to(builder, address, _I16, lanes), align=1)
     return _float_of_half(builder, builder.zext(words, ir.VectorType(_I32, lanes)), lanes)
 
 
 def store(builder: Any, kind: int, address: Any, floats: Any) -> None:
-    """Floats as pixels at an address, rounded to nearest; bytes are cut to 0…255."""
+    """Store floats as pixels at an address, rounded to nearest; bytes are clamped to 0…255."""
     lanes = floats.type.count
     if kind == FLOAT:
-        builder.store(floats, place(builder, address, _FLOAT, lanes), align=1)
+        builder.store(floats, pointer_to(builder, address, _FLOAT, lanes), align=1)
     elif kind == BYTE:
         zero, top, half = (splat(_FLOAT, value, lanes) for value in (0.0, 255.5, 0.5))
         levels = builder.fadd(builder.fmul(floats, splat(_FLOAT, 255.0, lanes)), half)
@@ -79,17 +78,17 @@ def store(builder: Any, kind: int, address: Any, floats: Any) -> None:
         levels = builder.select(builder.fcmp_ordered("<", levels, top), levels, top)
         levels = builder.fptosi(levels, ir.VectorType(_I32, lanes))
         levels = builder.trunc(levels, ir.VectorType(_I8, lanes))
-        builder.store(levels, place(builder, address, _I8, lanes), align=1)
+        builder.store(levels, pointer_to(builder, address, _I8, lanes), align=1)
     elif HALVES_IN_HARDWARE:
         halves = builder.fptrunc(floats, ir.VectorType(_HALF, lanes))
-        builder.store(halves, place(builder, address, _HALF, lanes), align=1)
+        builder.store(halves, pointer_to(builder, address, _HALF, lanes), align=1)
     else:
         words = builder.trunc(_half_of_float(builder, floats), ir.VectorType(_I16, lanes))
-        builder.store(words, place(builder, address, _I16, lanes), align=1)
+        builder.store(words, pointer_to(builder, address, _I16, lanes), align=1)
 
 
 def over(builder: Any, front: Any, back: Any) -> Any:
-    """Floats of front + (1 − its alpha) · back."""
+    """Return front + (1 − its alpha) · back, in floats."""
     lanes = front.type.count
     alphas = ir.Constant(ir.VectorType(_I32, lanes), [lane // 4 * 4 + 3 for lane in range(lanes)])
     alpha = builder.shuffle_vector(front, front, alphas)
@@ -98,11 +97,11 @@ def over(builder: Any, front: Any, back: Any) -> Any:
 
 
 def over_bytes(builder: Any, front: Any, back: Any) -> Any:
-    """Bytes of front over back, (4·pixels) uint8, rounded to nearest.
+    """Return front over back for bytes, (4·pixels) uint8, rounded to nearest.
 
-    A product of two bytes is at most 65,025, and its division by 255 rounded to nearest is
-    (x + 128 + ((x + 128) >> 8)) >> 8, all within 16 bits, so even and odd bytes are taken apart into 16-bit lanes. The
-    sum is cut to 255: premultiplied pixels never exceed it, but a colour rounded up past its alpha may, by one.
+    A product of two bytes is at most 65,025. Its division by 255 rounded to nearest, (x + 128 + ((x + 128) >> 8)) >> 8,
+    needs 16 bits, so even and odd bytes are computed in 16-bit lanes. The sum saturates at 255: a colour that was
+    rounded up past its alpha may exceed it by one.
     """
     bytes_ = front.type.count
     words = ir.VectorType(_I16, bytes_ // 2)
@@ -126,7 +125,7 @@ def over_bytes(builder: Any, front: Any, back: Any) -> Any:
 
 
 def nearer(builder: Any, depths: tuple[Any, Any], or_equal: Any, words: int) -> Any:
-    """Whether the second depth of each pixel is less than the first, once for each 32-bit word of its colour."""
+    """Return whether the second depth of each pixel is less than the first, for each 32-bit word of its colour."""
     pixels = depths[0].type.count
     lanes = ir.Constant(ir.VectorType(_I32, pixels * words), [lane // words for lane in range(pixels * words)])
     there, here = (builder.shuffle_vector(depth, depth, lanes) for depth in depths)
@@ -135,15 +134,15 @@ def nearer(builder: Any, depths: tuple[Any, Any], or_equal: Any, words: int) -> 
 
 
 def any_set(builder: Any, address: Any, bytes_: int) -> Any:
-    """Whether any bit is set in so many bytes."""
-    seen = builder.load(place(builder, address, _I8, bytes_), align=1)
+    """Return whether any bit is set in `bytes_` bytes."""
+    seen = builder.load(pointer_to(builder, address, _I8, bytes_), align=1)
     differ = builder.icmp_unsigned("!=", seen, splat(_I8, 0, bytes_))
     mask = builder.bitcast(differ, ir.IntType(bytes_))
     return builder.icmp_unsigned("!=", mask, ir.Constant(ir.IntType(bytes_), 0))
 
 
 def _float_of_half(builder: Any, words: Any, lanes: int) -> Any:
-    """Halves in the low bits of 32-bit lanes, as floats."""
+    """Convert half floats in the low bits of 32-bit lanes to floats."""
     wide = ir.VectorType(_FLOAT, lanes)
     size = builder.shl(builder.and_(words, splat(_I32, 0x7FFF, lanes)), splat(_I32, 13, lanes))
     sign = builder.shl(builder.and_(words, splat(_I32, 0x8000, lanes)), splat(_I32, 16, lanes))
@@ -156,7 +155,7 @@ def _float_of_half(builder: Any, words: Any, lanes: int) -> Any:
 
 
 def _half_of_float(builder: Any, floats: Any) -> Any:
-    """Floats as halves in the low bits of 32-bit lanes, rounded to the nearest, ties to even."""
+    """Convert floats to half floats in the low bits of 32-bit lanes, rounded to nearest, ties to even."""
     lanes = floats.type.count
     words = ir.VectorType(_I32, lanes)
     bits = builder.bitcast(floats, words)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import cast
 
-from clusterviz.composite.patch import Patch, unite
+from clusterviz.composite.fragment import Patch, unite
 from clusterviz.composite.schedules import (
     binary_swap,
     binary_swap_remainder,
@@ -20,7 +20,7 @@ from clusterviz.composite.schedules import (
     slic,
     swap_2_3,
 )
-from clusterviz.composite.schedules.schedule import Algorithm, AlgorithmOfManyImages, Schedule
+from clusterviz.composite.schedules.schedule import Algorithm, MultiImageAlgorithm, Schedule
 from clusterviz.errors import InputError
 
 _MODULES = {
@@ -77,5 +77,5 @@ def make_schedule(name: str, ranks: int, pixels: int, patches: Sequence[Patch], 
         owners = range(ranks)
     if len(patches) == ranks and list(owners) == list(range(ranks)):
         return ALGORITHMS[name](ranks, pixels, patches)
-    several = cast(AlgorithmOfManyImages, ALGORITHMS[name])
+    several = cast(MultiImageAlgorithm, ALGORITHMS[name])
     return several(ranks, pixels, patches, owners_of=owners)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import radix_k
 from clusterviz.composite.schedules.schedule import Schedule
 

@@ -21,7 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.binary_swap import parts, swap
 from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.schedule import Schedule, Stage
 
 SEVERAL_IMAGES = False

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
 from clusterviz.errors import InputError
 

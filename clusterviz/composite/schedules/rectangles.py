@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.schedule import Indices
 
 

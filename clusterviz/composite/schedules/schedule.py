@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 
 Indices = NDArray[np.int64]
 
@@ -153,7 +153,7 @@ class Schedule:
 Algorithm = Callable[[int, int, Sequence[Patch]], Schedule]
 
 
-class AlgorithmOfManyImages(Protocol):
+class MultiImageAlgorithm(Protocol):
     """An algorithm whose module says SEVERAL_IMAGES = True: ranks may have several images, anywhere in depth.
 
     There is one footprint for each image, and `owners_of` tells the position of its rank; None: position k has image k.

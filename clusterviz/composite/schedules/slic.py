@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage
 
@@ -63,7 +63,7 @@ def schedule(
     owners_of : the rank of each image, where ranks have several; by default, rank k has image k
     """
     known = Rectangles.of_patches(footprints) if footprints else _lines(ranks, pixels)
-    table, rows = deal(ranks, known, owners_of)
+    table, rows = assign_blocks(ranks, known, owners_of)
     if len(table) == 0:
         return Schedule(ranks, pixels, ())
     # Each block is its first row, and the same again a canvas width further on for each of the others.
@@ -75,7 +75,9 @@ def schedule(
     return Schedule(ranks, pixels, (Stage.of_table(table),))
 
 
-def deal(ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = None) -> tuple[Indices, Indices]:
+def assign_blocks(
+    ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = None
+) -> tuple[Indices, Indices]:
     """Who gets which blocks from whom.
 
     Returns
@@ -92,7 +94,7 @@ def deal(ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = N
     blocks = np.minimum(share, length)
     cell, block = _ranges(np.zeros_like(blocks), blocks)
     begin, end = (number * length[cell] // blocks[cell] for number in (block, block + 1))
-    target = _fill(ranks, cells, blocks, np.argsort(-merges * length, kind="stable"), (end - begin) * merges[cell])
+    target = _assign(ranks, cells, blocks, np.argsort(-merges * length, kind="stable"), (end - begin) * merges[cell])
     # Each block comes from every member of its cell but the one that gets it.
     pair, member = _ranges(cells.first[cell], cells.first[cell + 1])
     kept = cells.members[member] != target[pair]
@@ -103,7 +105,7 @@ def deal(ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = N
     return table, np.where(wide[cell], 1, end - begin)[pair]
 
 
-def _fill(ranks: int, cells: Cells, blocks: Indices, order: Indices, merges: Indices) -> Indices:
+def _assign(ranks: int, cells: Cells, blocks: Indices, order: Indices, merges: Indices) -> Indices:
     """Who gets each block: in turn, the contributor with the least work so far; `merges` is the work of each block."""
     load, target = [0] * ranks, [0] * len(merges)
     first, members, work = cells.first.tolist(), cells.members.tolist(), merges.tolist()

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage
 
 SEVERAL_IMAGES = False
@@ -33,7 +33,7 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Sched
     begin, end = np.zeros(ranks, np.int64), np.full(ranks, pixels, np.int64)
     stages = []
     for parents, children in zip(levels[-2::-1], levels[:0:-1], strict=True):
-        owners = _deal(owners, parents, children)
+        owners = _assign_pieces(owners, parents, children)
         new_begin, new_end = _regions(owners, parents, pixels)
         stages.append(_stage(owners, parents, (begin, end), (new_begin, new_end), pixels))
         begin, end = new_begin, new_end
@@ -56,7 +56,7 @@ def _levels(ranks: int) -> list[list[int]]:
     return levels
 
 
-def _deal(owners: Indices, parents: list[int], children: list[int]) -> Indices:
+def _assign_pieces(owners: Indices, parents: list[int], children: list[int]) -> Indices:
     """Owners of the pieces of each parent in turn: dealt from its children round-robin, larger children first.
 
     `owners` and the result hold the ranks of one node after those of another; position i in a node owns piece i.

@@ -1,6 +1,7 @@
-"""Loads of algorithms with n² transfers, computed without their schedules: 65,536 ranks make 4·10⁹ of them.
+"""Closed-form loads of algorithms whose schedules are too large to count.
 
-Each of these equals the count of the schedule itself for small numbers of ranks, which the tests check.
+Direct send and the parallel pipeline have n² transfers: 4·10⁹ of them for 65,536 ranks. For small numbers of ranks the
+tests compare each closed form with the count of the schedule, dense or sparse.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from clusterviz.composite.schedules.direct_send import choose_pieces
-from clusterviz.composite.schedules.load import Load
+from clusterviz.composite.schedules.load import Load, sum_by
+from clusterviz.composite.schedules.pipeline import automatic_batches
+from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import Indices, borders
 
 
@@ -47,3 +50,105 @@ def _passing(own: Indices) -> Indices:
     before = np.concatenate([[0], np.cumsum(own)])
     passing = before[-1] - before[np.minimum(position + 2, ranks)] + before[np.maximum(position - 1, 0)]
     return np.asarray(passing + own * ((position > 0).astype(np.int64) + (position < ranks - 1)), np.int64)
+
+
+ROWS_AT_ONCE = 4096
+
+
+def direct_send_sparse(footprints: Rectangles, owners: int | None = None, bands: int | None = None) -> Load:
+    """Row by row of each footprint: which pieces it touches, and how much of each."""
+    ranks, pixels = len(footprints), footprints.canvas_pixels
+    owner, cuts = choose_pieces(ranks, pixels, footprints, owners, bands)
+    owner, cuts = owner[np.diff(cuts) > 0], np.unique(cuts)
+    sent, received = np.zeros(ranks, np.int64), np.zeros(ranks, np.int64)
+    total = np.zeros(len(cuts), np.int64)
+    for first in range(0, ranks, ROWS_AT_ONCE):
+        rank, begin, end = footprints.rows(first, min(first + ROWS_AT_ONCE, ranks))
+        pairs = np.unique(_touched(rank, begin, end, cuts, owner, ranks))
+        sent += sum_by(ranks, pairs // ranks)
+        received += sum_by(ranks, pairs % ranks)
+        total += _before(begin, cuts) - _before(end, cuts)
+    own = sum_by(ranks, owner, footprints.take(owner).cut(cuts[:-1], cuts[1:]).count())
+    sent, received = sent - (own > 0), received - (own > 0)
+    return Load(
+        int(sent.any()), sent, received, footprints.count() - own, sum_by(ranks, owner, np.diff(total)) - own
+    )  # fmt: skip
+
+
+def _touched(rank: Indices, begin: Indices, end: Indices, cuts: Indices, owner: Indices, ranks: int) -> Indices:
+    """A number for each rank and owner of which a row of the one's image lies in a piece of the other."""
+    first, last = cuts.searchsorted(begin, "right") - 1, cuts.searchsorted(end - 1, "right") - 1
+    # A piece that reaches from one row into the next was found before.
+    again = (np.diff(rank, prepend=-1) == 0) & (first == np.concatenate([[-1], last[:-1]]))
+    first += again
+    count = last - first + 1
+    piece = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - first, count)
+    return np.asarray(np.repeat(rank, count) * ranks + owner[piece], np.int64)
+
+
+def _before(numbers: Indices, cuts: Indices) -> Indices:
+    """For each cut, the sum of its distances from all smaller numbers."""
+    numbers = np.sort(numbers)
+    sums = np.concatenate([[0], np.cumsum(numbers)])
+    index = np.searchsorted(numbers, cuts)
+    return np.asarray(index * cuts - sums[index], np.int64)
+
+
+def pipeline_sparse(footprints: Rectangles, batches: int | None = None) -> Load:
+    """A batch grows on its way to the front: it has the bounding rectangle of all images behind that touch it."""
+    ranks, pixels = len(footprints), footprints.canvas_pixels
+    batches = automatic_batches(pixels) if batches is None else batches
+    cuts, sources = borders(batches, pixels), np.arange(ranks - 1, 0, -1)
+    messages, moved = np.zeros(ranks, np.int64), np.zeros(ranks, np.int64)
+    busy = np.zeros(ranks + batches, bool)
+    for batch in range(batches):
+        size = _growing(footprints, sources, cuts[batch], cuts[batch + 1])
+        messages[sources] += size > 0
+        moved[sources] += size
+        busy[batch : batch + len(size)] |= size > 0
+    return Load(int(busy.sum()), messages, np.roll(messages, -1), moved, np.roll(moved, -1))
+
+
+def parallel_pipeline_sparse(footprints: Rectangles) -> Load:
+    """A piece grows outwards from its owner on both sides, and jumps back to it from either end of the line.
+
+    It grows only at images that touch it, and stays as it is between them: what each rank sends is a sum of steps, one
+    for each such image, towards the front and towards the back.
+    """
+    ranks = len(footprints)
+    cuts = borders(ranks, footprints.canvas_pixels)
+    start = footprints.y_begin * footprints.width + footprints.x_begin
+    stop = (footprints.y_end - 1) * footprints.width + footprints.x_end
+    # Rows: messages, pixels. Columns: ranks.
+    front, behind, own = (np.zeros((2, ranks), np.int64) for _ in range(3))
+    busy = np.zeros(ranks + 1, np.int64)
+    for piece in np.flatnonzero(np.diff(cuts)).tolist():
+        begin, end = cuts[piece], cuts[piece + 1]
+        near = np.flatnonzero((start < end) & (stop > begin))
+        before, after = near.searchsorted([piece, piece + 1])
+        for sources, steps, last in ((near[:before][::-1], front, 0), (near[after:], behind, ranks - 1)):
+            size = _growing(footprints, sources, begin, end)
+            sources, size = sources[size > 0], size[size > 0]
+            if len(size):
+                steps[0, sources[0]] += 1
+                steps[1, sources] += np.diff(size, prepend=0)
+                own[:, piece] += 1, size[-1]
+                busy[abs(sources[0] - piece) - 1] += 1
+                busy[abs(last - piece)] -= 1
+    front, behind = front[:, ::-1].cumsum(axis=1)[:, ::-1], behind.cumsum(axis=1)
+    own[:, :-1] += front[:, 1:]
+    own[:, 1:] += behind[:, :-1]
+    sent = front + behind
+    return Load(int((busy.cumsum() > 0).sum()), sent[0], own[0], sent[1], own[1])
+
+
+def _growing(footprints: Rectangles, order: Indices, begin: int, end: int) -> Indices:
+    """Pixels of [begin, end) in the bounding rectangle of the first image, of the first two, and so on."""
+    part = footprints.take(order)
+    part = part.cut(np.full(len(order), begin), np.full(len(order), end))
+    far, empty = np.iinfo(np.int64).max, part.x_end == 0
+    x_begin, y_begin = (np.minimum.accumulate(np.where(empty, far, side)) for side in (part.x_begin, part.y_begin))
+    x_end, y_end = np.maximum.accumulate(part.x_end), np.maximum.accumulate(part.y_end)
+    # What is empty so far lies nowhere.
+    x_begin, y_begin = np.minimum(x_begin, x_end), np.minimum(y_begin, y_end)
+    return Rectangles(part.width, part.height, part.begin, part.end, x_begin, y_begin, x_end, y_end).count()

@@ -14,21 +14,22 @@ from functools import partial
 
 import numpy as np
 
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.model.network import Network
-from clusterviz.composite.patch import Patch
 from clusterviz.composite.schedules import direct_send, pipeline, radix_k, slic
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, candidates, check_algorithm
 from clusterviz.composite.schedules.load import Load, count_dense, count_transfers
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import Algorithm, Schedule
-from clusterviz.composite.simulation.closed_forms import direct_send_dense, parallel_pipeline_dense
-from clusterviz.composite.simulation.closed_forms_sparse import (
+from clusterviz.composite.simulation.closed_forms import (
+    direct_send_dense,
     direct_send_sparse,
+    parallel_pipeline_dense,
     parallel_pipeline_sparse,
     pipeline_sparse,
 )
 from clusterviz.composite.simulation.cubes import cube_footprints
-from clusterviz.composite.simulation.flow import count_sparse
+from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 
@@ -189,7 +190,7 @@ def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[
         return parallel_pipeline_sparse(footprints), "closed form"
     if name == "slic":
         # What SLIC sends is covered by its sender, so all of it travels.
-        table, rows = slic.deal(ranks, footprints)
+        table, rows = slic.assign_blocks(ranks, footprints)
         moved = rows * (table[:, 3] - table[:, 2])
         return count_transfers(ranks, np.zeros_like(rows), table[:, 0], table[:, 1], moved), "schedule"
     schedule = options.algorithm(name)(ranks, footprints.canvas_pixels, ())

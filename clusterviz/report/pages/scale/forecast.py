@@ -21,10 +21,10 @@ from statistics import median
 import numpy as np
 
 from clusterviz.composite.model.choice import HANDICAPS
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.fitting import fit_line
-from clusterviz.composite.model.moves import Scene as Images
 from clusterviz.composite.model.network import Network
-from clusterviz.composite.model.prediction import Places, predict
+from clusterviz.composite.model.prediction import Placement, predict
 from clusterviz.composite.schedules.algorithms import candidates
 from clusterviz.report.pages.scale.points import STRONG, Point
 from clusterviz.scene import Cluster
@@ -56,7 +56,7 @@ class Rates:
     readback_seconds_per_pixel: float
     samples: dict[int, float]
     imbalance: float
-    images: Images
+    images: ImageStatistics
     crowded: bool
 
 
@@ -143,7 +143,7 @@ def _expect(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, ranks:
     return Expected(ranks, draw + readback, seconds, algorithm, transport)
 
 
-def _images(measured: Images, ranks: int) -> Images:
+def _images(measured: ImageStatistics, ranks: int) -> ImageStatistics:
     """What so many ranks would composite; no image is smaller than a pixel."""
     before = max(measured.images, 1)
     shrunk = min(1.0, measured.cover * (before / ranks) ** SHRINKS) if ranks > 1 else 1.0
@@ -152,13 +152,13 @@ def _images(measured: Images, ranks: int) -> Images:
     return replace(measured, images=ranks, cover=cover, largest=max(cover, largest))
 
 
-def _compositing(images: Images, machine: Machine, cluster: Cluster, ranks: int) -> tuple[float, str, str]:
+def _compositing(images: ImageStatistics, machine: Machine, cluster: Cluster, ranks: int) -> tuple[float, str, str]:
     """The fastest of what the scene allows, as `auto` would choose."""
     if ranks == 1:
         return machine.network(1).frame_seconds, "none", "none"
     nodes = math.ceil(ranks / machine.ranks_per_node)
     each = min(ranks, machine.ranks_per_node)
-    places = Places(nodes, each, nodes, each, ranks - (nodes - 1) * each, each, False)
+    places = Placement(nodes, each, nodes, each, ranks - (nodes - 1) * each, each, False)
     network = machine.network(ranks)
     ways = [
         (predict(algorithm, transport, images, places, network), algorithm, transport)

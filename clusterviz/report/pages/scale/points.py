@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from statistics import median
 from typing import Any
 
-from clusterviz.composite.model.moves import Scene as Images
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.image.compare import Difference
 from clusterviz.image.region import Rect
 from clusterviz.report.pages.scale.measure import Measured, Seat
@@ -76,7 +76,7 @@ class Point:
     bricks: tuple[int, ...]
     voxel_bytes: tuple[int, ...]
     peak_memory_bytes: tuple[int, ...]
-    images: Images
+    images: ImageStatistics
     readback_seconds_per_pixel: float
     renderer: str
     software: bool
@@ -175,14 +175,14 @@ def _of_ranks(measured: Measured, stage: str, reduce: Callable[[list[float]], fl
     return [reduce([rank.seconds[stage] for rank in frame]) for frame in measured.frames]
 
 
-def _images(measured: Measured, rects: Sequence[Rect]) -> Images:
+def _images(measured: Measured, rects: Sequence[Rect]) -> ImageStatistics:
     drawn = [rect.pixels for rect in rects if rect.pixels]
     pixels = canvas_of(rects).pixels
     if not drawn:
-        return Images(0, 0, 1.0, 1.0, measured.bytes_per_pixel, True)
+        return ImageStatistics(0, 0, 1.0, 1.0, measured.bytes_per_pixel, True)
     front = next(rank for rank in measured.order if rects[rank].pixels)
     cover = sum(drawn) / len(drawn) / pixels
-    return Images(len(drawn), pixels, cover, max(drawn) / pixels, measured.bytes_per_pixel, front == 0)
+    return ImageStatistics(len(drawn), pixels, cover, max(drawn) / pixels, measured.bytes_per_pixel, front == 0)
 
 
 def as_json(point: Point) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 
-from clusterviz.composite.patch import Patch
+from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.algorithms import make_schedule
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.simulation.flow import count_sparse
 from clusterviz.composite.simulation.simulate import Options, count_load
+from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.image.region import EMPTY, Rect
 from clusterviz.report.pages.scale.measure import Measured
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.composite.model.moves import Scene as Images
+from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import open_network
 from clusterviz.image.compare import compare
 from clusterviz.report.pages.scale.forecast import (
@@ -27,7 +27,7 @@ from clusterviz.report.pages.scale.verdict import verdict
 from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Cluster
 
-IMAGES = Images(4, 10**6, 0.4, 0.5, 16, True)
+IMAGES = ImageStatistics(4, 10**6, 0.4, 0.5, 16, True)
 NETWORK = open_network("infiniband-200g")
 MACHINE = Machine(NETWORK, NETWORK, 8)
 BLACK = np.zeros((2, 2, 4), np.float32)

@@ -1,7 +1,7 @@
-"""Words and bytes at addresses, as functions of int64 for numba.
+"""Functions of int64 addresses for numba: loads, stores, and other LLVM code.
 
-Kernels take addresses instead of arrays: one signature then serves all types, shapes and read-only arrays, and what is
-not checked in Python is checked in the job (`job.py`). No function here raises, so none needs Python.
+Kernels take addresses instead of arrays, so that one signature serves all types, shapes and read-only arrays. Arrays
+are checked in Python (`job.py`). No function here raises, so none needs Python.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from numba.extending import intrinsic
 
 from clusterviz.composite.over import vector_code
 
-# numba's own building blocks carry no types.
+# numba's functions have no type annotations.
 _on_stack: Callable[..., Any] = cgutils.alloca_once
 
 _BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """A part of a kernel; divisions by zero do not raise."""
+    """Compile a part of a kernel; divisions by zero do not raise."""
     return numba.njit(error_model="numpy")(function)
 
 
-def instruction(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
-    """A function of so many int64 for numba, from what emits its code: `emit(builder, *numbers)`."""
+def define_intrinsic(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
+    """Return a numba function of `numbers` int64 arguments whose LLVM code `emit(builder, *arguments)` writes."""
 
     def define(given: tuple[Any, ...]) -> Any:
         def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
@@ -37,7 +37,7 @@ def instruction(numbers: int, emit: Callable[..., Any], result: Any = types.void
 
         return result(*(types.int64 for _ in given)), generate
 
-    # numba reads how many arguments there are off the function.
+    # numba takes the number of arguments from the function's signature.
     by_count = (
         lambda context: define(()),
         lambda context, a: define((a,)),
@@ -82,25 +82,25 @@ def _move(builder: Any, target: Any, source: Any, bytes_: Any) -> None:
 
 
 # word(address, index), number(address, index): the int64 or int32 at an index of a table.
-word = instruction(2, lambda b, address, index: b.load(_pointer(b, address, index, _WORD)), types.int64)
-number = instruction(2, _load_int, types.int64)
+word = define_intrinsic(2, lambda b, address, index: b.load(_pointer(b, address, index, _WORD)), types.int64)
+number = define_intrinsic(2, _load_int, types.int64)
 # set_word(address, index, value), set_number(address, index, value)
-set_word = instruction(3, lambda b, address, index, value: b.store(value, _pointer(b, address, index, _WORD)))
-set_number = instruction(3, _store_int)
-# alpha(address, pixel): of a float pixel.
-alpha = instruction(2, _load_alpha, types.float32)
+set_word = define_intrinsic(3, lambda b, address, index, value: b.store(value, _pointer(b, address, index, _WORD)))
+set_number = define_intrinsic(3, _store_int)
+# alpha(address, pixel): the alpha of a float pixel.
+alpha = define_intrinsic(2, _load_alpha, types.float32)
 # any_set(address): whether any bit of 64 bytes is set.
-any_set = instruction(1, lambda b, address: vector_code.any_set(b, address, 64), types.boolean)
+any_set = define_intrinsic(1, lambda b, address: vector_code.any_set(b, address, 64), types.boolean)
 # clear(address, bytes), copy(target, source, bytes)
-clear = instruction(2, _fill)
-copy = instruction(3, _move)
+clear = define_intrinsic(2, _fill)
+copy = define_intrinsic(3, _move)
 
 
 def scratch(bytes_: int) -> Any:
-    """A function that returns the address of so many bytes on the stack of its caller."""
+    """Return a function that returns the address of `bytes_` bytes on the stack of its caller."""
 
     def emit(builder: Any) -> Any:
         lines = ir.ArrayType(ir.VectorType(ir.FloatType(), 16), bytes_ // 64)
         return builder.ptrtoint(_on_stack(builder, lines), _WORD)
 
-    return instruction(0, emit, types.int64)
+    return define_intrinsic(0, emit, types.int64)
