@@ -69,7 +69,7 @@ def place_images(
         memory.grow(images)
     members = memory.window.members
     most = max((image.image + 1 for image in footprints.layers if image.rank in members), default=1)
-    rows = np.zeros(-(-most // MAX_NUMBERS) * MOST_NUMBERS, np.int64)
+    rows = np.zeros(-(-most // MAX_NUMBERS) * MAX_NUMBERS, np.int64)
     rows[: len(offsets)] = offsets
     gathered = np.concatenate([memory.exchange(part) for part in rows.reshape(-1, MAX_NUMBERS)], axis=1)
     here = {rank: gathered[index].tolist() for index, rank in enumerate(members)}

@@ -1,8 +1,8 @@
-"""The time model: what a composition should take, and what to choose by it.
+"""Time model of compositing, and the automatic choice of algorithm and transport.
 
-- network.py     the constants, and the files that hold them (networks/)
-- fitting.py     from measured times to constants
-- moves.py       what each algorithm moves, in short
-- prediction.py  how long it should take
-- choice.py      what "auto" means
+- network.py        constants of the model, and the files that hold them (networks/)
+- fitting.py        fit of the constants to measured times
+- communication.py  communication cost of each algorithm in closed form
+- prediction.py     predicted time
+- choice.py         automatic choice
 """

@@ -1,6 +1,6 @@
-"""What `auto` means: the algorithm and the transport with the shortest predicted time, the same on every rank.
+"""Automatic choice of the algorithm and the transport with the shortest predicted time, the same on every rank.
 
-Only numbers that every rank has go in (the footprints, the nodes, the network file of the root), so nobody has to ask.
+It depends only on values that every rank has: the footprints, the nodes, and the network file of the root.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES, candidates
 from clusterviz.errors import InputError
 
 TRANSPORTS = ("messages", "shared", "hierarchical", "auto")
-# A tree leaves most of its work to one rank, which nothing helps when it is disturbed; it has to win clearly.
+# A tree gives most of its work to one rank, so a disturbance of that rank is not hidden; it has to win clearly.
 HANDICAPS = {"tree": 1.5}
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asked for: names, each of which may be "auto"."""
+    """Requested names, each of which may be "auto"."""
 
     algorithm: str
     transport: str
@@ -33,13 +33,13 @@ class Request:
 
 @dataclass(frozen=True)
 class Choice:
-    """What runs.
+    """Chosen algorithm and transport.
 
     Attributes
     ----------
     algorithm, transport : never "auto"; the shared transport always is direct send, in place
-    codec : as wanted; "auto" is decided for each message
-    seconds_predicted : until the picture is whole on rank 0, all pixels sent raw
+    codec : as requested; "auto" is decided for each message
+    seconds_predicted : time until the picture is complete on rank 0, with raw pixels
     """
 
     algorithm: str
@@ -57,18 +57,18 @@ def choose(
     interleaved: bool = False,
     memory_shared: bool = True,
 ) -> Choice:
-    """The fastest of what is possible and wanted; pure, so the same on every rank that gives the same.
+    """Return the fastest choice that is possible and requested; a pure function of its arguments.
 
     Parameters
     ----------
-    nodes : the channel's ranks on each node
-    several : whether images of other ranks lie between those of a rank
-    window_possible : whether the ranks of a node can share memory
+    nodes : ranks of the channel on each node
+    interleaved : whether images of other ranks lie between those of a rank
+    memory_shared : whether the ranks of a node can share memory
 
     Raises
     ------
     InputError
-        Unknown names, or a combination that cannot be.
+        Unknown names, or an impossible combination.
     """
     where = nodes if isinstance(nodes, tuple) else tuple(tuple(ranks) for ranks in nodes)
     placement = place_ranks([layer.rank for layer in footprints.layers], where)
@@ -76,7 +76,7 @@ def choose(
 
 
 def _summary(footprints: Footprints) -> ImageStatistics:
-    """The footprints in few numbers."""
+    """Return the statistics of the footprints."""
     layers, size = footprints.layers, 4 * footprints.dtype.itemsize
     if not layers:
         return ImageStatistics(0, 0, 1.0, 1.0, size, True)
@@ -95,7 +95,7 @@ def fastest(
     memory_shared: bool,
     network: Network,
 ) -> Choice:
-    """The first of the fastest candidates, where a tree has a handicap."""
+    """Return the fastest candidate; a tree has a handicap."""
     found = []
     for transport in _transports(request, placement, memory_shared):
         across = transport == "hierarchical"
@@ -108,12 +108,12 @@ def fastest(
 
 
 def _transports(request: Request, placement: Placement, memory_shared: bool) -> list[str]:
-    """Of the transports that are possible, those that are wanted."""
+    """Return the transports that are possible and requested."""
     if request.transport not in TRANSPORTS:
         allowed = ", ".join(TRANSPORTS)
         raise InputError("unknown transport", where="cluster.transport", found=request.transport, allowed=allowed)
     if placement.most == 1:
-        # Ranks that share no node have nothing else, unless all of them are asked for what none can have.
+        # Ranks that share no node only have messages; a request for hierarchical, or for shared on one node, is met so.
         possible = ["messages"]
         alone = request.transport == "hierarchical" or (request.transport == "shared" and placement.all_nodes == 1)
         return possible if request.transport in ("messages", "auto") or alone else _refuse(request, possible)
@@ -122,7 +122,7 @@ def _transports(request: Request, placement: Placement, memory_shared: bool) -> 
         possible.insert(0, "shared")
     if request.transport != "auto":
         return [request.transport] if request.transport in possible else _refuse(request, possible)
-    # Who names an algorithm wants to see it run, and on one node only messages do that.
+    # A named algorithm has to run, and on one node only messages run it.
     left_out = {"hierarchical"} if placement.all_nodes == 1 else set()
     left_out |= {"shared"} if request.algorithm != "auto" else set()
     return [name for name in possible if name not in left_out]
@@ -134,9 +134,9 @@ def _refuse(request: Request, possible: list[str]) -> NoReturn:
 
 
 def _algorithms(request: str, ranks: int, interleaved: bool) -> list[str]:
-    """The algorithms to choose from: the one that is wanted, or those that are the fastest somewhere.
+    """Return the candidates: the requested algorithm, or those that are the fastest for some scenes.
 
-    Where images of other ranks lie between those of a rank, direct send does what most others cannot.
+    Most algorithms cannot handle images of other ranks between those of a rank; direct send then replaces them.
     """
     if request != "auto":
         check_algorithm(request)

@@ -1,9 +1,9 @@
-"""What each algorithm moves, in closed form: a frame has no time to follow every message of every algorithm.
+"""Communication cost of each algorithm in closed form, cheap enough to be evaluated in every frame.
 
-A few numbers stand for the footprints: how many images, and how much of the canvas each covers. Neighbours in depth are
-taken to lie close: a share c of the canvas covered by one of n images grows to c^(1 − log k / log n) for the bounding
-rectangle of k of them, which is 1 for all n, and c·k^(2/3) for bricks of a cube. The tests hold these forms against
-counts of the schedules.
+The footprints are summarized by the number of images and the fraction of the canvas that each covers. Neighbours in
+depth are assumed to be close: if one of n images covers a fraction c of the canvas, the bounding rectangle of k of them
+covers c^(1 − log k / log n), which is 1 for k = n, and c·k^(2/3) for bricks of a cube. The tests compare these forms
+with counts of the schedules.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from clusterviz.composite.schedules.radix_k import automatic_factors
 
 @dataclass(frozen=True)
 class ImageStatistics:
-    """What is composed, in few numbers.
+    """Statistics of the images to be composited.
 
     Attributes
     ----------
-    images : that are not empty, of as many ranks unless some have several
-    pixels : of the canvas
-    cover, largest : the mean and the largest share of the canvas that one image covers
+    images : number of images that are not empty; as many ranks, unless some have several
+    pixels : pixels of the canvas
+    cover, largest : mean and largest fraction of the canvas that one image covers
     bytes_per_pixel : 4, 8 or 16
-    front_is_root : whether the front image lies where the picture shall be
+    front_is_root : whether the front image lies on the root
     """
 
     images: int
@@ -37,7 +37,7 @@ class ImageStatistics:
     front_is_root: bool
 
     def union(self, images: float) -> float:
-        """The share of the canvas that the bounding rectangle of so many neighbours in depth covers."""
+        """Return the fraction of the canvas that the bounding rectangle of `images` neighbours in depth covers."""
         if self.images < 2:
             return self.cover
         return min(1.0, float(self.cover ** (1 - math.log(images) / math.log(self.images))))
@@ -45,16 +45,17 @@ class ImageStatistics:
 
 @dataclass(frozen=True)
 class CommunicationCost:
-    """What an algorithm moves, until every pixel has an owner.
+    """Messages and pixels of an algorithm, until every pixel has an owner.
 
     Attributes
     ----------
-    rounds : one after the other
-    messages : of the busiest rank, sent or received
-    pixels : sent or received by the busiest rank
-    pixels_all : sent by all ranks together
-    messages_all : likewise
-    gathered : pixels that the root still has to receive, and `pieces`, from how many ranks
+    rounds : number of consecutive rounds
+    messages : messages sent or received by the busiest rank
+    pixels : pixels sent or received by the busiest rank
+    pixels_all : pixels sent by all ranks together
+    messages_all : messages sent by all ranks together
+    gathered : pixels that the root receives in the final gather
+    pieces : ranks from which it receives them
     """
 
     rounds: float
@@ -69,7 +70,7 @@ class CommunicationCost:
 def _ends_on_one_rank(
     stats: ImageStatistics, rounds: float, messages: float, pixels: float, pixels_all: float
 ) -> CommunicationCost:
-    """An algorithm that ends with the whole picture on one rank, the front one."""
+    """Return the cost of an algorithm that ends with the whole picture on the front rank."""
     away = not stats.front_is_root
     return CommunicationCost(rounds, messages, pixels, pixels_all, stats.images - 1, away * stats.pixels, int(away))
 
@@ -77,19 +78,19 @@ def _ends_on_one_rank(
 def _ends_on_all_ranks(
     stats: ImageStatistics, rounds: float, messages: float, pixels: float, pixels_all: float, all_: float
 ) -> CommunicationCost:
-    """An algorithm that ends with a piece on every rank."""
+    """Return the cost of an algorithm that ends with a piece on every rank."""
     gathered = stats.pixels * (1 - 1 / stats.images)
     return CommunicationCost(rounds, messages, pixels, pixels_all, all_, gathered, stats.images - 1)
 
 
 def serial(stats: ImageStatistics) -> CommunicationCost:
-    """Everybody sends the root what it has."""
+    """Return the cost of the serial gather."""
     pixels = (stats.images - 1) * stats.cover * stats.pixels
     return _ends_on_one_rank(stats, 1, stats.images - 1, pixels, pixels)
 
 
 def tree(stats: ImageStatistics) -> CommunicationCost:
-    """The front rank receives the unions of 1, 2, 4, … images."""
+    """Return the cost of the binary tree: the front rank receives the unions of 1, 2, 4, … images."""
     rounds = math.ceil(math.log2(stats.images))
     unions = [stats.union(min(2**r, stats.images)) * stats.pixels for r in range(rounds)]
     # In round r half as many ranks send as in the one before.
@@ -99,7 +100,7 @@ def tree(stats: ImageStatistics) -> CommunicationCost:
 
 
 def pipeline(stats: ImageStatistics) -> CommunicationCost:
-    """Batches pass all ranks, one a round: rounds that each move a batch stand for what the busiest rank moves."""
+    """Return the cost of the pipeline: each round moves one batch."""
     batches = automatic_batches(stats.pixels)
     rounds = stats.images - 2 + batches if stats.images > 1 else 0
     mean = _mean_union(stats) * stats.pixels
@@ -108,22 +109,22 @@ def pipeline(stats: ImageStatistics) -> CommunicationCost:
 
 
 def parallel_pipeline(stats: ImageStatistics) -> CommunicationCost:
-    """n − 1 rounds, in each of which every rank hands on the n-th part of what it has merged."""
+    """Return the cost of the parallel pipeline: in n − 1 rounds every rank sends on 1/n of what it has merged."""
     n, mean = stats.images, _mean_union(stats) * stats.pixels
     return _ends_on_all_ranks(stats, n - 1, n - 1, (1 - 1 / n) * mean, (n - 1) * mean, n * (n - 1))
 
 
 def _mean_union(stats: ImageStatistics) -> float:
-    """The mean share that the unions of 1, 2, …, n images cover."""
+    """Return the mean fraction that the unions of 1, 2, …, n images cover."""
     return 1 / (1 - math.log(stats.cover) / math.log(stats.images)) if stats.images > 1 else stats.cover
 
 
 def direct_send(stats: ImageStatistics) -> CommunicationCost:
-    """Full-width strips with as much cover each, dealt to ranks whose images lie there."""
+    """Return the cost of direct send: full-width strips of equal cover, assigned to ranks whose images lie there."""
     n, depth = stats.images, max(1.0, stats.images * stats.cover)
-    # Of what lies on a strip, its owner has between 1 / n (dealt blindly) and 1 / depth (if the images were strips).
+    # The owner of a strip has between 1 / n of its pixels (any assignment) and 1 / depth (if the images were strips).
     foreign = 1 - 1 / math.sqrt(n * depth)
-    # An image is about as high as the root of its share, and touches the strips there; in the middle lie more of them.
+    # An image is about as high as the root of its fraction, and touches the strips there; the middle has more of them.
     touched = min(n - 1.0, 1.25 * n * math.sqrt(stats.cover))
     pixels = foreign * max(stats.cover, stats.largest) * stats.pixels
     all_pixels = n * stats.cover * foreign * stats.pixels
@@ -131,12 +132,12 @@ def direct_send(stats: ImageStatistics) -> CommunicationCost:
 
 
 def _swap(stats: ImageStatistics, factors: Sequence[int]) -> CommunicationCost:
-    """Rounds of direct send in groups of each factor's size, with the images of groups before merged."""
+    """Return the cost of rounds of direct send in groups of each factor's size."""
     pixels, pixels_all, group = 0.0, 0.0, 1
     for factor in factors:
         union = stats.union(group)
         group *= factor
-        # A piece is one of `group`, as wide as the union at most: it may be full where others are blank.
+        # A piece is one of `group`, at most as wide as the union: it may be full where others are blank.
         pixels += (factor - 1) * min(union, math.sqrt(union) / group)
         pixels_all += (factor - 1) * union * stats.images / group
     messages = sum(factors) - len(factors)
@@ -145,7 +146,7 @@ def _swap(stats: ImageStatistics, factors: Sequence[int]) -> CommunicationCost:
 
 
 def _power_of_two(stats: ImageStatistics) -> tuple[CommunicationCost, int]:
-    """Binary swap of as many images as the largest power of two holds, merged from all; and how many are too many."""
+    """Return the cost of binary swap of the largest power of two of merged images, and the number of images beyond."""
     depth = stats.images.bit_length() - 1
     kept = replace(stats, images=2**depth, cover=stats.union(stats.images / 2**depth))
     made = _swap(kept, (2,) * depth)
@@ -153,13 +154,13 @@ def _power_of_two(stats: ImageStatistics) -> tuple[CommunicationCost, int]:
 
 
 def binary_swap(stats: ImageStatistics) -> CommunicationCost:
-    """What exceeds a power of two is folded into it first: whole images, in a round of their own."""
+    """Return the cost of binary swap: images beyond a power of two are folded first, in a round of their own."""
     made, rest = _power_of_two(stats)
     return _with_remainder(made, stats, 1, 1, rest, 1.0) if rest else made
 
 
 def telescope(stats: ImageStatistics) -> CommunicationCost:
-    """Blocks of powers of two swap by themselves, and hand their pieces to the next larger block in a round more."""
+    """Return the cost of telescoped binary swap: one more round, in which blocks send to the next larger block."""
     made, rest = _power_of_two(stats)
     blocks = [bit for bit in range(stats.images.bit_length()) if stats.images >> bit & 1]
     count = sum(bit * 2**bit for bit in blocks) + sum(2**bit for bit in blocks[:-1]) - made.messages_all
@@ -167,7 +168,7 @@ def telescope(stats: ImageStatistics) -> CommunicationCost:
 
 
 def remainder(stats: ImageStatistics) -> CommunicationCost:
-    """In each round one group of three, where the number is odd; one of the three drops out."""
+    """Return the cost of binary swap with remainders: a group of three in each round with an odd number."""
     made, rest = _power_of_two(stats)
     count, left, groups = 0, stats.images, 1
     while left > 1:
@@ -177,10 +178,10 @@ def remainder(stats: ImageStatistics) -> CommunicationCost:
 
 
 def swap_2_3(stats: ImageStatistics) -> CommunicationCost:
-    """Groups of two or three, where a rank's new piece is cut from up to two old ones of each other child."""
+    """Return the cost of 2-3 swap: a rank's new piece is cut from up to two old ones of each other child."""
     made, rest = _power_of_two(stats)
     depth = made.rounds
-    # 1.7 and 1 / 8 are what schedules of up to 1000 ranks were counted to have.
+    # 1.7 and 1 / 8 fit the counts of schedules of up to 1000 ranks.
     count = 1.7 * depth * stats.images - made.messages_all
     return _with_remainder(made, stats, 0, depth, count, 1 / 8) if rest else made
 
@@ -188,7 +189,7 @@ def swap_2_3(stats: ImageStatistics) -> CommunicationCost:
 def _with_remainder(
     made: CommunicationCost, stats: ImageStatistics, rounds: int, messages: float, messages_all: float, share: float
 ) -> CommunicationCost:
-    """A swap with more rounds, more messages of the busiest rank and of all, and a share of an image more to move."""
+    """Return the cost of a swap with more rounds and messages, and a fraction `share` of an image more to move."""
     pixels = share * stats.cover * stats.pixels
     rest = stats.images - 2 ** (stats.images.bit_length() - 1)
     return replace(
@@ -202,7 +203,7 @@ def _with_remainder(
 
 
 def radix_k(stats: ImageStatistics) -> CommunicationCost:
-    """Automatic factors."""
+    """Return the cost of radix-k with automatic factors."""
     return _swap(stats, automatic_factors(stats.images))
 
 

@@ -1,7 +1,7 @@
-"""From measured times to the constants of the time model.
+"""Fit of the time model's constants to measured times.
 
-All fits are Theil and Sen's: the slope is the median of the slopes between all pairs of points. Up to a quarter of the
-times may be wrong by any amount, as they are on machines where others work, and the constants stay.
+All fits are Theil-Sen estimates: the slope is the median of the slopes between all pairs of points. Up to a quarter of
+the times may be outliers, as on a shared machine.
 
 References
 ----------
@@ -19,21 +19,21 @@ from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import Network
 from clusterviz.composite.model.prediction import Nodes, place_ranks, predict
 
-# Up to here a message's time is that of being a message, not of its bytes.
+# Up to this size the time of a message does not depend on its bytes.
 SMALL_BYTES = 1 << 10
 
 
 @dataclass(frozen=True)
 class Link:
-    """What a message between two ranks costs.
+    """Cost of a message between two ranks.
 
     Attributes
     ----------
-    latency_seconds : α, of a round; the one message in it not counted
-    overhead_seconds : o, of each message
-    seconds_per_byte : β
-    error : the median of |measured / predicted − 1| over all sizes
-    worst_error : the largest of those
+    latency_seconds : α, time of a round without its message
+    overhead_seconds : o, time of each message
+    seconds_per_byte : β, time of each byte
+    error : median of |measured / predicted − 1| over all sizes
+    worst_error : largest |measured / predicted − 1|
     """
 
     latency_seconds: float
@@ -43,29 +43,29 @@ class Link:
     worst_error: float
 
     def seconds(self, messages: int, size: int) -> float:
-        """The time predicted for a round of messages, all sizes together."""
+        """Return the predicted time of a round of messages of `size` bytes in total."""
         return self.latency_seconds + messages * self.overhead_seconds + size * self.seconds_per_byte
 
 
 def fit_line(points: Mapping[int, float]) -> tuple[float, float]:
-    """Intercept and slope of times by number, at least two; neither is negative."""
+    """Return intercept and slope, neither negative, of times by number (at least two)."""
     slope = max(0.0, median((points[b] - points[a]) / (b - a) for a, b in combinations(sorted(points), 2)))
     return max(0.0, median(value - slope * number for number, value in points.items())), slope
 
 
 def fit_link(by_size: Mapping[int, float], by_count: Mapping[int, float], by_swap: Mapping[int, float]) -> Link:
-    """The constants of a link.
+    """Return the constants of a link.
 
     Parameters
     ----------
-    by_size : seconds from sending a message until it is there, by its bytes; small ones among them
-    by_count : seconds of sending so many small messages at once, by their number
-    by_swap : seconds of sending large messages to each other at once, by the bytes of one
+    by_size : seconds from sending a message until its arrival, by bytes; includes small messages
+    by_count : seconds of sending several small messages at once, by their number
+    by_swap : seconds of exchanging two large messages, by the bytes of one
     """
     _, per_byte = fit_line(by_swap)
     small = max(0.0, median(seconds - size * per_byte for size, seconds in by_size.items() if size <= SMALL_BYTES))
     _, overhead = fit_line(by_count)
-    # A round of one message has its overhead in it. What is no longer than that has no latency that could be seen.
+    # A round of one message includes its overhead; if it takes no longer, there is no measurable latency.
     overhead = min(overhead, small)
     link = Link(small - overhead, overhead, per_byte, 0.0, 0.0)
     measured = {size: seconds for size, seconds in by_size.items() if size not in by_swap} | dict(by_swap)
@@ -74,13 +74,13 @@ def fit_link(by_size: Mapping[int, float], by_count: Mapping[int, float], by_swa
 
 
 def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixels: int) -> Network:
-    """The network with what this program costs for each frame and for each message.
+    """Return the network with this program's cost of each frame and of each message.
 
     Parameters
     ----------
-    nodes : the ranks of each
-    tiny : seconds of direct send by messages, by how many ranks had an image: the first so many; 1 is among them
-    pixels : of each of these images, all in one place
+    nodes : ranks of each node
+    tiny : seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1
+    pixels : pixels of each of these images, which all have the same rectangle
     """
 
     def seconds(ranks: int, frame: float, message: float) -> float:
@@ -88,7 +88,7 @@ def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixel
         costs = replace(network, frame_seconds=frame, message_seconds=message)
         return predict("direct-send", "messages", stats, place_ranks(tuple(range(ranks)), nodes), costs)
 
-    # The model is a line in each of its constants.
+    # The model is linear in each of its constants.
     frame = tiny[1] / seconds(1, 1.0, 0.0)
     costs = [
         (measured - seconds(ranks, frame, 0.0)) / (seconds(ranks, frame, 1.0) - seconds(ranks, frame, 0.0))

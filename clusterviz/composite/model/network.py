@@ -1,7 +1,7 @@
-"""The constants that predict how long a composition takes, and the files that hold them.
+"""Constants of the time model, and the files that hold them.
 
-Which file counts: the one that `clusterviz bench network` kept, else one that comes with the package. What the
-constants mean, and how far predictions are from measurements, is told in docs/time-model.md.
+The file that `clusterviz bench network` saved is used, else one of the package. docs/time-model.md explains the
+constants, and compares predictions with measurements.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ FILE_VARIABLE = "CLUSTERVIZ_NETWORK"
 REQUIRED = ("name", "source", "latency_seconds", "overhead_seconds", "seconds_per_byte", "seconds_per_pixel")
 COUNTS = ("cores", "nodes")
 
-# What stands for a constant that is not given: another one, times a number.
+# Default of a constant that is not given: another one, times a factor.
 DERIVED_CONSTANTS = {
     "node_latency_seconds": ("latency_seconds", 1.0),
     "node_overhead_seconds": ("overhead_seconds", 1.0),
     "node_seconds_per_byte": ("seconds_per_byte", 1.0),
     "seconds_per_float_pixel": ("seconds_per_pixel", 1.0),
-    # Blending a byte pixel reads 8 bytes and writes 4; copying one, which reads 4 and writes 4, takes no longer.
+    # Blending a byte pixel reads 8 bytes and writes 4; copying one reads 4 and writes 4.
     "copy_seconds_per_byte": ("seconds_per_pixel", 0.25),
     "barrier_seconds": ("latency_seconds", 1.0),
 }
@@ -36,26 +36,26 @@ DERIVED_CONSTANTS = {
 
 @dataclass(frozen=True)
 class Network:
-    """T = rounds·α + messages of a rank·o + bytes of a rank·β + pixels merged by a rank·γ.
+    """Constants of the time model T = rounds·α + messages of a rank·o + bytes of a rank·β + merged pixels of a rank·γ.
 
-    That is the model between nodes, with one rank on each. What the ranks of a node share is refined by the rest; a
-    constant that is not given (NaN) is derived from the others.
+    This is the model between nodes, with one rank on each. The other constants describe what the ranks of a node share.
+    A constant that is not given (NaN) is derived from the others.
 
     Attributes
     ----------
-    name, source : what it is, and where its constants come from
-    latency_seconds : α, of one round between nodes
-    overhead_seconds : o, of one message between nodes
-    seconds_per_byte : β, of the link of a node, in each direction
-    seconds_per_pixel : γ, of the over operator, byte pixels
+    name, source : name of the network, and origin of its constants
+    latency_seconds : α of one round between nodes
+    overhead_seconds : o of one message between nodes
+    seconds_per_byte : β of the link of a node, in each direction
+    seconds_per_pixel : γ of the over operator for byte pixels
     node_latency_seconds, node_overhead_seconds, node_seconds_per_byte : α, o and β inside a node
     seconds_per_float_pixel : γ of float32 pixels
-    copy_seconds_per_byte : of a copy into memory that the ranks of a node share
-    barrier_seconds : of keeping the ranks of a node in step, where each has a core
-    turn_seconds : of each round, for each rank that a core has beyond the first: they take turns
-    frame_seconds, message_seconds : of this program: for each composition, and for each message beyond o
-    cores : of a node; 0 where each rank has one of its own
-    nodes : how many there were when the constants were measured; 1 tells nothing of a network
+    copy_seconds_per_byte : time of copying a byte into shared memory of a node
+    barrier_seconds : time of a barrier of the ranks of a node, if each has a core
+    turn_seconds : time of each round, for each rank of a core beyond the first
+    frame_seconds, message_seconds : this program's cost of each frame, and of each message beyond o
+    cores : cores of a node; 0 if each rank has its own
+    nodes : number of nodes on which the constants were measured; 1 gives no constants between nodes
     """
 
     name: str
@@ -82,7 +82,7 @@ class Network:
                 object.__setattr__(self, name, getattr(self, other) * factor)
 
     def seconds(self, load: Load, bytes_per_pixel: int) -> float:
-        """The time predicted for a load, one rank a node; links carry both directions at once, so the busier counts."""
+        """Return the predicted time of a load with one rank per node; links are full duplex."""
         messages = max(load.messages_sent.max(initial=0), load.messages_received.max(initial=0))
         pixels = max(load.pixels_sent.max(initial=0), load.pixels_received.max(initial=0))
         return float(
@@ -94,12 +94,12 @@ class Network:
 
 
 def shipped_networks() -> list[str]:
-    """Names of the network files that come with the package."""
+    """Return the names of the network files of the package."""
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
 def open_network(name: str) -> Network:
-    """Read a network file, or one of those that come with the package by its name.
+    """Read a network file, or one of the package by its name.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def open_network(name: str) -> Network:
 
 
 def _value(where: str, key: str, value: object) -> Any:
-    """One value of a file, checked."""
+    """Return one value of a file, checked."""
     if key in ("name", "source"):
         return str(value)
     if key in COUNTS:
@@ -136,18 +136,18 @@ def _value(where: str, key: str, value: object) -> Any:
 
 
 def saved_path() -> Path:
-    """Where the measured constants of this user are kept: the environment names the file, else its folder."""
+    """Return the path of this user's measured constants: from the environment, else in the configuration folder."""
     named, folder = os.environ.get(FILE_VARIABLE), os.environ.get("XDG_CONFIG_HOME")
     return Path(named) if named else Path(folder or Path.home() / ".config") / "clusterviz" / "network.json"
 
 
 def save_network(network: Network, path: Path) -> None:
-    """Write a network file, whole or not at all; its folder is made where it is missing.
+    """Write a network file, completely or not at all; a missing folder is made.
 
     Raises
     ------
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -158,16 +158,16 @@ def save_network(network: Network, path: Path) -> None:
 
 
 def default_network(nodes: int) -> Network:
-    """The network of a run on so many nodes: the measured one, else one that comes with the package.
+    """Return the network for a run on `nodes` nodes: the measured one, else one of the package.
 
-    Several nodes of which nothing is known are taken for slow ones, 10 Gb/s Ethernet: an algorithm that saves bytes
-    loses little on a faster network, while one that wastes them loses much on a slower one. Cores that nobody counted
-    are those of this machine.
+    Without measurements several nodes are assumed to have 10 Gb/s Ethernet: an algorithm that saves bytes loses little
+    on a faster network, while one that does not loses much on a slower one. The number of cores is then that of this
+    machine.
 
     Raises
     ------
     InputError
-        The kept file is named by the environment and missing, or it is broken.
+        The saved file is named by the environment and missing, or it is invalid.
     """
     path = saved_path()
     kept = open_network(str(path)) if path.exists() or os.environ.get(FILE_VARIABLE) else None

@@ -1,6 +1,6 @@
-"""How long a composition should take: what an algorithm moves, put into the time model.
+"""Predicted time of compositing: the communication cost of an algorithm in the time model.
 
-docs/time-model.md says what is in the model, and compares predictions with measured times.
+docs/time-model.md describes the model, and compares predictions with measured times.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from clusterviz.composite.model.network import Network
 
 Nodes = tuple[tuple[int, ...], ...]
 
-# Inside a node, large messages pass through small buffers: the library's, of this order. Where ranks outnumber cores,
-# sender and receiver take turns at each of them.
+# Inside a node, MPI copies large messages through buffers of about this size. If ranks outnumber cores, sender and
+# receiver take turns at each of them.
 CHUNK_BYTES = 1 << 15
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where it is composed.
+    """Placement of the images on nodes.
 
     Attributes
     ----------
     all_nodes, most : nodes of the job, and ranks of the largest
-    nodes : that have images; all that follows is of these
-    ranks, strips : of the largest node, and of the smallest
-    busy : ranks with images on the node that has most of them
+    nodes : nodes that have images; all below refers to these
+    ranks, strips : ranks of the largest node, and of the smallest
+    busy : ranks with images on the node with most of them
     interleaved : whether images of one node lie on both sides of another's
     """
 
@@ -44,7 +44,7 @@ class Placement:
 
 
 def place_ranks(images: Sequence[int], nodes: Nodes) -> Placement:
-    """Where images lie whose ranks are given from front to back, a rank for each."""
+    """Return the placement of images, given the rank of each from front to back."""
     node_of, most = _node_of(nodes), max(map(len, nodes))
     busy = Counter(node_of[rank] for rank in dict.fromkeys(images))
     if not busy:
@@ -60,7 +60,7 @@ def _node_of(nodes: Nodes) -> dict[int, int]:
 
 
 def predict(algorithm: str, transport: str, stats: ImageStatistics, placement: Placement, network: Network) -> float:
-    """Seconds from partial images until the picture is whole on the root, with raw pixels."""
+    """Return the seconds from partial images to the complete picture on the root, with raw pixels."""
     model = TimeModel(stats, placement, network)
     if stats.images == 0:
         return model.frame()
@@ -72,10 +72,10 @@ def predict(algorithm: str, transport: str, stats: ImageStatistics, placement: P
 
 
 class TimeModel:
-    """The time model for one scene in one place.
+    """Time model for one set of images and their placement.
 
-    Ranks that share cores take turns, so what all ranks of a node do together, divided by its cores, is a limit beside
-    what the busiest rank does; likewise the bytes of all ranks of a node share its link.
+    Ranks that share cores take turns. The time is therefore at least that of the busiest rank, and that of all ranks of
+    a node divided by its cores. The bytes of all ranks of a node share its link.
     """
 
     def __init__(self, stats: ImageStatistics, placement: Placement, network: Network) -> None:
@@ -89,16 +89,16 @@ class TimeModel:
             network.seconds_per_pixel if stats.bytes_per_pixel == 4 else network.seconds_per_float_pixel
         )
         self._copy_seconds = network.copy_seconds_per_byte * stats.bytes_per_pixel
-        # The share of what a rank sends that leaves its node.
+        # Fraction of a rank's messages that leave its node.
         alone = 1 - (placement.busy - 1) / max(stats.images - 1, 1)
         self._off_node = alone if placement.nodes > 1 else 0.0
 
     def frame(self) -> float:
-        """What every composition costs, whatever it moves."""
+        """Return the constant cost of a frame."""
         return self._network.frame_seconds * self._ranks_per_core
 
     def messages(self, cost: CommunicationCost) -> float:
-        """The algorithm, then the final gather."""
+        """Return the time of the algorithm and the final gather."""
         network, size, nodes = self._network, self._stats.bytes_per_pixel, self._placement.nodes
         message, _, latency = self._link(self._off_node)
         pixel = self._blend_seconds + (1 - self._off_node) * size * self._node_per_byte
@@ -108,7 +108,7 @@ class TimeModel:
         return self.frame() + cost.rounds * latency + max(busiest, everybody) + link + self._gather(cost)
 
     def _link(self, away: float) -> tuple[float, float, float]:
-        """Seconds of a message, of a byte, and of a round, of which such a share leaves the node."""
+        """Return seconds per message, byte and round, if the fraction `away` leaves the node."""
         network, near = self._network, 1 - away
         message = away * network.overhead_seconds + near * network.node_overhead_seconds + network.message_seconds
         per_byte = away * network.seconds_per_byte + near * self._node_per_byte
@@ -116,30 +116,30 @@ class TimeModel:
         return message, per_byte, latency + self._turn_seconds
 
     def _gather(self, cost: CommunicationCost) -> float:
-        """The root receives the pieces of all others, one after the other."""
+        """Return the time of the final gather: the root receives the pieces of all others in sequence."""
         if not cost.pieces:
             return 0.0
         message, per_byte, latency = self._link(1 - 1 / self._placement.nodes)
-        # A piece is put in its place, not merged: this program does half as much for it as for another message.
+        # A piece is copied, not merged: half of this program's cost of other messages.
         message -= self._network.message_seconds / 2
         return latency + cost.pieces * message + cost.gathered * self._stats.bytes_per_pixel * per_byte
 
     def shared(self) -> float:
-        """Every rank blends a strip of all images where they lie."""
+        """Return the time of the shared transport."""
         return self.frame() + self._synchronize() + self._blend_strips(self._stats.images)
 
     def _synchronize(self) -> float:
-        """Keeping a node in step twice, and the one merge of each rank, which costs this program as in a message."""
+        """Return the time of two barriers in a node, and of this program's cost of one merge per rank."""
         network = self._network
         return 2 * (network.barrier_seconds + self._turn_seconds) + network.message_seconds * self._ranks_per_core
 
     def _blend_strips(self, images: float) -> float:
-        """Blending so many images that lie in the window already, and writing the result, by all cores of a node."""
+        """Return the time in which all cores of a node blend `images` images in shared memory and write the result."""
         pixels = self._stats.pixels
         return (images * self._stats.cover * pixels * self._blend_seconds + pixels * self._copy_seconds) / self._cores
 
     def hierarchical(self, algorithm: str) -> float:
-        """Strips are blended on each node, then composed among the nodes, all strips at once."""
+        """Return the time of the hierarchical transport."""
         stats, placement, network = self._stats, self._placement, self._network
         images = max(1.0, stats.images / placement.nodes)
         cover = stats.union(images)

@@ -1,8 +1,7 @@
-"""Who sends what to whom: one file an algorithm, each a pure schedule.
+"""Compositing algorithms as schedules of transfers: pure data, one file an algorithm.
 
-- schedule.py    a schedule as data, counted and checked
-- algorithms.py  the registry
-- cuts.py        where to cut the picture, from the footprints
-- rectangles.py  patches of many ranks as columns
-- load.py        what a schedule asks of each rank
+- schedule.py    schedules as data, counted and checked
+- algorithms.py  registry
+- rectangles.py  arrays of patches
+- load.py        messages and pixels of each rank
 """

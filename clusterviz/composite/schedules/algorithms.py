@@ -1,4 +1,4 @@
-"""The registry of compositing algorithms: a name, and the function that makes its schedule."""
+"""Registry of compositing algorithms: names and their schedule functions."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ _MODULES = {
 }
 ALGORITHMS: dict[str, Algorithm] = {name: module.schedule for name, module in _MODULES.items()}
 
-# Algorithms of one round, in which every owner sorts all that it receives: a rank may have any number of images.
+# Algorithms of one round, in which every owner sorts all that it receives: ranks may have any number of images.
 SEVERAL_IMAGES = frozenset(name for name, module in _MODULES.items() if module.SEVERAL_IMAGES)
 
 
 def check_algorithm(name: str) -> None:
-    """Refuse a name that is neither an algorithm nor "auto".
+    """Raise if a name is neither an algorithm nor "auto".
 
     Raises
     ------
@@ -56,7 +56,7 @@ def check_algorithm(name: str) -> None:
 
 
 def candidates(ranks: int) -> list[str]:
-    """The algorithms that are the fastest somewhere, for so many ranks.
+    """Return the algorithms that are the fastest for some scenes and networks, at this number of ranks.
 
     Up to its largest factor radix-k is direct send, and at powers of two all swaps are binary swap.
     """
@@ -67,9 +67,9 @@ def candidates(ranks: int) -> list[str]:
 
 
 def make_schedule(name: str, ranks: int, pixels: int, patches: Sequence[Patch], owners: Sequence[int]) -> Schedule:
-    """The schedule of an algorithm for images that cover these patches, front to back; `owners` are their ranks.
+    """Return the schedule of an algorithm for images with these patches, front to back; `owners` are their ranks.
 
-    To an algorithm of one image a rank, images of a rank with none of others between them are one.
+    For an algorithm with one image per rank, adjacent images of a rank are united.
     """
     if len(patches) > ranks and name not in SEVERAL_IMAGES:
         groups = groupby(zip(owners, patches, strict=True), key=lambda pair: pair[0])

@@ -2,7 +2,7 @@
 
 What: in round k ranks pair up at distance 2^k; each keeps one half of what it held and sends the other. Where n is not
 a power of two, n − 2^d ranks first hand their whole image to the neighbour in front ("fold") and drop out.
-When: tens to thousands of ranks with dense images: few messages, all ranks busy, every rank ends with one piece.
+When: tens to thousands of ranks with dense images: few messages, all ranks busy, every rank ends with one range.
 When not: sparse images, which direct send moves with fewer bytes; n just above a power of two, where the fold moves
 whole images first.
 Cost, n = 2^d: d rounds, n·d messages, (n − 1)·P pixels, a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded:
@@ -27,7 +27,7 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """Fold to a power of two, then swap."""
+    """Return the schedule: fold to a power of two, then swap."""
     rounds = ranks.bit_length() - 1
     folded = ranks - (1 << rounds) if ranks else 0
     # The first 2·folded ranks pair up, so the swappers remain in visibility order.
@@ -38,14 +38,14 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Sched
 
 
 def swap(swappers: Indices, round_: int, pixels: int) -> Stage:
-    """Round `round_` among 2^d ranks: pieces of 2^round_ parts are halved between partners at distance 2^round_."""
+    """Return round `round_` of 2^d ranks: each of 2^round_ ranges is halved between partners at distance 2^round_."""
     partner = np.arange(len(swappers), dtype=np.int64) ^ (1 << round_)
     cuts, part = borders(2 << round_, pixels), parts(partner, round_ + 1)
     return Stage.of_columns(swappers, swappers[partner], cuts[part], cuts[part + 1])
 
 
 def parts(index: Indices, bits: int) -> Indices:
-    """Which of 2^bits pieces a swapper holds after `bits` rounds: its lowest bits, first round most significant."""
+    """Return which of 2^bits ranges a rank holds after `bits` rounds: its lowest bits, first round most significant."""
     result = np.zeros_like(index)
     for bit in range(bits):
         result |= (index >> bit & 1) << (bits - 1 - bit)

@@ -1,4 +1,4 @@
-"""Binary swap with remainders: in each round a rank that has no partner gives its halves to the last pair.
+"""Binary swap with remainders: in each round a rank without a partner sends its halves to the last pair.
 
 What: pairs swap halves, as in binary swap. Where a group has an odd number of ranks, its last one sends one half to
 each rank of the last pair and drops out. Then those that hold one half go on among themselves.
@@ -23,5 +23,5 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """Radix-k with nothing but twos: its remainders are these."""
+    """Return the schedule: radix-k with factors 2, which has these remainders."""
     return radix_k.schedule(ranks, pixels, footprints, factors=[2] * (ranks.bit_length() - 1))

@@ -1,4 +1,4 @@
-"""Telescoped binary swap: blocks of 2^d ranks swap on their own, then each smaller block hands its pieces to a larger.
+"""Telescoped binary swap: blocks of 2^d ranks swap separately, then each smaller block sends its ranges to a larger.
 
 What: n is cut into blocks whose sizes are its binary digits, largest first (13 = 8 + 4 + 1). Each block does a binary
 swap of its own. The smallest block is ready first and hands its pieces to the next larger one, which is then ready
@@ -29,7 +29,7 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """Swap in blocks, and hand over as soon as both blocks are ready."""
+    """Return the schedule: swaps in blocks, and transfers between blocks as soon as both are ready."""
     blocks = _blocks(ranks)
     rounds = ranks.bit_length() - 1 + (len(blocks) > 1)
     stages = []
@@ -44,7 +44,7 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Sched
 
 
 def _blocks(ranks: int) -> list[Indices]:
-    """Consecutive ranks, by the binary digits of their number, largest block in front."""
+    """Return blocks of consecutive ranks, by the binary digits of their number, largest block in front."""
     blocks, begin = [], 0
     for digit in reversed(range(ranks.bit_length())):
         if ranks >> digit & 1:
@@ -54,7 +54,7 @@ def _blocks(ranks: int) -> list[Indices]:
 
 
 def _hand_over(smaller: Indices, larger: Indices, pixels: int) -> Stage:
-    """Every rank of the larger block gets its piece; one rank of the smaller holds it within its own."""
+    """Return the transfers to every rank of the larger block, from the rank of the smaller that holds its range."""
     index = np.arange(len(larger), dtype=np.int64)
     part, cuts = parts(index, len(larger).bit_length() - 1), borders(len(larger), pixels)
     return Stage.of_columns(smaller[index % len(smaller)], larger, cuts[part], cuts[part + 1])

@@ -1,7 +1,7 @@
-"""Binary tree: in each round every second rank hands its whole image to its neighbour in front and drops out.
+"""Binary tree: in each round every second rank sends its whole image to its neighbour in front and drops out.
 
 What: a reduction tree over visibility order; position 0 ends with the picture.
-When: few ranks, small pictures, or links on which each message is dear: no algorithm sends fewer messages.
+When: few ranks, small pictures, or links on which each message is expensive: no algorithm sends fewer messages.
 When not: large pictures on many ranks: after round k only n/2^k ranks still work, on whole images.
 Cost: ⌈log₂ n⌉ rounds, n − 1 messages, (n − 1)·P pixels; a rank sends P and receives up to ⌈log₂ n⌉·P.
 Limits: any number of ranks and pixels.
@@ -23,7 +23,7 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """The tree that ends on position 0."""
+    """Return the schedule of the tree, which ends on position 0."""
     stages = []
     step = 1
     while step < ranks:

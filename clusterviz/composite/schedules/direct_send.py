@@ -1,16 +1,16 @@
-"""Direct send: every rank owns one piece of the picture and gets that piece from everybody at once.
+"""Direct send: every rank owns one piece of the picture and receives that piece from all others at once.
 
 What: one round; each of the n ranks owns one of n pieces. Where images are sparse, the borders of the pieces are chosen
-such that as many covered pixels meet in each, and the pieces are handed out from top to bottom to the ranks whose own
-images lie there, so that a rank keeps much of what it owns. With b bands, the canvas is cut into b·n bands of rows,
-dealt to the ranks like cards, instead. With m owners, m ranks spread evenly own pieces, the others only send.
+such that each has the same number of covered pixels, and the pieces are assigned from top to bottom to the ranks whose
+own images lie there, so that a rank keeps much of what it owns. With b bands, the canvas is instead cut into b·n bands
+of rows, assigned round robin. With m owners, m evenly spaced ranks own pieces, and the others only send.
 When: up to some tens of ranks, and sparse images at any number: no pixel moves twice, and a rank sends nothing to the
 owner of a piece that its footprint does not touch, so sparse images move less than with any swap or tree.
 When not: hundreds of ranks with dense images: the number of messages grows with n².
 Cost: 1 round, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1)
 messages; a rank sends at most P, an owner receives (n − 1)/m·P. Bricks of a cube on 8 ranks: none receives more than
-0.21·P, with pieces of equal size (1 band) 0.38·P. Bands balance as well as weighted borders, but nearly every rank
-then sends to every other; they are for what rectangles do not tell, such as holes in the images.
+0.21·P, with pieces of equal size (1 band) 0.38·P. Bands balance as well as weighted borders, but nearly every rank then
+sends to every other; they help where images have holes, which their rectangles do not show.
 Limits: any number of ranks and pixels; with more ranks than pixels some own nothing. Several partial images a rank:
 any number, in any order of depth, since an owner sorts all that it receives.
 Reference: W. M. Hsu, "Segmented ray casting for data parallel volume rendering"; U. Neumann, "Parallel volume-rendering
@@ -41,14 +41,14 @@ def schedule(
     bands: int | None = None,
     owners_of: Sequence[int] | None = None,
 ) -> Schedule:
-    """All to all owners, in one stage.
+    """Return the schedule: every rank sends to every owner, in one stage.
 
     Parameters
     ----------
-    footprints : what each image covers; without them the canvas is one row that all of them cover
-    owners : how many ranks own pieces; by default all
-    bands : of each owner, of equal height; by default one piece each, of equal cover
-    owners_of : the rank of each image, where ranks have several; by default, rank k has image k
+    footprints : patch of each image; without them the canvas is one row that all of them cover
+    owners : number of ranks that own pieces; by default all
+    bands : bands of equal height of each owner; by default one piece each, with equal numbers of covered pixels
+    owners_of : rank of each image, if ranks have several; by default, rank k has image k
 
     Raises
     ------
@@ -71,7 +71,7 @@ def choose_pieces(
     bands: int | None = None,
     owners_of: Sequence[int] | None = None,
 ) -> tuple[Indices, Indices]:
-    """The owner of each piece, and where the pieces begin and the last ends.
+    """Return the owner of each piece, and the borders of the pieces.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def choose_pieces(
 
 
 def choose_owners(ranks: int, owners: int | None) -> int:
-    """How many ranks own a piece: all, unless told otherwise.
+    """Return the number of ranks that own a piece, by default all.
 
     Raises
     ------
@@ -106,11 +106,11 @@ def choose_owners(ranks: int, owners: int | None) -> int:
 
 
 def weighted_borders(pieces: int, footprints: Rectangles) -> Indices:
-    """Where pieces begin of which each holds the same number of covered pixels, and the end of the last.
+    """Return the borders of pieces with the same number of covered pixels.
 
-    A pixel counts once for each rectangle that covers it. Between two rows in which a rectangle begins or ends, the
-    count grows in proportion to the rows, so a few sums over those rows find every border; whole numbers throughout, so
-    that every rank finds the same ones. Inside the row of a border, the count is taken to be spread evenly.
+    A pixel counts once for each rectangle that covers it. Between rows in which a rectangle begins or ends, the count
+    grows linearly, so sums over those rows give all borders; they are integers, so that every rank computes the same.
+    Inside the row of a border, the count is assumed to be uniform.
 
     Returns
     -------
@@ -136,14 +136,14 @@ def weighted_borders(pieces: int, footprints: Rectangles) -> Indices:
 
 
 def row_borders(pieces: int, footprints: Rectangles) -> Indices:
-    """Borders of equal pieces of whole rows, or of any pixels where there are fewer rows than pieces."""
+    """Return borders of equal pieces of whole rows, or of pixels if there are fewer rows than pieces."""
     if pieces > footprints.height:
         return borders(pieces, footprints.canvas_pixels)
     return borders(pieces, footprints.height) * footprints.width
 
 
 def top_to_bottom(footprints: Rectangles, ranks: int, owners_of: Sequence[int] | None = None) -> Indices:
-    """The ranks by the middle of what their images cover, uppermost first; `owners_of` tells the rank of each image."""
+    """Return the ranks sorted by the vertical centre of their images; `owners_of` is the rank of each image."""
     middle = footprints.y_begin + footprints.y_end
     if owners_of is not None:
         owner, area = np.asarray(owners_of, np.int64), footprints.count()

@@ -1,4 +1,4 @@
-"""What a schedule asks of each rank: messages and pixels, sent and received, as whole columns."""
+"""Load of a schedule: messages and pixels that each rank sends and receives, as arrays."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from clusterviz.composite.schedules.schedule import Indices, Schedule
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """The work of each rank, by position in visibility order; the final gather is not in it.
+    """Load of each rank, by position in visibility order, without the final gather.
 
     Attributes
     ----------
-    rounds : stages in which anything is sent
+    rounds : number of stages with transfers
     messages_sent, messages_received, pixels_sent, pixels_received : int64 (ranks,)
     """
 
@@ -27,7 +27,7 @@ class Load:
 
 
 def count_dense(schedule: Schedule) -> Load:
-    """The load where every image covers all that the schedule sends of it: a count of the transfers."""
+    """Return the load for dense images, by counting the transfers."""
     sizes = [len(stage) for stage in schedule.stages]
     table = np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in schedule.stages)])
     stage = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
@@ -35,7 +35,7 @@ def count_dense(schedule: Schedule) -> Load:
 
 
 def count_transfers(ranks: int, stage: Indices, source: Indices, target: Indices, pixels: Indices) -> Load:
-    """The load of transfers given as columns; those of one stage between the same two ranks are one message."""
+    """Return the load of transfers given as columns; those of one stage between the same two ranks are one message."""
     there = pixels > 0
     stage, source, target, pixels = stage[there], source[there], target[there], pixels[there]
     pairs = np.unique((stage * ranks + source) * ranks + target)
@@ -49,7 +49,7 @@ def count_transfers(ranks: int, stage: Indices, source: Indices, target: Indices
 
 
 def sum_by(ranks: int, rank: Indices, values: Indices | int = 1) -> Indices:
-    """The sum of the values of each rank; exact, which bincount with weights is not."""
+    """Return the exact integer sum of the values of each rank."""
     result = np.zeros(ranks, np.int64)
     np.add.at(result, rank, values)
     return result

@@ -1,4 +1,4 @@
-"""Parallel pipeline: n pieces on their way at once, each handed from neighbour to neighbour towards its owner.
+"""Parallel pipeline: n pieces travel at once, each from neighbour to neighbour towards its owner.
 
 What: rank f owns piece f of n. The piece starts at both neighbours of its owner, runs outwards from rank to rank, each
 merging its own pixels, and from either end of the line it jumps back to the owner (the wrap shortcut, without which it
@@ -27,13 +27,13 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """In round t, the ranks at distance t + 1 from an owner hand its piece on."""
+    """Return the schedule: in round t, the ranks at distance t + 1 from an owner send its piece on."""
     cuts = borders(ranks, pixels)
     return Schedule(ranks, pixels, tuple(_round(number, ranks, cuts) for number in range(ranks - 1)))
 
 
 def _round(number: int, ranks: int, cuts: Indices) -> Stage:
-    """Pieces run outwards; at rank 0 and at the last they jump to their owners."""
+    """Return one round: pieces travel outwards; from rank 0 and the last rank they are sent to their owners."""
     source = np.arange(ranks, dtype=np.int64)
     before, behind = source[: ranks - 1 - number], source[number + 1 :]
     # Rank r in front holds the piece of r + number + 1, and so on, mirrored, behind.

@@ -1,4 +1,4 @@
-"""Sequential pipeline: the picture flows from the rank at the back to the one in front, in batches.
+"""Sequential pipeline: the picture travels in batches from the rank at the back to the one in front.
 
 What: the picture is cut into batches; each rank takes a batch from its neighbour behind, merges its own pixels in front
 of it, and hands it on. While one rank works on a batch, the next works on the one before. Rank 0 ends with the picture.
@@ -28,7 +28,7 @@ MOST_BATCHES = 32
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, batches: int | None = None) -> Schedule:
-    """Batch b leaves rank r in round b + (ranks − 1 − r).
+    """Return the schedule: batch b leaves rank r in round b + (ranks − 1 − r).
 
     Raises
     ------
@@ -47,5 +47,5 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, batch
 
 
 def automatic_batches(pixels: int) -> int:
-    """How many batches pay for their messages."""
+    """Return the default number of batches."""
     return min(MOST_BATCHES, max(1, pixels // BATCH_PIXELS))

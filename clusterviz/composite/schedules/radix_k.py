@@ -6,7 +6,7 @@ rounds and more messages. Where a factor leaves a remainder, the ranks at the en
 senders only: their images are cut into k pieces too, and they drop out.
 When: tens to thousands of ranks, with k matched to the network: 8 is a good start where several messages can be under
 way at once.
-When not: sparse images on few ranks (direct send moves less); networks on which each message is dear (binary swap).
+When not: sparse images on few ranks (direct send moves less); networks with expensive messages (binary swap).
 Cost, n = Π k_i: one round for each k_i, n·Σ(k_i − 1) messages, (n − 1)·P pixels, a rank sends and receives
 (1 − 1/n)·P. With remainders M(m) = (m − r)(k − 1) + k·r + k·M(⌊m/k⌋) messages, r = m mod k, M(1) = 0; a rank sends at
 most P.
@@ -34,7 +34,7 @@ LARGEST_FACTOR = 8
 def schedule(
     ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, factors: Sequence[int] | None = None
 ) -> Schedule:
-    """One round for each factor, `automatic_factors` by default.
+    """Return the schedule: one round for each factor, `automatic_factors` by default.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def schedule(
 
 
 def automatic_factors(ranks: int) -> tuple[int, ...]:
-    """Factors from 4 to 8 where there are any, largest first; else the one from 4 to 8 that leaves least over."""
+    """Return factors from 4 to 8: in each round the one with the smallest remainder, the largest of equals."""
     factors = []
     while ranks > LARGEST_FACTOR:
         factors.append(min(range(LARGEST_FACTOR, 3, -1), key=lambda factor: ranks % factor))
@@ -62,7 +62,7 @@ def automatic_factors(ranks: int) -> tuple[int, ...]:
 
 
 def _round(groups: Indices, factor: int, pixels: int) -> tuple[Stage, Indices]:
-    """One round of all groups, and the groups of the next."""
+    """Return one round of all groups, and the groups of the next."""
     count, members = groups.shape
     sets = members // factor
     grouped = groups[:, : sets * factor].reshape(count, sets, factor)

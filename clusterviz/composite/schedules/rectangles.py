@@ -1,4 +1,4 @@
-"""Patches of many ranks as columns: the arithmetic of `Patch` on whole arrays, to follow 10⁵ ranks at once."""
+"""Arrays of patches: the arithmetic of `Patch` for up to 10⁵ ranks at once."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from clusterviz.composite.schedules.schedule import Indices
 
 @dataclass(frozen=True, eq=False)
 class Rectangles:
-    """One patch a row, on a canvas `width` × `height`.
+    """Patches as columns, on a canvas of `width` × `height` pixels.
 
     Attributes
     ----------
-    begin, end : int64 (n,), the range of pixel numbers
-    x_begin, y_begin, x_end, y_end : int64 (n,), the rectangle; an empty one is 0, 0, 0, 0
+    begin, end : int64 (n,), ranges of pixel numbers
+    x_begin, y_begin, x_end, y_end : int64 (n,), rectangles; an empty one is 0, 0, 0, 0
     """
 
     width: int
@@ -32,7 +32,7 @@ class Rectangles:
 
     @staticmethod
     def of_patches(patches: Sequence[Patch]) -> Rectangles:
-        """The same patches, of which there is at least one, over the whole canvas."""
+        """Return patches (at least one, with the whole canvas as range) as columns."""
         width, height = patches[0].width, patches[0].end // max(patches[0].width, 1)
         rects = [p.rect for p in patches]
         rows = [(p.begin, p.end, r.x_begin, r.y_begin, r.x_end, r.y_end) for p, r in zip(patches, rects, strict=True)]
@@ -47,23 +47,23 @@ class Rectangles:
 
     @property
     def canvas_pixels(self) -> int:
-        """Pixels of the canvas."""
+        """Number of pixels of the canvas."""
         return self.width * self.height
 
     def columns(self) -> tuple[Indices, ...]:
-        """Begin, end, and the four sides."""
+        """Return begin, end, and the four sides."""
         return self.begin, self.end, self.x_begin, self.y_begin, self.x_end, self.y_end
 
     def take(self, index: Indices) -> Rectangles:
-        """Some of the rows."""
+        """Return some of the patches, by index."""
         return Rectangles(self.width, self.height, *(column[index] for column in self.columns()))
 
     def count(self) -> Indices:
-        """How many pixels each patch has."""
+        """Return the number of pixels of each patch."""
         return self._before(self.end) - self._before(self.begin)
 
     def cut(self, begin: Indices, end: Indices) -> Rectangles:
-        """What each patch holds of a range that lies in its own, as `Patch.cut`."""
+        """Return the part of each patch in a range inside its own, as `Patch.cut`."""
         inside = replace(self, begin=begin, end=end)
         top, first = np.divmod(begin, self.width)
         bottom, last = np.divmod(end - 1, self.width)
@@ -74,14 +74,14 @@ class Rectangles:
         return Rectangles(self.width, self.height, begin, end, *sides)
 
     def rows(self, first: int, last: int) -> tuple[Indices, Indices, Indices]:
-        """Of the patches [first, last): the patch, and begin and end in pixel numbers, of each row of its rectangle."""
+        """Return patch, begin and end (pixel numbers) of each row of the rectangles [first, last)."""
         heights = (self.y_end - self.y_begin)[first:last] * (self.x_end > self.x_begin)[first:last]
         patch = np.repeat(np.arange(first, last, dtype=np.int64), heights)
         row = np.arange(len(patch)) - np.repeat(np.cumsum(heights) - heights, heights) + self.y_begin[patch]
         return patch, row * self.width + self.x_begin[patch], row * self.width + self.x_end[patch]
 
     def _before(self, number: Indices) -> Indices:
-        """Pixels of each rectangle before a number."""
+        """Return the number of pixels of each rectangle before a pixel number."""
         row, column = np.divmod(number, max(self.width, 1))
         wide, high = self.x_end - self.x_begin, self.y_end - self.y_begin
         part = np.clip(column - self.x_begin, 0, wide)

@@ -1,7 +1,7 @@
-"""Who sends what to whom, and when: a compositing algorithm as data.
+"""Schedules: the transfers of a compositing algorithm as data.
 
-Ranks are positions in visibility order, 0 in front; pixels are numbered along one line. A schedule knows nothing of
-screens, colours or channels, so it can be printed, drawn, checked, counted, or run by anything.
+Ranks are positions in visibility order, 0 in front; pixels are numbered along one line. A schedule does not depend on
+screens, colours or channels, so it can be printed, drawn, checked, counted, or run over any channel.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ Indices = NDArray[np.int64]
 
 
 def piece(index: int, pieces: int, pixels: int) -> tuple[int, int]:
-    """Piece [begin, end) of `pixels` cut into `pieces` parts that differ by one at most; exact at any size."""
+    """Return piece [begin, end) of `pixels` cut into `pieces` parts that differ by one at most; exact at any size."""
     return index * pixels // pieces, (index + 1) * pixels // pieces
 
 
 def borders(pieces: int, pixels: int) -> Indices:
-    """Where all pieces begin, and the end of the last: `piece` for whole arrays, exact for any int64 of pixels."""
+    """Return the beginnings of all pieces, and the end of the last, int64 (pieces + 1,); exact for any int64."""
     index, (whole, rest) = np.arange(pieces + 1, dtype=np.int64), divmod(pixels, max(pieces, 1))
     return index * whole + index * rest // max(pieces, 1)
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """Rank `source` hands all that it holds of the pixels [begin, end) to rank `target`, and forgets them."""
+    """Transfer of all pixels in [begin, end) that rank `source` holds to rank `target`; the source keeps none."""
 
     source: int
     target: int
@@ -42,7 +42,7 @@ class Transfer:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Transfers that happen at once; what is received in a stage is sent on in a later one.
+    """Concurrent transfers; pixels that are received in a stage are sent on in a later one.
 
     Attributes
     ----------
@@ -53,13 +53,13 @@ class Stage:
 
     @staticmethod
     def of(transfers: Iterable[Transfer]) -> Stage:
-        """A stage of these transfers; those of no pixels are left out."""
+        """Return a stage of transfers; empty ones are left out."""
         rows = [(t.source, t.target, t.begin, t.end) for t in transfers if t.end > t.begin]
         return Stage.of_table(np.array(rows, np.int64).reshape(-1, 4))
 
     @staticmethod
     def of_columns(source: Indices, target: Indices, begin: Indices, end: Indices) -> Stage:
-        """A stage of these transfers, column by column; those of no pixels, or to oneself, are left out."""
+        """Return a stage of transfers given as columns; empty ones, and those of a rank to itself, are left out."""
         table = np.empty((*np.broadcast(source, target, begin, end).shape, 4), np.int64)
         for column, values in enumerate((source, target, begin, end)):
             table[..., column] = values
@@ -67,13 +67,13 @@ class Stage:
 
     @staticmethod
     def of_table(table: Indices) -> Stage:
-        """A stage of these rows, none of them empty or to oneself; the table is its own from now on."""
+        """Return a stage of transfers given as rows, none empty or of a rank to itself; takes over the table."""
         table.setflags(write=False)
         return Stage(table)
 
     @staticmethod
     def join(stages: Sequence[Stage]) -> Stage:
-        """All transfers of several stages, at once."""
+        """Return one stage with the transfers of several."""
         return Stage.of_table(np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in stages)]))
 
     def __len__(self) -> int:
@@ -83,11 +83,11 @@ class Stage:
         return (Transfer(*row) for row in self.table.tolist())
 
     def sent_by(self, rank: int) -> list[Transfer]:
-        """The transfers of which the rank is the source."""
+        """Return the transfers with this source."""
         return self._rows(0, self._by_source, rank)
 
     def received_by(self, rank: int) -> list[Transfer]:
-        """The transfers of which the rank is the target."""
+        """Return the transfers with this target."""
         return self._rows(1, self._by_target, rank)
 
     @cached_property
@@ -106,14 +106,14 @@ class Stage:
 
 
 def _order(ranks: Indices) -> Indices:
-    """Where the rows of each rank are, one rank after the other; 16-bit numbers are sorted in linear time."""
+    """Return the indices that sort the rows by rank; 16-bit numbers are sorted in linear time."""
     few = int(ranks.max(initial=0)) <= np.iinfo(np.uint16).max
     return np.argsort(ranks.astype(np.uint16) if few else ranks, kind="stable")
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What a schedule moves when the images are dense; the final gather is not in it."""
+    """Counts of a schedule for dense images, without the final gather."""
 
     rounds: int
     messages: int
@@ -124,14 +124,14 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """All stages of one composition of `ranks` images of `pixels` pixels."""
+    """All stages of compositing `ranks` images of `pixels` pixels."""
 
     ranks: int
     pixels: int
     stages: tuple[Stage, ...]
 
     def counts(self) -> Counts:
-        """Count; transfers between two ranks within one stage travel in one message."""
+        """Return the counts; transfers between two ranks within one stage are one message."""
         sent = np.zeros(self.ranks, np.int64)
         received = np.zeros(self.ranks, np.int64)
         messages = 0
@@ -149,15 +149,15 @@ class Schedule:
         )
 
 
-# Ranks, pixels, and what each rank's image covers (empty: everything), by position in visibility order.
+# Schedule function of ranks, pixels, and the patch of each rank's image (none: the whole canvas) by position.
 Algorithm = Callable[[int, int, Sequence[Patch]], Schedule]
 
 
 class MultiImageAlgorithm(Protocol):
-    """An algorithm whose module says SEVERAL_IMAGES = True: ranks may have several images, anywhere in depth.
+    """Algorithm with SEVERAL_IMAGES = True in its module: ranks may have several images, in any order of depth.
 
-    There is one footprint for each image, and `owners_of` tells the position of its rank; None: position k has image k.
-    Transfers remain between ranks: in one round, a rank hands over what all its images hold of the range.
+    There is one footprint for each image, and `owners_of` is the position of its rank; None: position k has image k.
+    Transfers are between ranks: a rank sends the range of all its images at once.
     """
 
     def __call__(
@@ -166,13 +166,14 @@ class MultiImageAlgorithm(Protocol):
 
 
 def check(schedule: Schedule) -> None:
-    """Run a schedule on the bare bookkeeping of who holds which images of which pixels.
+    """Check a schedule by following which images of which pixels each rank holds.
 
     Raises
     ------
     ValueError
-        A message to oneself or of no pixels; a pixel sent that is not held, or sent twice; images merged that are not
-        neighbours in visibility order; at the end, a pixel that is not held by exactly one rank with all images merged.
+        A message of a rank to itself or of no pixels; a pixel sent that is not held, or sent twice; images merged that
+        are not neighbours in visibility order; at the end, a pixel that is not on exactly one rank with all images
+        merged.
     """
     ranks = schedule.ranks
     tables = [stage.table for stage in schedule.stages]
@@ -188,11 +189,11 @@ def check(schedule: Schedule) -> None:
 
 
 def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, high: Indices) -> tuple[Indices, Indices]:
-    """One stage of `check`: what each rank holds of each cell after it."""
+    """Return which images of each cell each rank holds after a stage."""
     kept = high - low
     nothing = (table[:, 0] == table[:, 1]) | (table[:, 2] >= table[:, 3])
     _refuse(number, table[nothing], "a message to oneself or of no pixels")
-    # One entry for each cell of each transfer: which transfer, and where its source and its target keep the cell.
+    # One entry for each cell of each transfer: index of the transfer, and of the cell on its source and its target.
     cells = len(borders) - 1
     first, end = np.searchsorted(borders, table[:, 2:]).T
     which = np.repeat(np.arange(len(table)), end - first)
@@ -202,7 +203,7 @@ def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, hi
     again = np.ones(len(which), bool)
     again[np.unique(source, return_index=True)[1]] = False
     _refuse(number, table[which[wrong | again]], "pixels that the source does not hold, or sends twice")
-    # A source forgets what it sends before it takes in what it receives.
+    # A source drops what it sends before it merges what it receives.
     total = kept.reshape(-1).copy()
     total[source] = 0
     merged_low = np.where(total > 0, low.reshape(-1), np.iinfo(np.int64).max)
@@ -217,6 +218,6 @@ def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, hi
 
 
 def _refuse(number: int, transfers: Indices, why: str) -> None:
-    """Name the first of the transfers that are wrong, if there is one."""
+    """Raise for the first of the wrong transfers, if there is one."""
     for source, target, begin, end in transfers[:1].tolist():
         raise ValueError(f"stage {number}, {source} to {target}, pixels [{begin}, {end}): {why}")

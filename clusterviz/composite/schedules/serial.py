@@ -1,7 +1,7 @@
-"""Serial gather: everybody sends the whole image to one rank, which blends them all.
+"""Serial gather: all ranks send their whole image to one rank, which blends them all.
 
 What: one round; rank 0 receives n − 1 images and blends them front to back.
-When: as the plain variant that the others are compared with; for two or three ranks with small footprints.
+When: as the plain variant for comparisons; for two or three ranks with small footprints.
 When not: many ranks: one rank blends everything while the others wait.
 Cost: 1 round, n − 1 messages, (n − 1)·P pixels, all received by one rank.
 Limits: any number of ranks and pixels. Several partial images a rank: any number, in any order of depth, since one rank
@@ -21,6 +21,6 @@ SEVERAL_IMAGES = True
 def schedule(
     ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owners_of: Sequence[int] | None = None
 ) -> Schedule:
-    """The serial gather to position 0, whoever drew which of the images."""
+    """Return the schedule of the serial gather to position 0."""
     stage = Stage.of(Transfer(source, 0, 0, pixels) for source in range(1, ranks))
     return Schedule(ranks, pixels, (stage,) if ranks > 1 else ())

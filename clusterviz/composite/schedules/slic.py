@@ -1,18 +1,18 @@
-"""SLIC: spans that several images cover are dealt to the ranks that cover them; all other pixels stay where they are.
+"""SLIC: spans that several images cover are assigned to ranks that cover them; all other pixels stay where they are.
 
 What: the rows of the picture are cut into spans where the set of images that have pixels there changes. A span that one
-rank covers alone stays with it and is never sent. A span with an overlap count of two or more is dealt to one of its
-own contributors, so that one of the images need not travel: cells of equal spans are taken by decreasing work, cut
-into blocks of rows (one for each contributor, as far as there are rows), and the contributor with the least work so
-far gets the first.
+rank covers alone stays on it and is never sent. A span with an overlap count of two or more is assigned to one of its
+own contributors, so that one of the images need not travel. Cells of equal spans are taken by decreasing work and cut
+into blocks of rows (one for each contributor, as far as there are rows); the contributor with the least work so far
+gets the first block.
 When: sparse images of compact bricks on up to some tens of ranks: no pixel moves that is not merged, and the merging is
 balanced by what really overlaps.
 When not: dense images, where it is direct send; many ranks, where spans become short: each span of a row is a transfer
 of its own, 10⁵ of them on 64 ranks with cubes at 2048×2048.
 Cost: 1 round; a message for each pair of ranks that share a span, n(n − 1) at most; Σ (k_s − 1)·len_s pixels over spans
 of k_s contributors, which is (n − 1)·P for dense images.
-Limits: any number of ranks and pixels. Several partial images a rank: any number, in any order of depth, since spans
-know nothing of neighbours in depth; images of one rank that meet in a span make it one contributor.
+Limits: any number of ranks and pixels. Several partial images a rank: any number, in any order of depth, since spans do
+not depend on neighbours in depth; a rank with several images in a span is one contributor.
 Reference: A. Stompel, K.-L. Ma, E. B. Lum, J. Ahrens, J. Patchett, "SLIC: scheduled linear image compositing for
 parallel volume rendering", IEEE symposium on parallel and large-data visualization and graphics, 2003.
 """
@@ -33,14 +33,14 @@ SEVERAL_IMAGES = True
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Spans one below the other that the same ranks cover, for each cell that two ranks or more do.
+    """Cells of vertically adjacent spans that the same ranks (two or more) cover.
 
     Attributes
     ----------
-    left, right, top, bottom : int64 (cells,), its rectangle
-    layers : int64 (cells,), how many images cover it
-    first : int64 (cells + 1,), where its members begin in `members`
-    members : ranks that have images there, ascending
+    left, right, top, bottom : int64 (cells,), rectangle of each cell
+    layers : int64 (cells,), number of images that cover it
+    first : int64 (cells + 1,), index of its first rank in `members`
+    members : ranks that have images in each cell, ascending
     """
 
     left: Indices
@@ -55,12 +55,12 @@ class Cells:
 def schedule(
     ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owners_of: Sequence[int] | None = None
 ) -> Schedule:
-    """Deal the blocks of all cells, those with the most work first.
+    """Return the schedule: blocks of cells, assigned by decreasing work.
 
     Parameters
     ----------
-    footprints : what each image covers; without them the canvas is one row that all of them cover
-    owners_of : the rank of each image, where ranks have several; by default, rank k has image k
+    footprints : patch of each image; without them the canvas is one row that all of them cover
+    owners_of : rank of each image, if ranks have several; by default, rank k has image k
     """
     known = Rectangles.of_patches(footprints) if footprints else _lines(ranks, pixels)
     table, rows = assign_blocks(ranks, known, owners_of)
@@ -78,12 +78,12 @@ def schedule(
 def assign_blocks(
     ranks: int, footprints: Rectangles, owners_of: Sequence[int] | None = None
 ) -> tuple[Indices, Indices]:
-    """Who gets which blocks from whom.
+    """Assign the blocks of all cells to ranks.
 
     Returns
     -------
     table : int64 (transfers, 4), source, target, and begin and end of the first row of a block
-    rows : int64 (transfers,), how many such rows it has, at least one
+    rows : int64 (transfers,), number of rows of the block, at least one
     """
     owner = np.arange(ranks, dtype=np.int64) if owners_of is None else np.asarray(owners_of, np.int64)
     cells, width = find_cells(footprints, owner), footprints.width
@@ -106,7 +106,7 @@ def assign_blocks(
 
 
 def _assign(ranks: int, cells: Cells, blocks: Indices, order: Indices, merges: Indices) -> Indices:
-    """Who gets each block: in turn, the contributor with the least work so far; `merges` is the work of each block."""
+    """Return the rank of each block: the contributor with the least work so far; `merges` is the work of each block."""
     load, target = [0] * ranks, [0] * len(merges)
     first, members, work = cells.first.tolist(), cells.members.tolist(), merges.tolist()
     ends = blocks.cumsum().tolist()
@@ -123,7 +123,7 @@ def _assign(ranks: int, cells: Cells, blocks: Indices, order: Indices, merges: I
 def find_cells(footprints: Rectangles, owner: Indices) -> Cells:
     """Cut the canvas into bands where a rectangle begins or ends, and each band into cells where one of its own does.
 
-    A place on the canvas is numbered band · (width + 1) + column, so that one sort and one bisection serve all bands.
+    Positions are numbered band · (width + 1) + column, so that one sort and one bisection serve all bands.
     """
     full = np.flatnonzero(footprints.x_end > footprints.x_begin)
     known, owner = footprints.take(full), owner[full]
@@ -153,13 +153,13 @@ def find_cells(footprints: Rectangles, owner: Indices) -> Cells:
 
 
 def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """All numbers of several ranges: which range each is of, and the number."""
+    """Return all numbers of several ranges: the index of the range, and the number."""
     count = end - begin
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(count.cumsum() - end, count)
 
 
 def _lines(ranks: int, pixels: int) -> Rectangles:
-    """A canvas of one row that every rank covers."""
+    """Return a canvas of one row that every rank covers."""
     zero, whole = np.zeros(ranks, np.int64), np.full(ranks, pixels, np.int64)
     return Rectangles(pixels, 1, zero, whole, zero, zero, whole, np.full(ranks, min(pixels, 1), np.int64))

@@ -1,8 +1,8 @@
-"""2-3 swap: binary swap for any number of ranks, in groups of two or three, with nobody idle.
+"""2-3 swap: binary swap for any number of ranks, in groups of two or three, with no rank idle.
 
 What: a tree with groups of two (three where n = 2^k − 1) has all n ranks as leaves at depth ⌊log₂ n⌋. In each stage the
-children of a node merge: the m ranks of the node cut the picture anew into m pieces, dealt in such an order that a
-rank's new piece always lies inside its old one, so it only ever sends pixels away. Every rank works in every stage and
+children of a node merge: the m ranks of the node cut the picture anew into m pieces, assigned in such an order that a
+rank's new piece always lies inside its old one, so that it only sends pixels away. Every rank works in every stage and
 ends with 1/n of the picture.
 When: rank counts that are no power of two with dense images; balanced where the fold and the remainders are not.
 When not: a power of two (it is binary swap then); sparse images, which direct send moves with fewer bytes. The simple
@@ -27,7 +27,7 @@ SEVERAL_IMAGES = False
 
 
 def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
-    """From the leaves to the root, one stage a level."""
+    """Return the schedule: one stage for each level of the tree, from the leaves to the root."""
     levels = _levels(ranks)
     owners = np.arange(ranks, dtype=np.int64)
     begin, end = np.zeros(ranks, np.int64), np.full(ranks, pixels, np.int64)
@@ -41,7 +41,7 @@ def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Sched
 
 
 def split(ranks: int) -> tuple[int, ...]:
-    """The sizes of a node's children: two halves of one depth, or three thirds where there are none."""
+    """Return the sizes of a node's children: two halves of equal depth, or three thirds if there are none."""
     half, third = ranks // 2, ranks // 3
     if half.bit_length() == (ranks - half).bit_length():
         return half, ranks - half
@@ -49,7 +49,7 @@ def split(ranks: int) -> tuple[int, ...]:
 
 
 def _levels(ranks: int) -> list[list[int]]:
-    """The sizes of the nodes of each level, root first, leaves last; each child follows its elder siblings."""
+    """Return the sizes of the nodes of each level, root first, leaves last; each child follows its elder siblings."""
     levels = [[ranks]] if ranks else [[]]
     while levels[-1] and max(levels[-1]) > 1:
         levels.append([size for parent in levels[-1] for size in split(parent)])
@@ -57,7 +57,7 @@ def _levels(ranks: int) -> list[list[int]]:
 
 
 def _assign_pieces(owners: Indices, parents: list[int], children: list[int]) -> Indices:
-    """Owners of the pieces of each parent in turn: dealt from its children round-robin, larger children first.
+    """Return the owners of the pieces of each parent: from its children round-robin, larger children first.
 
     `owners` and the result hold the ranks of one node after those of another; position i in a node owns piece i.
     """
@@ -72,13 +72,13 @@ def _assign_pieces(owners: Indices, parents: list[int], children: list[int]) -> 
 
 
 def _position(sizes: list[int]) -> Indices:
-    """0, 1, 2, … within each node."""
+    """Return 0, 1, 2, … within each node."""
     ends = np.cumsum(sizes)
     return np.arange(ends[-1], dtype=np.int64) - np.repeat(ends - sizes, sizes)
 
 
 def _regions(owners: Indices, sizes: list[int], pixels: int) -> tuple[Indices, Indices]:
-    """What each rank owns, by rank: piece i of m for the owner at position i of a node of m."""
+    """Return the range of each rank: piece i of m for the owner at position i of a node of m."""
     position, members = _position(sizes), np.repeat(sizes, sizes)
     begin, end = np.empty_like(position), np.empty_like(position)
     begin[owners], end[owners] = position * pixels // members, (position + 1) * pixels // members
@@ -88,7 +88,7 @@ def _regions(owners: Indices, sizes: list[int], pixels: int) -> tuple[Indices, I
 def _stage(
     owners: Indices, sizes: list[int], old: tuple[Indices, Indices], new: tuple[Indices, Indices], pixels: int
 ) -> Stage:
-    """Each rank sends to every other of its node what lies in its old piece and in the other's new one."""
+    """Return the transfers within each node: from each rank the part of its old piece in another's new one."""
     begin, end = old
     # Ranks of a node are consecutive, so a node begins in `owners` at its first rank.
     start, members = np.repeat(np.cumsum(sizes) - sizes, sizes), np.repeat(sizes, sizes)
@@ -105,5 +105,5 @@ def _stage(
 
 
 def _piece_of(pixel: Indices, pieces: Indices, pixels: int) -> Indices:
-    """Which of so many pieces a pixel lies in."""
+    """Return the index of the piece, of `pieces`, that a pixel lies in."""
     return ((pixel + 1) * pieces - 1) // pixels

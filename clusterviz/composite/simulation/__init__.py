@@ -1,7 +1,8 @@
-"""Any schedule on up to 65,536 ranks, without MPI: counted, predicted, drawn.
+"""Simulation of schedules on up to 65,536 ranks, without MPI: counts, predicted time, drawings.
 
-- simulate.py                               one composition
-- closed_forms.py, closed_forms_sparse.py   counts of algorithms with n² transfers
-- cubes.py, flow.py                         sparse images: where bricks project to, and what then moves
-- drawing.py                                who sends to whom, as a picture
+- simulate.py      simulation of one frame
+- closed_forms.py  loads of algorithms with n² transfers
+- cubes.py         footprints of bricks
+- sparse.py        loads of schedules for sparse images
+- drawing.py       drawing of a schedule
 """

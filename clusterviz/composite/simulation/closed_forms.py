@@ -16,7 +16,7 @@ from clusterviz.composite.schedules.schedule import Indices, borders
 
 
 def direct_send_dense(ranks: int, pixels: int, owners: int | None = None, bands: int | None = None) -> Load:
-    """Everybody sends each owner its pieces. SLIC deals dense images in just this way."""
+    """Return the load of direct send for dense images, which is also that of SLIC."""
     owner, cuts = choose_pieces(ranks, pixels, None, owners, bands)
     own = np.zeros(ranks, np.int64)
     np.add.at(own, owner, np.diff(cuts))
@@ -32,7 +32,10 @@ def direct_send_dense(ranks: int, pixels: int, owners: int | None = None, bands:
 
 
 def parallel_pipeline_dense(ranks: int, pixels: int) -> Load:
-    """A rank sends every piece but its own once; pieces that pass it are those of owners two ranks away and more."""
+    """Return the load of the parallel pipeline for dense images.
+
+    A rank sends every piece but its own once; pieces of owners two or more ranks away pass it.
+    """
     own = np.diff(borders(ranks, pixels))
     owns = (own > 0).astype(np.int64)
     position = np.arange(ranks, dtype=np.int64)
@@ -44,7 +47,7 @@ def parallel_pipeline_dense(ranks: int, pixels: int) -> Load:
 
 
 def _passing(own: Indices) -> Indices:
-    """What each rank receives, where its own piece counts `own`: once from either end of the line, and what passes."""
+    """Return what each rank receives: its own piece (`own`) from either end of the line, and the pieces that pass."""
     ranks = len(own)
     position = np.arange(ranks)
     before = np.concatenate([[0], np.cumsum(own)])
@@ -56,7 +59,7 @@ ROWS_AT_ONCE = 4096
 
 
 def direct_send_sparse(footprints: Rectangles, owners: int | None = None, bands: int | None = None) -> Load:
-    """Row by row of each footprint: which pieces it touches, and how much of each."""
+    """Return the load of direct send for sparse images, from the rows of each footprint in each piece."""
     ranks, pixels = len(footprints), footprints.canvas_pixels
     owner, cuts = choose_pieces(ranks, pixels, footprints, owners, bands)
     owner, cuts = owner[np.diff(cuts) > 0], np.unique(cuts)
@@ -76,9 +79,9 @@ def direct_send_sparse(footprints: Rectangles, owners: int | None = None, bands:
 
 
 def _touched(rank: Indices, begin: Indices, end: Indices, cuts: Indices, owner: Indices, ranks: int) -> Indices:
-    """A number for each rank and owner of which a row of the one's image lies in a piece of the other."""
+    """Return a number for each pair of a rank and an owner such that a row of the rank's image lies in its piece."""
     first, last = cuts.searchsorted(begin, "right") - 1, cuts.searchsorted(end - 1, "right") - 1
-    # A piece that reaches from one row into the next was found before.
+    # A piece that continues from one row into the next was counted before.
     again = (np.diff(rank, prepend=-1) == 0) & (first == np.concatenate([[-1], last[:-1]]))
     first += again
     count = last - first + 1
@@ -87,7 +90,7 @@ def _touched(rank: Indices, begin: Indices, end: Indices, cuts: Indices, owner: 
 
 
 def _before(numbers: Indices, cuts: Indices) -> Indices:
-    """For each cut, the sum of its distances from all smaller numbers."""
+    """Return for each cut the sum of its distances from all smaller numbers."""
     numbers = np.sort(numbers)
     sums = np.concatenate([[0], np.cumsum(numbers)])
     index = np.searchsorted(numbers, cuts)
@@ -95,7 +98,10 @@ def _before(numbers: Indices, cuts: Indices) -> Indices:
 
 
 def pipeline_sparse(footprints: Rectangles, batches: int | None = None) -> Load:
-    """A batch grows on its way to the front: it has the bounding rectangle of all images behind that touch it."""
+    """Return the load of the pipeline for sparse images.
+
+    A batch grows on its way to the front: it has the bounding rectangle of all images behind that touch it.
+    """
     ranks, pixels = len(footprints), footprints.canvas_pixels
     batches = automatic_batches(pixels) if batches is None else batches
     cuts, sources = borders(batches, pixels), np.arange(ranks - 1, 0, -1)
@@ -110,10 +116,10 @@ def pipeline_sparse(footprints: Rectangles, batches: int | None = None) -> Load:
 
 
 def parallel_pipeline_sparse(footprints: Rectangles) -> Load:
-    """A piece grows outwards from its owner on both sides, and jumps back to it from either end of the line.
+    """Return the load of the parallel pipeline for sparse images.
 
-    It grows only at images that touch it, and stays as it is between them: what each rank sends is a sum of steps, one
-    for each such image, towards the front and towards the back.
+    A piece grows outwards from its owner on both sides, and is sent back to it from either end of the line. It grows
+    only at images that touch it, so the pixels that each rank sends are a sum of steps, one for each such image.
     """
     ranks = len(footprints)
     cuts = borders(ranks, footprints.canvas_pixels)
@@ -143,12 +149,12 @@ def parallel_pipeline_sparse(footprints: Rectangles) -> Load:
 
 
 def _growing(footprints: Rectangles, order: Indices, begin: int, end: int) -> Indices:
-    """Pixels of [begin, end) in the bounding rectangle of the first image, of the first two, and so on."""
+    """Return the pixels of [begin, end) in the bounding rectangle of the first image, of the first two, and so on."""
     part = footprints.take(order)
     part = part.cut(np.full(len(order), begin), np.full(len(order), end))
     far, empty = np.iinfo(np.int64).max, part.x_end == 0
     x_begin, y_begin = (np.minimum.accumulate(np.where(empty, far, side)) for side in (part.x_begin, part.y_begin))
     x_end, y_end = np.maximum.accumulate(part.x_end), np.maximum.accumulate(part.y_end)
-    # What is empty so far lies nowhere.
+    # Rectangles that are empty so far.
     x_begin, y_begin = np.minimum(x_begin, x_end), np.minimum(y_begin, y_end)
     return Rectangles(part.width, part.height, part.begin, part.end, x_begin, y_begin, x_end, y_end).count()

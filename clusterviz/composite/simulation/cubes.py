@@ -1,4 +1,4 @@
-"""Footprints of a volume cut into bricks, one a rank: what sparse compositing is simulated with."""
+"""Footprints of a cube cut into one brick per rank, for the simulation of sparse images."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from numpy.typing import NDArray
 
 from clusterviz.composite.schedules.rectangles import Rectangles
 
-# Looking down the diagonal of the unit cube: what is near has large coordinates. Rows: screen right, screen down.
+# View along the diagonal of the unit cube, from large coordinates. Rows: screen right, screen down.
 SCREEN_FROM_WORLD = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 
 
 def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
-    """Bounding rectangles of bricks that fill a cube, front to back, seen in parallel along its diagonal.
+    """Return bounding rectangles of the bricks of a cube, front to back, in parallel projection along its diagonal.
 
     Parameters
     ----------
-    ranks : bricks; boxes are halved across their longest side until there is one for each
+    ranks : number of bricks; boxes are halved across their longest side until there is one for each rank
     size : (width, height) of the picture; the cube touches its borders in at least one direction
 
     Returns
     -------
-    footprints : on a canvas that is the union of all of them
+    footprints : rectangles on a canvas that is the union of all of them
     """
     boxes = _bricks(ranks)
     middle, half = (boxes[:, 0] + boxes[:, 1]) / 2, (boxes[:, 1] - boxes[:, 0]) / 2
@@ -39,7 +39,7 @@ def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
 
 
 def _bricks(ranks: int) -> NDArray[np.float64]:
-    """Boxes (ranks, 2, 3) in the unit cube, front to back."""
+    """Return boxes (ranks, 2, 3) in the unit cube, front to back."""
     found = []
     waiting: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = [(ranks, (0.0,) * 3, (1.0,) * 3)]
     while waiting:

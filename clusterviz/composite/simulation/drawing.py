@@ -1,4 +1,4 @@
-"""Who sends to whom, as a picture: one column a stage, one line a message from its source's row to its target's."""
+"""Drawing of a schedule: a column for each stage, a line for each transfer from its source's row to its target's."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
 
 @dataclass(frozen=True)
 class Line:
-    """A transfer on paper: ends in pixels, width, colour, and what it says."""
+    """Line of a transfer: ends and width in pixels, colour, and tooltip."""
 
     begin: tuple[float, float]
     end: tuple[float, float]
@@ -33,7 +33,7 @@ def write_drawing(schedule: Schedule, path: str, title: str) -> None:
     Raises
     ------
     InputError
-        Another kind of file, more transfers than an eye can follow, or a path that cannot be written.
+        Another kind of file, too many transfers, or a path that cannot be written.
     """
     check_drawable(schedule.ranks, path)
     number = sum(len(stage) for stage in schedule.stages)
@@ -48,12 +48,12 @@ def write_drawing(schedule: Schedule, path: str, title: str) -> None:
 
 
 def check_drawable(ranks: int, path: str) -> None:
-    """Find out before a schedule is made whether it could be drawn.
+    """Raise if a schedule of this many ranks cannot be drawn into this file.
 
     Raises
     ------
     InputError
-        Another kind of file than .svg and .png, or more ranks than an eye can follow.
+        Another kind of file than .svg and .png, or too many ranks.
     """
     kind = Path(path).suffix.lower()
     if kind not in (".svg", ".png"):
@@ -63,7 +63,7 @@ def check_drawable(ranks: int, path: str) -> None:
 
 
 def lines(schedule: Schedule) -> list[Line]:
-    """One line for each transfer; its width grows with the share of the picture that it carries."""
+    """Return one line for each transfer; its width grows with the fraction of the picture that it carries."""
     found = []
     for number, stage in enumerate(schedule.stages):
         left, right = MARGIN + number * COLUMN, MARGIN + (number + 1) * COLUMN - 12
@@ -76,7 +76,7 @@ def lines(schedule: Schedule) -> list[Line]:
 
 
 def svg(schedule: Schedule, title: str) -> str:
-    """The drawing as SVG text; each line says what it carries when pointed at."""
+    """Return the drawing as SVG text; each line has a tooltip."""
     width, height = _paper(schedule)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" '
@@ -109,7 +109,7 @@ def _write_png(schedule: Schedule, title: str, path: Path) -> None:
 
 
 def _labels(schedule: Schedule) -> list[tuple[int, int, str]]:
-    """Rank numbers on both sides, round numbers above."""
+    """Return rank numbers on both sides, round numbers above."""
     right = MARGIN + len(schedule.stages) * COLUMN
     ranks = [(x, _row(rank), str(rank)) for rank in range(schedule.ranks) for x in (MARGIN - 16, right + 4)]
     middles = (MARGIN + number * COLUMN + COLUMN // 2 - 6 for number in range(len(schedule.stages)))

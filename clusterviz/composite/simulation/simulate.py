@@ -1,9 +1,9 @@
-"""Any algorithm on up to 65,536 ranks, without MPI: what it moves, and how long that should take.
+"""Simulation of any algorithm on up to 65,536 ranks, without MPI: its load, and its predicted time.
 
-Dense images: direct send, SLIC and the parallel pipeline, which have n² transfers, are counted in closed form; all
-others by counting every transfer of the schedule. Sparse images: direct send is counted row by row of the footprints,
-the pipelines piece by piece, SLIC block by block, and the others by following the bounding rectangles through the
-schedule exactly as the exchange would send them.
+Dense images: direct send, SLIC and the parallel pipeline, which have n² transfers, have closed forms; for all others
+every transfer of the schedule is counted. Sparse images: direct send is counted by rows of the footprints, the
+pipelines by pieces, SLIC by blocks, and the others by following the bounding rectangles through the schedule exactly
+as the exchange sends them.
 """
 
 from __future__ import annotations
@@ -34,21 +34,22 @@ from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 
 MOST_RANKS = 65_536
-# SLIC cuts sparse images into a number of cells that grows with n²: 3000 ranks took a minute and 1.6 GB at 2048×2048.
+# The number of SLIC's cells grows with n² for sparse images: 3000 ranks took a minute and 1.6 GB at 2048×2048.
 MOST_SPARSE_RANKS = {"slic": 4096}
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What one composition would cost; the final gather is not in it.
+    """Simulated cost of one frame, without the final gather.
 
     Attributes
     ----------
     footprints : "dense" or "cubes"
-    counted : "closed form", or "schedule" where all transfers were counted
-    messages_sent, pixels_sent, bytes_sent : of all ranks together
-    seconds : predicted by the time model of `network`
-    worst_rank : the position whose messages, bytes and pixels take longest, and its load below
+    counted : "closed form", or "schedule" if all transfers were counted
+    messages_sent, pixels_sent, bytes_sent : sums over all ranks
+    seconds : prediction of the time model of `network`
+    worst_rank : position whose messages, bytes and pixels take longest
+    worst_rank_messages_sent, … : load of that position
     """
 
     algorithm: str
@@ -72,7 +73,7 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Options:
-    """What some algorithms can be told; None leaves it to them."""
+    """Options of some algorithms; None for the default."""
 
     factors: tuple[int, ...] | None = None
     owners: int | None = None
@@ -80,7 +81,7 @@ class Options:
     batches: int | None = None
 
     def algorithm(self, name: str) -> Algorithm:
-        """The schedule function of an algorithm with its option.
+        """Return the schedule function of an algorithm with its option.
 
         Raises
         ------
@@ -112,11 +113,11 @@ def simulate(
     bytes_per_pixel: int = 16,
     options: Options | None = None,
 ) -> Simulation:
-    """Count and predict one composition, without its final gather, so that any rank may be the root of that.
+    """Count and predict one frame without its final gather, so that any rank may be the root.
 
     Parameters
     ----------
-    algorithm : a name of the registry, or "auto": the fastest of those that are the fastest somewhere
+    algorithm : registered name, or "auto", the fastest of `candidates`
     size : (width, height) of the picture
     footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
 
@@ -150,23 +151,23 @@ def simulate(
 
 
 def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> Schedule:
-    """The schedule itself, whatever its size: to be drawn, or counted where there is no closed form."""
+    """Return the schedule itself, to be drawn, or counted if there is no closed form."""
     function = options.algorithm(name)
     if footprints == "dense":
         return function(ranks, size[0] * size[1], ())
     rectangles = cube_footprints(ranks, size)
-    # The others do not look at footprints; making 10⁵ patches for them would be for nothing.
+    # The other algorithms do not use footprints.
     patches = _patches(rectangles) if name in ("slic", "direct-send") else ()
     return function(ranks, rectangles.canvas_pixels, patches)
 
 
 def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
-    """The load of each rank, whatever the network, and how it was counted: "closed form" or "schedule".
+    """Return the load of each rank, and how it was counted: "closed form" or "schedule".
 
     Raises
     ------
     InputError
-        As of `simulate`.
+        See `simulate`.
     """
     _check(name, ranks, footprints)
     options.algorithm(name)
@@ -189,7 +190,7 @@ def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[
     if name == "parallel-pipeline":
         return parallel_pipeline_sparse(footprints), "closed form"
     if name == "slic":
-        # What SLIC sends is covered by its sender, so all of it travels.
+        # A sender covers all that SLIC sends, so all of it travels.
         table, rows = slic.assign_blocks(ranks, footprints)
         moved = rows * (table[:, 3] - table[:, 2])
         return count_transfers(ranks, np.zeros_like(rows), table[:, 0], table[:, 1], moved), "schedule"
@@ -198,7 +199,7 @@ def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[
 
 
 def _patches(footprints: Rectangles) -> list[Patch]:
-    """The same, one by one, for schedules that look at them."""
+    """Return the footprints as patches, for schedules that use them."""
     sides = zip(*(column.tolist() for column in footprints.columns()[2:]), strict=True)
     return [Patch(footprints.width, 0, footprints.canvas_pixels, Rect(*rect)) for rect in sides]
 

@@ -1,6 +1,6 @@
-"""What a schedule moves for sparse images, followed on all ranks at once: `traffic` on whole columns.
+"""Load of a schedule for sparse images, computed for all ranks at once: `traffic` on arrays.
 
-Ranges of all ranks are laid on one line, rank after rank, so that one sort and one bisection serve all of them.
+Ranges of all ranks are placed on one line, rank after rank, so that one sort and one bisection serve all of them.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from clusterviz.composite.schedules.schedule import Indices, Schedule
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """The patches of all ranks: `line` is where each begins on the line, in order."""
+    """Patches of all ranks; `line` is the position on the line at which each begins, ascending."""
 
     line: Indices
     patches: Rectangles
 
     def find(self, line: Indices) -> Indices:
-        """Which patch each place on the line lies in."""
+        """Return the index of the patch at each position on the line."""
         return np.searchsorted(self.line, line, "right") - 1
 
 
 def count_sparse(schedule: Schedule, footprints: Rectangles) -> Load:
-    """The load where images cover these footprints, by position: bounding rectangles, as the exchange sends them."""
+    """Return the load for images with these footprints, by position; bounding rectangles travel, as in the exchange."""
     stride = schedule.pixels + 1
     held = _Held(np.arange(schedule.ranks, dtype=np.int64) * stride, footprints)
     stages, moved = [], []
@@ -44,7 +44,7 @@ def count_sparse(schedule: Schedule, footprints: Rectangles) -> Load:
 
 
 def _advance(held: _Held, stride: int, source: Indices, target: Indices, sent: Rectangles) -> _Held:
-    """What is held after a stage: cut where ranges left or runs of ranges came, and grown by what came."""
+    """Return the patches after a stage: cut at ranges sent and runs of ranges received, and grown by those received."""
     gone, length = np.sort(source * stride + sent.begin), held.patches.end - held.patches.begin
     gone_end = np.sort(source * stride + sent.end)
     coming = target * stride + sent.begin
@@ -61,7 +61,7 @@ def _advance(held: _Held, stride: int, source: Indices, target: Indices, sent: R
 
 
 def _runs(coming: Indices, sent: Rectangles) -> tuple[Indices, Indices]:
-    """Where runs of received ranges that overlap or touch begin and end on the line."""
+    """Return where runs of overlapping or touching received ranges begin and end on the line."""
     order = np.argsort(coming, kind="stable")
     begin, end = coming[order], np.maximum.accumulate((coming + sent.end - sent.begin)[order])
     new = np.ones(len(begin), bool)
@@ -70,7 +70,7 @@ def _runs(coming: Indices, sent: Rectangles) -> tuple[Indices, Indices]:
 
 
 def _grow(held: _Held, coming: Indices, sent: Rectangles) -> _Held:
-    """Each patch's rectangle together with those that were received inside its range."""
+    """Return each patch with the union of its rectangle and those received in its range."""
     old, far = held.patches, np.iinfo(np.int64).max
     empty = old.count() == 0
     x_begin, y_begin = np.where(empty, far, old.x_begin), np.where(empty, far, old.y_begin)
