@@ -1,4 +1,4 @@
-"""What starting rays by the last frame saves, and errs: `python benchmarks/leaping.py [DATA] [--size N] [--json F]`.
+"""What starting rays by the last frame saves, and errs: `python benchmarks/leaping.py [DATA] [--size N] [--device D]`.
 
 An orbit of a few frames on one rank, drawn twice frame by frame in turn: every ray from where it enters the volume, and
 each just before what the last frame's rays found there. Samples, processor time and the largest difference of a pixel,
@@ -20,6 +20,7 @@ from clusterviz.comm.open import open_channel
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop
 from clusterviz.frame.run import Options
+from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import orbit
 
@@ -37,7 +38,7 @@ def scene_with(path: str, size: int, volume: dict[str, Any], quality: dict[str, 
     return Scene.model_validate(data)
 
 
-def measure(scene: Scene, degrees: float) -> dict[str, float]:
+def measure(scene: Scene, degrees: float, device: Device) -> dict[str, float]:
     """Both ways along an orbit."""
     frames: list[tuple[dict[str, Any], ...]] = []
     with ExitStack() as stack:
@@ -45,7 +46,7 @@ def measure(scene: Scene, degrees: float) -> dict[str, float]:
         for leaping in (False, True):
             quality = scene.quality.model_copy(update={"leaping": leaping})
             one = scene.model_copy(update={"quality": quality})
-            loops.append(stack.enter_context(FrameLoop(one, open_channel(), options=Options(device="cpu"))))
+            loops.append(stack.enter_context(FrameLoop(one, open_channel(), options=Options(device=device))))
         first = [loop.frame().scene for loop in loops]
         for number, camera in enumerate(orbit(first[0].camera, degrees * FRAMES, FRAMES + 1)[1:], 1):
             turned = [one.model_copy(update={"camera": camera}) for one in first]
@@ -75,8 +76,10 @@ def main() -> None:
     parser.add_argument("data", nargs="?", help="a head like that of the sample mni152, which is the default")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--degrees", type=float, nargs="*", default=DEGREES, help="from frame to frame")
+    parser.add_argument("--device", default="cpu", help="cpu, or the index of an EGL device, which OpenGL draws on")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    device: Device = "cpu" if options.device == "cpu" else int(options.device)
     head = options.data or str(fetch_sample("mni152"))
     scenes: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
         "head, cortex": (head, STEEP, {}),
@@ -90,7 +93,7 @@ def main() -> None:
     for name, (path, volume, quality) in scenes.items():
         scene = scene_with(path, options.size, volume, quality)
         for degrees in options.degrees:
-            row = measure(scene, degrees)
+            row = measure(scene, degrees, device)
             rows.append({"scene": name, "degrees": degrees, **row})
             share = row["samples_leaping"] / row["samples"]
             counted = f"{row['samples']:11,.0f} {row['samples_leaping']:11,.0f} {share:6.3f}"

@@ -96,6 +96,14 @@ int origin_of(int first) {
 
 int run_iterations; // of loops, that a run has counted
 
+// Where rays may start behind their entry: the slab from which windows are counted in a brick that a ray comes to with slab k; how many of
+// the next slabs come before what would be a start, by the opacities of what is kept and of the window; that a window, or a slab alone, has
+// come to an opacity with slab k; and whether the ray has to begin again.
+int windows_from(int k);
+int up_to_start(int k, int slabs, float kept, float window);
+void note(int k, float opacity);
+bool is_late();
+
 // The look's: a run of whole slabs is added to what came before it in its window, as if nothing were in front; what the last slab comes to, which
 // the exit may have cut to a share, or a first one that the entry has cut; how what windows come to is added behind what the ray has gathered;
 // and whether nothing behind can matter. A run's slabs, from `from` up to `to`, are counted from slab `origin` at `place`, its window's.
@@ -116,7 +124,9 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     if (JITTERED && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
         if (place.brick >= 0) {
-            put_behind(sum, last_of(ray, 0, place, slab, ray.first_share));
+            vec4 share = last_of(ray, 0, place, slab, ray.first_share);
+            note(0, share.a);
+            put_behind(sum, share);
             ++samples;
         }
         k = 1;
@@ -131,7 +141,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             place = place_of(ray, k, slab);
             if (brick_begin != brick) {
                 brick = brick_begin;
-                entered = window_from(k);
+                entered = windows_from(window_from(k));
             }
             if (place.brick != GAP) break;
             k = min(k + place.slabs, last);
@@ -149,10 +159,12 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         else if (place.brick == OUTSIDE) k = last; // which may be this box's again, by rounding
         if (k >= until) break;
         int slabs = stretched(k, min(min(place.slabs, first + slabs_in_window - k), last - k));
+        slabs = up_to_start(k, slabs, sum.high.a, window.a);
         run_iterations = 2;
         int origin = origin_of(first);
         take_run(window, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
         samples += uint(slabs >> doublings);
+        if (is_late()) return;
         k += slabs;
         iterations += run_iterations;
     }
@@ -160,7 +172,9 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
         if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {
-            put_behind(sum, last_of(ray, k, place, slab, ray.last_share));
+            vec4 share = last_of(ray, k, place, slab, ray.last_share);
+            note(k, share.a);
+            put_behind(sum, share);
             ++samples;
         }
         k = ray.slabs;

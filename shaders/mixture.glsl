@@ -17,6 +17,7 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     for (int at = from; at < to; ++at) {
         double along = double(origin + at);
         sum += (1.0 - sum.a) * mixed(origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
+        note(origin + at, sum.a);
     }
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }

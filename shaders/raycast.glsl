@@ -27,6 +27,7 @@ int slabs_in_window = frame.cells.w;
 #include <SCALAR>
 #include <STRETCH>
 #include "march.glsl"
+#include <STARTS>
 #include <GRADIENT>
 #include <MAGNITUDE>
 #include <FADE>
@@ -57,10 +58,12 @@ void main() {
         Sum sum = Sum(vec4(0.0), vec4(0.0));
         if (!begins || frame.first_box == 0) sum = Sum(pixels[pixel], pixels[lost]);
         int slab = begins ? first_slab(ray) : progress[pixel];
+        start_at(ray, pixel, begins, slab);
         if (frame.first_dispatch == 2) {
             if (is_done(sum)) slab = ray.slabs;
         } else {
             go_on(ray, sum, slab, samples);
+            end_at(ray, pixel, sum, slab);
             pixels[pixel] = sum.high;
             // What finished rays have lost is of no account, unless another box adds to them.
             if (slab < ray.slabs || frame.first_box != 2) pixels[lost] = sum.low;

@@ -7,6 +7,7 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     for (int at = from; at < to; at += 1 << doublings) {
         vec3 beyond = place.beyond + (float(at) + 0.5 * float((1 << doublings) - 1)) * slab;
         take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
+        note(origin + at, sum.a);
     }
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }

@@ -58,11 +58,27 @@ int first_slab(Ray ray) {
     return ray.begin;
 }
 
+// Where the part of a ray in this box begins, from slab k on.
+double begin_in_box(Ray ray, int k, dvec2 box) {
+    return max(max(double(k), JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
+}
+
+int first_in_brick_of(Ray ray, int k, int entry) {
+    double s = begin_in_box(ray, entry, in_box(ray)), unused;
+    for (int axis = 0; axis < 3; ++axis) {
+        bool rises = ray.slab[axis] > 0.0LF;
+        int face = brick_along(ray, axis, double(k), unused) + (rises ? 0 : 1);
+        // The volume's own faces are no begins.
+        if (ray.slab[axis] != 0.0LF && (rises ? face > 0 : face <= last_cell[axis] / BRICK)) s = max(s, met(ray, axis, face));
+    }
+    return int(s);
+}
+
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
     dvec2 box = in_box(ray);
-    double s = max(max(double(k), shift), box.x);
+    double s = begin_in_box(ray, k, box);
     double past = (ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), end = min(past, min(double(ray.end), box.y));
     // Rounding must not put a ray's ends behind the volume's faces, into cells that are none.
     double near = shift + 1e-6LF, far = past - 1e-6LF;
@@ -77,11 +93,13 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         double leave = min(end, min(ends.x, min(ends.y, ends.z)));
         ivec3 at = number - bricks_begin;
         iterations += 2;
-        int later = (int(s) - first) & -slabs_in_window;
+        // A slab that is cut lies in several bricks, of which a ray starts in the first.
+        int begin = brick_begin == number * BRICK ? first : brick_begin.x < 0 ? windows_from(int(s)) : int(s);
+        int later = (int(s) - begin) & -slabs_in_window;
         if (later > 0 || brick_begin != number * BRICK) {
             put_behind(sum, window);
             window = vec4(0.0);
-            first = brick_begin == number * BRICK ? first + later : int(s);
+            first = begin + later;
             brick_begin = number * BRICK;
             if (is_done(sum)) break;
         }
@@ -105,17 +123,20 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         double counted_from = double(origin_of(first)) + 0.5LF;
         Place place = on_lattice(ray, origin_of(first), Place(start, ivec3(0), vec3(0.0), 0));
         Class front = class_at(scalar_at(start, place.cell, place.beyond + float(max(s, near) - counted_from) * slab));
-        leave = min(leave, double(min(first + slabs_in_window, int(s) + LONGEST_RUN)));
+        int slabs = up_to_start(int(s), LONGEST_RUN, sum.high.a, window.a);
+        leave = min(leave, double(min(first + slabs_in_window, int(s) + slabs)));
         while (s < leave) {
             double to = min(floor(s) + 1.0LF, leave);
             Class back = class_at(scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab));
             vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
             take_slab(window, front, back, frame.optics.x * float(to - s), place, beyond);
+            note(int(s), window.a);
             front = back;
             s = to;
             ++samples;
             iterations += 1 + SAMPLE_ITERATIONS;
         }
+        if (is_late()) return;
     }
     put_behind(sum, window);
     // Where a dispatch ends in a gap, the next one begins with that one's window.

@@ -4,6 +4,7 @@
 - raycast.py      volumes by single-pass ray casting, in OpenGL
 - vectors/        the same on the processor
 - coherence/      where rays start, by what those of the last frame hit
+- starts.py       the same, as OpenGL is told, and what it tells
 - drawn.py        what a ray caster gives
 - frame_block.py  the constants of a draw, shared with the shaders
 - variant.py      which shader files and constants a plan needs

@@ -24,6 +24,7 @@ from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
+from clusterviz.render.coherence.last_frame import LastFrame
 from clusterviz.render.dispatch import Buffers, March
 from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.frame_block import ONLY, frame_block
@@ -32,6 +33,7 @@ from clusterviz.render.layers import layers_of
 from clusterviz.render.mixed_bricks import store_portions
 from clusterviz.render.pool import BrickPool
 from clusterviz.render.residence import capacity
+from clusterviz.render.starts import BINDING, Starts, starts_block
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored import store
 from clusterviz.render.variant import Variant, variant_of
@@ -68,6 +70,7 @@ class Raycaster:
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._variant = self.variant_of(plan)
         self._program = compile_compute(context, self._variant.source)
+        self._last_frame = LastFrame()
 
     @property
     def renderer(self) -> str:
@@ -100,6 +103,8 @@ class Raycaster:
         ----------
         bricks : samples (z, y, x), or the `Portions` of several volumes, by index
         """
+        if bricks:
+            self._last_frame.forget()
         if plan.mixture is None:
             # Where rays end early, no brick is stored before one comes to it.
             later = plan.march.residual > 0 and plan.look.operator == "over"
@@ -111,6 +116,8 @@ class Raycaster:
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
+        if bricks := set(bricks):
+            self._last_frame.forget()
         self.pool.drop(bricks)
 
     def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[Drawn]:
@@ -154,6 +161,7 @@ class Raycaster:
         """Windows of the same bricks share their tables."""
         drawn: list[Drawn] = []
         count = length_hint(pieces)
+        self._last_frame.next_frame()
         with ExitStack() as last:
             tables: _Tables | None = None
             for number, piece in enumerate(pieces):
@@ -162,16 +170,23 @@ class Raycaster:
                 part(0.0)
                 if not layers or not rect.pixels:
                     drawn.append(Drawn(blank()))
-                elif len(layers) > 1:
-                    drawn.append(self._draw_layers(plan, rect, layers, started))
+                    continue
+                leaps = plan.march.leaping is not None
+                starts = Starts.of(self._last_frame, plan, piece, rect) if leaps else None
+                if len(layers) > 1:
+                    drawn.append(self._draw_layers(plan, rect, layers, started, starts))
                 else:
                     if tables is None or not piece.shows_bricks_of(tables.piece):
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                    drawn.append(self._draw_bands(plan, rect, tables, started, part))
+                    drawn.append(self._draw_bands(plan, rect, tables, started, starts, part))
+                if starts:
+                    drawn[-1] = replace(drawn[-1], leaping=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
 
-    def _draw_bands(self, plan: Plan, rect: Rect, tables: _Tables, started: float, tell: Tell) -> Drawn:
+    def _draw_bands(
+        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, tell: Tell
+    ) -> Drawn:
         """A large picture from top to bottom, each band as high as is likely to be drawn within `TELL_SECONDS`."""
         drawn: list[Drawn] = []
         top, rows = rect.y_begin, rect.height
@@ -179,7 +194,8 @@ class Raycaster:
             rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
         while top < rect.y_end:
             began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
-            drawn.append(self._draw_piece(plan, band, _only(tables), started, ONLY if tables.alone else 1))
+            own = starts and starts.rows(top - rect.y_begin, band.y_end - rect.y_begin)
+            drawn.append(self._draw_piece(plan, band, _only(tables), started, own, ONLY if tables.alone else 1))
             started = perf_counter()
             tell((band.y_end - rect.y_begin) / rect.height)
             top, rows = band.y_end, max(TILE, int(rows * TELL_SECONDS / (started - began)) // TILE * TILE)
@@ -187,7 +203,9 @@ class Raycaster:
         seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
         return Drawn(PartialImage(rect, rgba), sum(each.samples for each in drawn), tables.bricks, *seconds, work)
 
-    def _draw_layers(self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float) -> Drawn:
+    def _draw_layers(
+        self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Starts | None
+    ) -> Drawn:
         """Layers that no ray reaches are left out, and where their bricks are not stored yet, they are not."""
 
         def reached(march: March) -> Iterator[_Tables]:
@@ -196,31 +214,47 @@ class Raycaster:
                     with _Tables(self._context, self.pool, plan, layer) as tables:
                         yield tables
 
-        drawn = self._draw_piece(plan, rect, reached, started)
+        drawn = self._draw_piece(plan, rect, reached, started, starts)
         shown = sum(len(layer.members(plan.cost > 0)) for layer in layers)
         return replace(drawn, occluded=shown - drawn.bricks)
 
     def _draw_piece(
-        self, plan: Plan, rect: Rect, layers: Callable[[March], Iterator[_Tables]], started: float, first: int = 1
+        self,
+        plan: Plan,
+        rect: Rect,
+        layers: Callable[[March], Iterator[_Tables]],
+        started: float,
+        starts: Starts | None = None,
+        first: int = 1,
     ) -> Drawn:
         """Front to back: each part adds behind what the pixels hold; `first` is told of the first one."""
-        groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), 0
+        groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
+        ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
-            progress = buffers.bind(2, np.zeros(1 + rect.pixels + groups[0] * groups[1], np.uint32))
+            planes = starts.planes if starts else np.zeros(0, np.float32)
+            progress = buffers.bind(2, np.append(np.zeros(ahead + squares, np.uint32), planes.view(np.uint32)))
             march = March(self._context, self._program, buffers, progress, groups)
-            for tables in layers(march):
-                bricks += tables.bricks
-                for box in tables.bind_each():
-                    block = frame_block(plan, box, rect, self.slot)
-                    block["first_box"], first = first, 0
-                    march.through(block)
+            for again in (False, True) if starts else (False,):
+                if starts:
+                    buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
+                    # Rays that are drawn again add to what was kept: zeros, and of which nothing was lost.
+                    first = 0 if again else 1
+                for tables in layers(march):
+                    bricks[tables.piece.box] = tables.bricks
+                    for box in tables.bind_each():
+                        block = frame_block(plan, box, rect, self.slot)
+                        block["first_box"], first = first, 0
+                        march.through(block)
+                read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
+                if starts and not starts.keep(read[squares:].view(np.float32).reshape(-1, rect.height, rect.width)):
+                    break
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
-            work = np.frombuffer(progress.read(offset=4 + 4 * rect.pixels), np.uint32).reshape(groups[::-1])
+            work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
         seconds = rendered - started, perf_counter() - rendered
-        return Drawn(PartialImage(rect, rgba), taken, bricks, *seconds, work)
+        return Drawn(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work)
 
     def release(self) -> None:
         """Give everything back to the driver."""

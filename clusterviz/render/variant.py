@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from clusterviz.errors import SceneError
 from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.grading import Table
@@ -19,6 +18,7 @@ from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.ingredients import VolumeVariant, mixture_files, volume_variants
 from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
+from clusterviz.render.starts import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 
 PART_BYTES = 16  # a vec4
@@ -63,6 +63,7 @@ class Variant:
     table : the transfer function is a table over scalars and magnitudes; "" where it is not
     volumes : those that are mixed; none for one volume
     caps : planes by which cut faces are lit, the volume's own faces among them
+    leaping : rays start where the last frame says
     """
 
     filter: Filter
@@ -83,6 +84,7 @@ class Variant:
     split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
     caps: int = 0
+    leaping: bool = False
 
     @property
     def source(self) -> ShaderSource:
@@ -107,6 +109,7 @@ class Variant:
             "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
             "GRADIENT": self._gradient,
             "STRETCH": "stretched.glsl" if self.slot.stretched else "even.glsl",
+            "STARTS": (STARTS_BLOCK, "starts.glsl") if self.leaping else "entries.glsl",
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
@@ -212,15 +215,7 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     Parameters
     ----------
     uniform_bytes : the largest uniform block that the driver offers
-
-    Raises
-    ------
-    SceneError
-        Rays shall start where those of the last frame found something: no shader does that.
     """
-    if plan.march.leaping is not None:
-        allowed = "false; or --device cpu, for what that draws (docs/ray-casting.md)"
-        raise SceneError("not with OpenGL", where="quality.leaping", found=True, allowed=allowed)
     grading = plan.look.grading
     volumes = volume_variants(plan.mixture, slot) if plan.mixture else ()
     records = (
@@ -248,4 +243,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.march.split,
         volumes,
         len(plan.look.shading.caps) if plan.look.shading else 0,
+        plan.march.leaping is not None,
     )

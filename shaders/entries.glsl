@@ -1,0 +1,18 @@
+// Rays start where they enter the box.
+void start_at(Ray ray, int pixel, bool begins, inout int slab) {}
+
+int windows_from(int k) {
+    return k;
+}
+
+int up_to_start(int k, int slabs, float kept, float window) {
+    return slabs;
+}
+
+void note(int k, float opacity) {}
+
+bool is_late() {
+    return false;
+}
+
+void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {}

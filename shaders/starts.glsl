@@ -1,0 +1,89 @@
+// Rays start where the last frame says (docs/leaping.md), by the rules of the processor's caster (render/vectors/marching/starts.py). A ray goes
+// on from its start as if it had leapt over what is empty: where no start is too late, pictures are the same bit for bit. One whose very
+// first slab adds something may have started too late: it is drawn again, from its entry. Rays that are checked start at their entry and tell
+// what they gathered before what would have been their start. `progress` holds planes of floats behind the samples of work groups.
+const int START = 0; // read: the view depth of a start; negative where the ray is checked, NOTHING where it meets nothing
+const int TOLD = 1;  // what became of the ray: one of those below, or the opacity that a checked ray would have missed
+const int HIT = 2;   // three planes: the midpoint of the first slab that adds something, in index space; NaN where none does
+const float NOTHING = 1e30;
+const int NOWHERE = 0x7fc00000; // NaN, as it is given
+const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // as in render/starts.py
+
+int started = NO_SLAB;      // the slab with which the ray starts, or would start; and which its windows are counted from, there
+int windows_begin = 0, hit = NO_SLAB;
+bool is_checked = false;
+float told = AT_ENTRY, before_start = 0.0; // the opacity of the window before the start
+
+int place_in(int plane, int pixel) {
+    int pixels_drawn = frame.rect.z * frame.rect.w;
+    return pixels_drawn * (1 + plane) + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y) + pixel;
+}
+
+float kept_in(int plane, int pixel) {
+    return intBitsToFloat(progress[place_in(plane, pixel)]);
+}
+
+void keep_in(int plane, int pixel, float number) {
+    progress[place_in(plane, pixel)] = floatBitsToInt(number);
+}
+
+// The first slab of a ray, from slab `entry` on, in the brick that holds slab k.
+int first_in_brick_of(Ray ray, int k, int entry);
+
+void start_at(Ray ray, int pixel, bool begins, inout int slab) {
+    float depth = kept_in(START, pixel);
+    bool meets_nothing = abs(depth) >= NOTHING, again = starts.again != 0;
+    is_checked = depth < 0.0;
+    told = kept_in(TOLD, pixel);
+    hit = progress[place_in(HIT, pixel)] == NOWHERE ? NO_SLAB : -1;
+    int entry = slab;
+    if (begins && ((meets_nothing && !is_checked) || again != (told == LATE))) slab = ray.slabs;
+    if (slab >= ray.slabs || again) return;
+    double slabs = (double(abs(depth)) - dot(starts.depth.xyz, ray.first) - starts.depth.w) / dot(starts.depth.xyz, ray.slab);
+    // The last slab is nobody's first: what is found there could not be looked at again.
+    int start = min(int(clamp(slabs, -1.0LF, 1073741823.0LF)) - starts.offset, ray.slabs - 2);
+    if (meets_nothing) start = NO_SLAB;
+    if (is_checked) {
+        started = start;
+        if (told == AT_ENTRY) told = start > entry ? NOT_YET : 0.0;
+    } else if (begins && (start > entry || (start == entry && told == ESTIMATED))) {
+        // The first slab of this box is a start like any other where slabs of boxes in front of it have been left out.
+        told = ESTIMATED;
+        slab = started = start;
+        windows_begin = first_in_brick_of(ray, start, entry);
+    }
+}
+
+int windows_from(int k) {
+    return k == started && !is_checked ? windows_begin : k;
+}
+
+int up_to_start(int k, int slabs, float kept, float window) {
+    if (told == NOT_YET) {
+        if (k < started) return min(slabs, started - k);
+        told = kept + (1.0 - kept) * window;
+        before_start = window;
+    }
+    return slabs;
+}
+
+void note(int k, float opacity) {
+    if (opacity > 0.0) hit = min(hit, k);
+    if (is_checked && k == started && opacity > before_start) told = 0.0; // it would have noticed
+}
+
+bool is_late() {
+    return hit == started && !is_checked && hit != NO_SLAB;
+}
+
+void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
+    if (is_late()) {
+        told = LATE;
+        sum = Sum(vec4(0.0), vec4(0.0));
+        slab = ray.slabs;
+    } else if (hit >= 0 && hit != NO_SLAB) {
+        vec3 place = vec3(midpoint(ray, hit));
+        for (int axis = 0; axis < 3; ++axis) keep_in(HIT + axis, pixel, place[axis]);
+    }
+    keep_in(TOLD, pixel, told);
+}
