@@ -1,4 +1,4 @@
-"""`clusterviz animate`: an orbit, or a path of key frames, as numbered pictures or as a movie."""
+"""`clusterviz animate`: render an orbit or a path of key frames as numbered pictures or as a movie."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from typing import Annotated
 import typer
 
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.frames import FrameFiles
-from clusterviz.cli.progress import show_progress
-from clusterviz.cli.render import check_reports, slowest_of, start, write_statistics
-from clusterviz.cli.tracing import Tracing
-from clusterviz.cli.verbosity import say
-from clusterviz.cli.writing import WritingThread
+from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.frame_files import FrameFiles, WriterThread
+from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options
@@ -40,7 +37,7 @@ def command(
         Path | None, typer.Option(metavar="PATH.yaml", help="Key frames of camera and transfer function.")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="How many; default with a path: as long as it lasts.")
+        int | None, typer.Option(min=1, help="Number of frames; default with a path: its duration.")
     ] = None,
     define: Define = None,
     size: Size = None,
@@ -54,7 +51,7 @@ def command(
     """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
     channel, startup = start(several_threads=overlap)
     with agree(channel, 0, "scene"):
-        opened, drawn_on = open_scene(scene, overrides_of(define, size)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
         keys = load_path(path) if path else None
         if orbit is not None and (opened.camera.position, opened.camera.parallel_scale) == (None, None):
             opened = opened.model_copy(update={"camera": opened.camera.model_copy(update={"fit": "orbit"})})
@@ -65,38 +62,40 @@ def command(
             check_reports(stats, trace)
     began = time.perf_counter()
     tracing = Tracing(channel, trace)
-    movie = _Movie(channel, files, tracing, bool(stats))
+    movie = _Animation(channel, files, tracing, bool(stats))
     changing = keys is not None and bool(keys.transfer)
     debug, traced = bool(context.obj["debug"]), bool(trace)
-    options = Options(drawn_on, debug=debug, write=movie.write, trace=traced, overlap=overlap, keep_bricks=changing)
+    options = Options(
+        device_choice, debug=debug, write=movie.write, trace=traced, overlap=overlap, keep_bricks=changing
+    )
     with FrameLoop(opened, channel, options=options) as loop:
         with agree(channel, 0, "path"):
             scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"))
-            told = {"orbit": orbit, "keys": keys.model_dump(mode="json") if keys else None}
-            missing = files.begin(loop.scene, count, told) if files else []
+            description = {"orbit": orbit, "keys": keys.model_dump(mode="json") if keys else None}
+            missing = files.begin(loop.scene, count, description) if files else []
         missing = channel.broadcast(missing)
         movie.draw(loop, scenes, missing)
     with agree(channel, count - 1, "write"):
         movie.finish(count, fps)
-    slowest = slowest_of(channel.allgather(startup))
+    slowest = slowest_startup(channel.allgather(startup))
     with agree(channel, count - 1, "statistics"):
         if stats and channel.rank == 0:
             write_statistics(stats, loop.scene, movie.statistics, slowest)
     tracing.write()
     if channel.rank == 0:
         seconds = time.perf_counter() - began
-        say(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
+        print_info(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
         if movie.leaping:
-            say(f"leaping: {movie.leaping}")
+            print_info(f"leaping: {movie.leaping}")
 
 
 def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
-    """How many frames there are.
+    """Return the number of frames.
 
     Raises
     ------
     InputError
-        Nothing moves, or it is not said how long.
+        Neither an orbit nor a path is given, or an orbit without `--frames`.
     """
     if orbit is not None and not math.isfinite(orbit):
         raise InputError("not finite", where="--orbit", found=orbit, allowed="degrees, as in 360")
@@ -107,17 +106,17 @@ def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps
     return frames or (keys.frames(fps, where) if keys else 1)
 
 
-class _Movie:
-    """The frames on their way to disk; on other ranks than 0 nothing is written."""
+class _Animation:
+    """Drawing and writing of the frames; rank 0 writes them in a thread."""
 
     def __init__(self, channel: Channel, files: FrameFiles | None, tracing: Tracing, keep: bool) -> None:
         self._channel, self._files, self._tracing, self._keep = channel, files, tracing, keep
-        self._thread = WritingThread() if files else None
+        self._thread = WriterThread() if files else None
         self.statistics: list[FrameStatistics] = []
         self.leaping: Leaping | None = None
 
     def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
-        """Draw what is missing; collective."""
+        """Draw the missing frames; collective."""
         try:
             self._draw(loop, scenes, missing)
         finally:
@@ -139,7 +138,7 @@ class _Movie:
                     self.statistics.append(rendered.statistics)
 
     def write(self, image: object, scene: Scene, number: int) -> None:
-        """Have a frame written, while others are drawn and composited."""
+        """Queue a frame for writing while others are drawn and composited."""
         files, tracing = self._files, self._tracing
 
         def job() -> None:
@@ -151,7 +150,7 @@ class _Movie:
             self._thread.put(job)
 
     def finish(self, frames: int, frames_per_second: float) -> None:
-        """Wait until all is written, and make a movie of it, if that is what was asked for."""
+        """Wait until all frames are written, and encode the movie if the output is one."""
         if self._files and self._thread:
             self._thread.finish()
             self._files.finish(frames, frames_per_second)

@@ -1,4 +1,4 @@
-"""Arguments that several commands share, so that they look and behave the same in each."""
+"""Arguments and options shared by several commands, and their parsers."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from clusterviz.render.choice import Device
 
 SceneArgument = Annotated[
     str,
-    typer.Argument(
-        metavar="SCENE", help="A scene file (.yaml, .json), or a data file: it is shown as it is best seen."
-    ),
+    typer.Argument(metavar="SCENE", help="A scene file (.yaml, .json), or a data file, which gets automatic settings."),
 ]
 Define = Annotated[
     list[str] | None,
@@ -24,22 +22,22 @@ Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width a
 
 DeviceOption = Annotated[
     str | None,
-    typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the processor; default: in turn."),
+    typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the CPU; default: in turn."),
 ]
 
 
 def overrides_of(define: list[str] | None, size: str | None) -> list[str]:
-    """Both options as overrides of the scene; the size comes last and so holds."""
+    """Return both options as overrides of the scene; the size takes precedence."""
     return [*(define or []), *([f"image.size={list(parse_size(size))}"] if size else [])]
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """(width, height) of a text like 800x600.
+    """Parse a size such as 800x600 into (width, height).
 
     Raises
     ------
     InputError
-        It is not of that form, or a side is none, or longer than a picture's can be.
+        The text has another form, or a side is 0 or too large.
     """
     from clusterviz.scene.field_types import LARGEST_SIDE
 
@@ -54,12 +52,12 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_device(text: str | None) -> Device:
-    """What `--device` names: an EGL device's index, "cpu", or nothing.
+    """Parse `--device`: the index of an EGL device, "cpu", or None.
 
     Raises
     ------
     InputError
-        It is neither.
+        The text is something else.
     """
     if text is None or text == "cpu":
         return text  # type: ignore[return-value]
@@ -69,12 +67,12 @@ def parse_device(text: str | None) -> Device:
 
 
 def parse_names(text: str, known: list[str], where: str) -> list[str]:
-    """The names in a list like "serial,tree".
+    """Parse a list of names such as "serial,tree".
 
     Raises
     ------
     InputError
-        One of them is not known, or there is none.
+        A name is unknown, or the list is empty.
     """
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in known]
@@ -84,12 +82,12 @@ def parse_names(text: str, known: list[str], where: str) -> list[str]:
 
 
 def parse_counts(text: str, least: int, where: str) -> list[int]:
-    """The numbers in a list like "1,2,4".
+    """Parse a list of whole numbers such as "1,2,4".
 
     Raises
     ------
     InputError
-        One of them is not a whole number, or too small.
+        An item is not a whole number, or is too small.
     """
     numbers = [number.strip() for number in text.split(",")]
     wrong = [number for number in numbers if not number.isdecimal() or int(number) < least]

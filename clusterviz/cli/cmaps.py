@@ -1,4 +1,4 @@
-"""`clusterviz cmaps`: the colour maps that a scene can name."""
+"""`clusterviz cmaps`: list the colour maps available to scenes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CELLS, COLOURS = 32, 5
 
 
 def command(
-    name: Annotated[str | None, typer.Argument(help="List those that have this in their names.")] = None,
+    name: Annotated[str | None, typer.Argument(help="List maps whose names contain this.")] = None,
     kind: Annotated[
         str | None, typer.Option(help="sequential, diverging, cyclic, qualitative or miscellaneous.")
     ] = None,
@@ -30,7 +30,7 @@ def command(
         raise InputError("unknown kind", where="--kind", found=kind, allowed=", ".join(kinds))
     found = {each: about for each, about in known.items() if (name or "").lower() in each.lower()}
     if not found:
-        named_colour_points(str(name), where="cmaps")  # raises, and names near ones
+        named_colour_points(str(name), where="cmaps")  # raises an error with similar names
     found = {each: about for each, about in found.items() if kind in (None, about[0])}
     console = Console()
     cells = CELLS if console.is_terminal and not json else COLOURS
@@ -51,7 +51,7 @@ def command(
 
 
 def _swatch(name: str, count: int) -> list[str]:
-    """Colours #rrggbb from one end of a map to the other."""
+    """Return colours #rrggbb from one end of a map to the other."""
     import numpy as np
 
     from clusterviz.scene.colormaps import named_colour_points

@@ -1,4 +1,4 @@
-"""`clusterviz doctor`: what each rank has to work with, and what is wrong with it."""
+"""`clusterviz doctor`: report MPI, OpenGL, threads and memory of each rank, and their problems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clusterviz.cli.failure import launched_rank
+from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError, InputError
@@ -47,17 +47,16 @@ def command(
     report = examine(channel, mismatch)
     if (launched_rank() or 0) == 0:
         _print_json(report) if json else _print_tables(report)
-    found = complaints(report)
+    found = problems_of(report)
     with agree(channel, 0, "doctor"):
         if found:
             raise DeviceError("; ".join(found))
 
 
 def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
-    """Remove shared memory of MPICH that this user owns, no process has mapped, and that is a minute old; which.
+    """Remove and return MPICH's shared memory files of this user that are unmapped and older than a minute.
 
-    Ranks of clusterviz take the names from theirs at once, so what is found is of jobs killed while they started, of
-    other programs, or of older versions.
+    Ranks of clusterviz unlink theirs at start-up, so leftovers are of jobs killed before that, or of other programs.
     """
     maps = ""
     for path in Path("/proc").glob("[0-9]*/maps"):
@@ -74,7 +73,7 @@ def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
 
 
 def examine(channel: Channel, warning: str = "") -> MachineReport:
-    """Every rank's machine, on every rank, with a warning about how they were started; collective."""
+    """Return the report on all ranks' machines, on every rank; collective."""
     ranks = channel.allgather(_examine_rank(channel))
     return MachineReport(
         clusterviz=version("clusterviz"),
@@ -88,8 +87,8 @@ def examine(channel: Channel, warning: str = "") -> MachineReport:
     )
 
 
-def complaints(report: MachineReport) -> list[str]:
-    """What keeps clusterviz from working here, one line each; nothing where all is well."""
+def problems_of(report: MachineReport) -> list[str]:
+    """Return the problems that keep clusterviz from working, one line each."""
     found = [report.warning] if report.warning else []
     problems: dict[str, list[int]] = {}
     for machine in report.ranks:
@@ -122,7 +121,7 @@ def _examine_rank(channel: Channel) -> RankMachine:
 
 
 def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenGL | None, str]:
-    """Names of the EGL devices, the chosen one, its OpenGL, and what went wrong on the way there."""
+    """Return the names of the EGL devices, the index chosen, its OpenGL, and the problem found."""
     from clusterviz.gl.context import open_context
     from clusterviz.gl.devices import choose_device, egl_devices
 
@@ -156,7 +155,7 @@ def _print_tables(report: MachineReport) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    for name, lines in _facts(report).items():
+    for name, lines in _shared_rows(report).items():
         for line in lines:
             console.print(f"[bold]{name:<11}[/]", end="")
             console.print(line, markup=False)
@@ -166,8 +165,8 @@ def _print_tables(report: MachineReport) -> None:
         console.print(report.warning, markup=False)
 
 
-def _facts(report: MachineReport) -> dict[str, list[str]]:
-    """What ranks share, each said once: name -> lines."""
+def _shared_rows(report: MachineReport) -> dict[str, list[str]]:
+    """Return facts shared by ranks: name -> lines."""
     nodes = {machine.host: machine.egl_devices for machine in report.ranks}
     opengl = dict.fromkeys(machine.opengl for machine in report.ranks if machine.opengl)
     return {

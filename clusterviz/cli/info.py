@@ -1,4 +1,4 @@
-"""`clusterviz info`: what a data file holds, read once from end to end."""
+"""`clusterviz info`: describe a data file and its value statistics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def command(
 
     source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
     with Console(stderr=True).status(f"reading {file}"):
-        found = examine(source, brick)
+        found = describe(source, brick)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
         return
@@ -40,12 +40,12 @@ def command(
         print(f"{name:12} {text}")
 
 
-def examine(source: Source, brick: int) -> dict[str, Any]:
-    """Everything that is told of a volume, as JSON values.
+def describe(source: Source, brick: int) -> dict[str, Any]:
+    """Return grid, type, value statistics and bricks of a volume, as JSON values.
 
     Parameters
     ----------
-    source : the volume; it is read
+    source : the volume; all of it is read
     brick : samples along the side of a brick
     """
     from clusterviz.data.bricks import BrickLayout, read_bricks
@@ -78,7 +78,7 @@ def examine(source: Source, brick: int) -> dict[str, Any]:
 
 
 def format_name(name: str) -> str:
-    """The format of a volume by its name: npy, nifti, …; field for a formula, slices for a folder."""
+    """Return the format of a volume from its name: npy, nifti, …; field for a formula, slices for a folder."""
     from clusterviz.data import EXTENSIONS
 
     lower = name.lower()
@@ -90,8 +90,8 @@ def format_name(name: str) -> str:
 
 
 def _other_axes(source: Any) -> dict[str, Any]:
-    """Time steps and channels of the file, and which of them was read."""
-    while hasattr(source, "source"):  # under a guard or another grid
+    """Return time steps and channels of the file, and the ones read."""
+    while hasattr(source, "source"):  # wrapped by a guard or another grid
         source = source.source
     slab = getattr(source, "slab", None)
     found: dict[str, Any] = {}
@@ -104,7 +104,7 @@ def _other_axes(source: Any) -> dict[str, Any]:
 
 
 def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:
-    """A histogram as one line of bars, their heights by the logarithm of the counts; an empty bin is a blank."""
+    """Return a histogram as one line of bars with logarithmic heights; empty bins are blank."""
     per_bar = max(1, -(-len(counts) // width))
     sums = [sum(counts[i : i + per_bar]) for i in range(0, len(counts), per_bar)]
     top = math.log1p(max(sums, default=0))
@@ -117,7 +117,7 @@ def _indices(counts: tuple[int, int, int]) -> list[tuple[int, int, int]]:
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Names and texts, in the order in which they are shown."""
+    """Return names and texts in the order of output."""
     z, y, x = found["shape_zyx"]
     bricks, percentiles = found["bricks"], found["percentiles"]
     counts = " × ".join(str(n) for n in bricks["counts_zyx"][::-1])
@@ -150,7 +150,7 @@ def _vector(values: list[float]) -> str:
 
 
 def _size(count: float) -> str:
-    """Bytes with a unit of 1024."""
+    """Return a number of bytes with a binary unit."""
     for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
         if count < 1024 or unit == "TiB":
             return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"

@@ -1,4 +1,4 @@
-"""Jobs of several ranks that a command starts by itself: clusterviz under mpirun, in processes of their own."""
+"""MPI jobs that a command starts: clusterviz under mpirun in separate processes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clusterviz.comm.library import mpirun_folders
 from clusterviz.comm.placement import launched
 from clusterviz.errors import ClustervizError, InputError
 
-# More ranks than cores are wanted here; Open MPI (4, then 5) allows that only when told.
+# Allow more ranks than cores in Open MPI (4, then 5).
 OVERSUBSCRIBE = {
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
@@ -21,18 +21,18 @@ OVERSUBSCRIBE = {
 
 
 LAUNCHER_VARIABLE = "CLUSTERVIZ_LAUNCHER"
-"""What starts ranks in place of mpirun, with its options: "srun --mpi=pmix". It must take -n RANKS."""
+"""Environment variable with a launcher and its options instead of mpirun: "srun --mpi=pmix"; it must accept -n."""
 
 
 def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
-    """The command line that runs clusterviz on some ranks; one rank needs no mpirun.
+    """Return the command line that runs clusterviz on some ranks; a single rank runs without mpirun.
 
-    A launcher that the environment names starts all jobs, so that one rank has what each of several has.
+    A launcher from the environment starts all jobs, so that a single rank has the same resources as each of several.
 
     Raises
     ------
     ClustervizError
-        There is no mpirun.
+        mpirun is not found.
     """
     alone = [sys.executable, "-m", "clusterviz", *arguments]
     named = shlex.split(os.environ.get(LAUNCHER_VARIABLE, ""))
@@ -42,12 +42,12 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 
 
 def find_mpirun() -> str:
-    """The mpirun that belongs to this Python's mpi4py, else the first one on the PATH.
+    """Return the mpirun of this Python's mpi4py, else the first one on the PATH.
 
     Raises
     ------
     ClustervizError
-        There is none.
+        mpirun is not found.
     """
     for folder in mpirun_folders():
         found = shutil.which("mpirun", path=folder)
@@ -62,12 +62,19 @@ def run_job(
     timeout_seconds: float | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> str:
-    """Run clusterviz on some ranks, with more environment variables if need be, and return what it printed.
+    """Run clusterviz on some ranks and return its standard output.
+
+    Parameters
+    ----------
+    ranks : number of ranks
+    arguments : the command line without the program's name
+    timeout_seconds : time limit; None for no limit
+    environment : additional environment variables
 
     Raises
     ------
     ClustervizError, InputError
-        The job failed: its last words, and an error of the kind that its status tells.
+        The job failed; the class follows from the exit status, the message from the job's errors.
     """
     command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
     done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)
@@ -80,11 +87,12 @@ def run_job(
 
 
 def refuse_launcher(command: str) -> None:
-    """A command that starts mpirun itself must not run under one.
+    """Refuse to run a command under mpirun that starts mpirun itself.
 
     Raises
     ------
     InputError
+        This process was started by a launcher.
     """
     if launched():
         raise InputError(f"`clusterviz {command}` starts mpirun by itself: run it without")

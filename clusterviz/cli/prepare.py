@@ -1,8 +1,7 @@
 """`clusterviz prepare`: compile the kernels that most scenes need, for container images, login nodes and first runs.
 
-Kernels are kept as object files, each made for one processor and one version of the sources; a file appears whole or
-not at all, so that any number of processes may compile at once. A kernel that is not among these is compiled by the
-first render that needs it.
+Kernels are cached as object files for one CPU type and one version of the sources. A file appears whole or not at all,
+so any number of processes may compile at once. Other kernels are compiled by the first render that needs them.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.progress import show_progress
-from clusterviz.cli.verbosity import say
+from clusterviz.cli.console import print_info, show_progress
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
@@ -30,20 +28,22 @@ from clusterviz.render.vectors.transfer.pieces import CAPACITIES, MOST
 from clusterviz.render.vectors.width import host_width
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
-"""What compiles and keeps a kernel."""
+"""Function that compiles and caches a kernel, and its arguments."""
 
 
 def command(
-    common: Annotated[bool, typer.Option("--common", help="Only those of a first picture, of 8-bit data.")] = False,
+    common: Annotated[
+        bool, typer.Option("--common", help="Only the kernels of a first picture of 8-bit data.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON: compiled, kept, seconds, folder.")] = False,
 ) -> None:
-    """Compile the kernels that most scenes need, so that no render waits for them; those that are kept stay."""
+    """Compile the kernels that most scenes need, so that no render waits for them; cached kernels are kept."""
     began, files = perf_counter(), _files((first_kernels if common else common_kernels)(host_width().lanes))
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
     with show_progress(["compiling kernels"]) as progress:
         if missing:
-            # Processes, not threads: LLVM's functions are called under one lock.
+            # Processes instead of threads, since LLVM's functions hold a lock.
             context = multiprocessing.get_context("spawn")
             with ProcessPoolExecutor(min(len(granted_cores()), len(missing)), mp_context=context) as pool:
                 waiting = [pool.submit(_run, job) for job in missing.values()]
@@ -58,11 +58,13 @@ def command(
         kept = [_name(path) for path in files if path not in missing]
         print(json_text.dumps({"compiled": names, "kept": kept, "seconds": seconds, "folder": str(folder())}, indent=2))
     else:
-        say(f"{len(missing)} kernels compiled in {seconds:.1f} s, {len(files) - len(missing)} were kept: {folder()}")
+        print_info(
+            f"{len(missing)} kernels compiled in {seconds:.1f} s, {len(files) - len(missing)} were kept: {folder()}"
+        )
 
 
 def common_kernels(lanes: int) -> list[Kernel]:
-    """Of one volume, linear: the usual opacities with and without light, the maximum, and isosurfaces."""
+    """Return kernels for one volume with linear interpolation: composite, shaded or not, maximum, and isosurface."""
     found: list[Kernel] = []
     for kind in ("u8", "u16", "f32"):
         for light in ("", "far"):
@@ -75,13 +77,13 @@ def common_kernels(lanes: int) -> list[Kernel]:
 
 
 def first_kernels(lanes: int) -> list[Kernel]:
-    """Of `launch/demo`, and of a file of 8-bit data without a scene."""
+    """Return the kernels of `launch/demo`, and of an 8-bit data file without a scene."""
     names = [Kernel("u8", "linear", "composite", "many", 0, lanes, light=light) for light in ("", "far")]
     return [replace(each, pieces="fitted", capacity=CAPACITIES[1]) for each in names] if lanes == MOST else names
 
 
 def _files(kernels: list[Kernel]) -> dict[Path, Job]:
-    """Where each kernel is kept, and what makes it; those that composite, too."""
+    """Return the cache file and the job of each kernel, including the kernels of compositing."""
     texts = sources()
     files: dict[Path, Job] = {kept_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
     for module, name in native.COMMON_KERNELS:

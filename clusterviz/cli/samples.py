@@ -1,4 +1,4 @@
-"""`clusterviz samples`: real data to try things on, fetched from packages and kept in a cache."""
+"""`clusterviz samples`: list or fetch sample data, which is cached."""
 
 from __future__ import annotations
 

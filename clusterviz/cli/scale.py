@@ -1,8 +1,8 @@
-"""`clusterviz scale`: how a scene scales on this machine, and what to expect beyond it, as a page with its numbers.
+"""`clusterviz scale`: measure strong and weak scaling of a scene, predict it for more ranks, and write a page.
 
-Each rank count is a job of its own, so that one that fails takes no other along. The job is this same command with
-`--measure`. Every rank has as many threads at every count, so that more ranks are more cores: llvmpipe alone would
-use all of them on one rank, and no rank added could make anything faster.
+Each rank count is a separate job of this command with `--measure`, so that a failure does not affect the others. Ranks
+have the same number of threads at every count, so that more ranks use more cores; llvmpipe on one rank would otherwise
+use all of them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ import numpy as np
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
+from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
-from clusterviz.cli.progress import show_progress
-from clusterviz.cli.verbosity import say
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
@@ -44,17 +43,18 @@ def command(
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,4",
     weak: Annotated[bool, typer.Option("--weak/--no-weak", help="Weak scaling too: step / n on n ranks.")] = True,
     balance: Annotated[
-        bool, typer.Option("--balance/--no-balance", help="Imbalance over an orbit, with bricks that stay or move.")
+        bool,
+        typer.Option("--balance/--no-balance", help="Imbalance over an orbit, with static and dynamic distributions."),
     ] = True,
     define: Define = None,
     size: Size = None,
-    frames: Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")] = 5,
+    frames: Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")] = 5,
     network: Annotated[
         str | None,
         typer.Option(metavar="F.json", help=f"Predict for this network: a file, or {', '.join(shipped_networks())}."),
     ] = None,
     ranks_per_node: Annotated[
-        int | None, typer.Option(min=1, help="Predict for so many ranks a node; default: this machine's cores.")
+        int | None, typer.Option(min=1, help="Predict for this number of ranks a node; default: this machine's cores.")
     ] = None,
     one_job: Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")] = False,
 ) -> None:
@@ -82,16 +82,16 @@ def command(
     report = make_report(Path(scene).name, shown, frames, threads, found, machine)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
-    say("\n".join(report.verdict))
+    print_info("\n".join(report.verdict))
     for failed in found.failed:
-        say(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
-    say(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}")
+        print_info(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
+    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}")
 
 
 def threads_per_rank(counts: Sequence[int]) -> str:
-    """Threads of each rank at every count: what the largest count that has a core a rank leaves to each.
+    """Return the number of threads of each rank: cores / the largest count with a core for each rank.
 
-    "" where the environment sets them already.
+    The result is "" if the environment sets the number of threads.
     """
     if any(name in os.environ for name in THREAD_VARIABLES):
         return ""
@@ -100,7 +100,7 @@ def threads_per_rank(counts: Sequence[int]) -> str:
 
 
 def make_report(name: str, scene: Scene, frames: int, threads: str, found: Found, machine: Machine) -> Report:
-    """The measurements with their forecasts and the machine's description."""
+    """Return the report: measurements, forecasts and the description of the machine."""
     points = (*found.strong, *found.weak)
     rates = find_rates(points)
     return Report(
@@ -119,7 +119,7 @@ def make_report(name: str, scene: Scene, frames: int, threads: str, found: Found
 
 
 def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
-    """Where to predict for: the network that was named, else the one that is known here."""
+    """Return the machine to predict for, with the named network or else this machine's."""
     each = ranks_per_node or len(granted_cores())
     if network:
         named = open_network(network)
@@ -128,7 +128,7 @@ def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
 
 
 def _elsewhere(rates: Rates, machine: Machine, cluster: Cluster) -> dict[str, list[Expected]]:
-    """The same on the networks that come with the package, as far as they are networks, and others than the first."""
+    """Return forecasts for the other networks of several nodes that come with the package."""
     others = [open_network(name) for name in shipped_networks()]
     others = [other for other in others if other.nodes > 1 and other.name != machine.far.name]
     return {
@@ -138,7 +138,7 @@ def _elsewhere(rates: Rates, machine: Machine, cluster: Cluster) -> dict[str, li
 
 
 def _environment(ranks: int) -> dict[str, Any]:
-    """The doctor's facts; a machine that it finds fault with could still be measured."""
+    """Return the doctor's report; its errors do not prevent the measurement."""
     try:
         found: dict[str, Any] = json.loads(run_job(ranks, ["doctor", "--json"]))
     except ClustervizError as error:
@@ -148,12 +148,13 @@ def _environment(ranks: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Draws scenes; see `survey.Job`.
+    """Drawing of scenes in MPI jobs; see `survey.Job`.
 
     Attributes
     ----------
-    threads : of each rank; "" to leave that to the environment
-    folder : for what passes between this process and theirs
+    frames : number of timed frames
+    threads : threads of each rank; "" to use the environment's
+    folder : folder for files exchanged with the jobs
     """
 
     frames: int
@@ -161,7 +162,7 @@ class MpirunJob:
     folder: Path
 
     def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]:
-        """Draw one scene; raises what `run_job` raises."""
+        """Draw one scene; errors are those of `run_job`."""
         frames = {"frames": FRAMES, "warm_up": 0, "orbit": DEGREES} if orbit else {"frames": self.frames}
         order = {"scene": scene.model_dump(mode="json"), **frames}
         task = self.folder / "job.json"
@@ -173,12 +174,12 @@ class MpirunJob:
 
 
 def measure_job(task: Path, folder: Path) -> None:
-    """What each rank of a job does; rank 0 leaves the picture and the result."""
+    """Run one job on each rank; rank 0 writes the picture and the result."""
     channel = open_channel()
     limit_threads(channel.placement())
     with agree(channel, 0, "job"):
         read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
-    order = channel.broadcast(read)  # other nodes may not see this one's temporary folder
+    order = channel.broadcast(read)  # other nodes may not have this temporary folder
     drawn: list[Scene] = []
 
     def write(image: Image, scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""`clusterviz scene`: the completed scene of a data file, a scene or a picture, to be kept and changed."""
+"""`clusterviz scene`: print the completed scene of a data file, a scene file or a picture."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from clusterviz.cli.arguments import Define, Size, overrides_of
-from clusterviz.cli.render import start
+from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
@@ -39,6 +39,6 @@ def command(
 
 
 def _notes(name: str, completed: Scene, kinds: list[str]) -> list[str]:
-    """What was chosen by, for the head of the file."""
+    """Return the lines of the file's leading comment."""
     notes = [f"{name}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
     return [*notes, *(f"volumes[{number}] looks like: {kind}" for number, kind in enumerate(kinds))]

@@ -1,4 +1,4 @@
-"""`clusterviz schema`: the JSON Schema of scene files, for editors and other programs."""
+"""`clusterviz schema`: print the JSON Schema of scene files."""
 
 from __future__ import annotations
 

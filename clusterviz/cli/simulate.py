@@ -1,4 +1,4 @@
-"""`clusterviz simulate`: what a compositing algorithm would cost on any number of ranks, without MPI."""
+"""`clusterviz simulate`: count messages and pixels of a compositing algorithm and predict its time, without MPI."""
 
 from __future__ import annotations
 
@@ -28,14 +28,18 @@ def command(
         str, typer.Option(metavar="F.json", help=f"A network file, or {', '.join(shipped_networks())}.")
     ] = "infiniband-200g",
     pixel: Annotated[str, typer.Option(help="uint8 or float32: 4 or 16 bytes a pixel.")] = "float32",
-    factors: Annotated[str | None, typer.Option(metavar="K,K,…", help="Of radix-k.")] = None,
-    owners: Annotated[int | None, typer.Option(metavar="M", help="Of direct-send: how many ranks own a piece.")] = None,
-    bands: Annotated[int | None, typer.Option(metavar="B", help="Of direct-send: equal bands of each owner.")] = None,
-    batches: Annotated[int | None, typer.Option(metavar="B", help="Of pipeline.")] = None,
+    factors: Annotated[str | None, typer.Option(metavar="K,K,…", help="Factors of radix-k.")] = None,
+    owners: Annotated[
+        int | None, typer.Option(metavar="M", help="Number of ranks that own a piece, for direct-send.")
+    ] = None,
+    bands: Annotated[
+        int | None, typer.Option(metavar="B", help="Number of equal bands of each owner, for direct-send.")
+    ] = None,
+    batches: Annotated[int | None, typer.Option(metavar="B", help="Number of batches, for pipeline.")] = None,
     draw: Annotated[str | None, typer.Option(metavar="F.svg|png", help="Draw who sends to whom.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Count what an algorithm moves on any number of ranks, and predict its time; the final gather is not in it."""
+    """Count what an algorithm sends on any number of ranks, and predict its time without the final gather."""
     if pixel not in BYTES:
         raise InputError("unknown pixel type", where="--pixel", found=pixel, allowed=", ".join(BYTES))
     if draw:
@@ -58,12 +62,12 @@ def command(
 
 
 def _parse_factors(text: str) -> tuple[int, ...]:
-    """The numbers in a list like "8,8,4", in which one may stand twice.
+    """Parse a list of factors such as "8,8,4", which may repeat.
 
     Raises
     ------
     InputError
-        One of them is not a whole number.
+        A factor is not a whole number.
     """
     if not all(factor.strip().isdecimal() for factor in text.split(",")):
         raise InputError("not a list of factors", where="--factors", found=text, allowed="whole numbers: 8,8,4")
@@ -71,7 +75,7 @@ def _parse_factors(text: str) -> tuple[int, ...]:
 
 
 def _text(result: Simulation) -> str:
-    """A few lines for people."""
+    """Return the result as text."""
     lines = {
         "algorithm": f"{result.algorithm}, {result.ranks:,} ranks, {result.size[0]}x{result.size[1]}, "
         f"{result.footprints}",

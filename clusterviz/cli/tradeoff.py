@@ -1,7 +1,7 @@
-"""`clusterviz tradeoff`: what each quality setting costs and buys for a scene, as a page with its numbers beside it.
+"""`clusterviz tradeoff`: measure cost and error of each quality setting of a scene, and write a page.
 
-Each setting is a job of its own, so that one that fails takes no other along, and memory is that of the setting alone.
-The job is this same command with `--measure`: it draws on its ranks, and leaves a picture and its cost in a folder.
+Each setting is a separate job of this command with `--measure`, so that a failure does not affect the others, and the
+memory is that of one setting. The job writes a picture and its cost to a folder.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ import numpy as np
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
-from clusterviz.cli.progress import show_progress
-from clusterviz.cli.verbosity import say
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.errors import SceneError
 from clusterviz.report.pages.folder import check_folder, replacing_folder
@@ -37,11 +36,15 @@ def command(
     ranks: Annotated[int, typer.Option(min=1, help="Number of ranks.")] = 1,
     define: Define = None,
     size: Size = None,
-    knobs: Annotated[str | None, typer.Option(metavar="K,K,…", help="Which settings to turn; default: all.")] = None,
-    frames: Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")] = 5,
-    rounds: Annotated[int, typer.Option(min=1, help="Measure all settings so often, and keep the best.")] = 1,
-    budget: Annotated[float, typer.Option(min=0, help="Seconds for the picture without error.")] = 60.0,
-    most: Annotated[int, typer.Option(min=1, help="Combinations are left out beyond so many settings.")] = 40,
+    knobs: Annotated[str | None, typer.Option(metavar="K,K,…", help="Settings to vary; default: all.")] = None,
+    frames: Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")] = 5,
+    rounds: Annotated[
+        int, typer.Option(min=1, help="Number of measurements of each setting, of which the best counts.")
+    ] = 1,
+    budget: Annotated[float, typer.Option(min=0, help="Time limit of the reference picture, seconds.")] = 60.0,
+    most: Annotated[
+        int, typer.Option(min=1, help="Largest number of settings; combinations beyond it are left out.")
+    ] = 40,
     one_job: Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")] = False,
 ) -> None:
     """Measure what each quality setting of a scene costs and buys (starting mpirun by itself)."""
@@ -51,7 +54,7 @@ def command(
     refuse_launcher("tradeoff")
     check_libraries()
     names = parse_knobs(knobs)
-    # What is measured shall not go by what the data looks like.
+    # Automatic settings would change the measured scene.
     opened = open_scene(scene, overrides_of(define, size)).model_copy(update={"automatic": False})
     if not opened.volumes:
         raise SceneError("nothing to trade", where=f"{scene}: volumes", allowed="a scene with a volume")
@@ -64,24 +67,25 @@ def command(
         report = survey.run(Path(scene).name, opened, MpirunJob(ranks, Path(folder)), progress)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
-    say("\n".join(report.verdict))
-    say(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+    print_info("\n".join(report.verdict))
+    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
 
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Draws scenes on some ranks; see `survey.Job`.
+    """Drawing of scenes in MPI jobs; see `survey.Job`.
 
     Attributes
     ----------
-    folder : for what passes between this process and theirs
+    ranks : number of ranks
+    folder : folder for files exchanged with the jobs
     """
 
     ranks: int
     folder: Path
 
     def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
-        """Draw one scene; raises what `run_job` raises."""
+        """Draw one scene; errors are those of `run_job`."""
         order = {"scene": scene.model_dump(mode="json"), "frames": frames, "warm_up": warm_up}
         task = self.folder / "job.json"
         task.write_text(json.dumps(order))
@@ -94,12 +98,12 @@ class MpirunJob:
 
 
 def measure_job(task: Path, folder: Path) -> None:
-    """What each rank of a job does; rank 0 leaves the result."""
+    """Run one job on each rank; rank 0 writes the result."""
     channel = open_channel()
     limit_threads(channel.placement())
     with agree(channel, 0, "job"):
         read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
-    order = channel.broadcast(read)  # other nodes may not see this one's temporary folder
+    order = channel.broadcast(read)  # other nodes may not have this temporary folder
     measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], order["warm_up"])
     with agree(channel, 0, "result"):
         if measured.image is not None:

@@ -1,10 +1,10 @@
-"""`clusterviz verify`: one scene on several rank counts, with several algorithms and brick sizes, must be one picture.
+"""`clusterviz verify`: compare the pictures of a scene over rank counts, algorithms, transports and brick sizes.
 
-Each configuration is a job of its own, as a user would start it. By default they are the few in which every setting
-occurs, with as many pairs of settings as these few can have; a fault rarely needs more than a pair. Every picture is
-compared with the first one. The same is then done with a nearly transparent scene of constant opacity, in which no slab
-of a ray hides another: one that two ranks own, or none, changes the number of samples and shows in the picture. Last,
-the picture is compared with the float64 reference, at a small size.
+Each configuration is a separate job. By default a small set covers every setting, and as many pairs of settings as
+possible, since few faults need more than a pair. Every picture is compared with the first one. The ownership check
+repeats this with a nearly transparent scene, in which no slab of a ray hides another: a slab owned by two ranks, or by
+none, changes the number of samples and the picture. Last, the picture is compared with the float64 reference at a small
+size.
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ import numpy as np
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts, parse_names
+from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
-from clusterviz.cli.progress import show_progress
-from clusterviz.cli.verbosity import Verbosity, verbosity
-from clusterviz.cli.witness import Witness, compare_with_reference
+from clusterviz.cli.reference_check import ReferenceComparison, compare_with_reference
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
 from clusterviz.data import open_volume
 from clusterviz.errors import ClustervizError
@@ -37,21 +36,21 @@ from clusterviz.scene import Cluster, Scene, open_scene
 
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
 TRANSPORTS = [name for name in get_args(Cluster.model_fields["transport"].annotation) if name != "auto"]
-USUAL = "serial,tree,direct-send,binary-swap"
+DEFAULT_ALGORITHMS = "serial,tree,direct-send,binary-swap"
 MODES = [name for name in get_args(Cluster.model_fields["mode"].annotation) if name not in ("auto", "sort-last")]
 TILINGS = list(get_args(Cluster.model_fields["tiling"].annotation))
 DISTRIBUTIONS = [name for name in get_args(Cluster.model_fields["distribution"].annotation) if name != "auto"]
-PRETENDED_RANKS_PER_NODE = 2
-"""What a node has while the hierarchical transport is checked, so that one machine has several."""
-FAINT = "1e-6"
-"""Opacity of the scene that shows who owns what: after 10⁴ slabs, 99 % of the light still gets through."""
+SIMULATED_RANKS_PER_NODE = 2
+"""Ranks of a simulated node in checks of the hierarchical transport, so that one machine has several nodes."""
+FAINT_OPACITY = "1e-6"
+"""Opacity in the ownership check: after 10⁴ slabs the transmittance is still 99 %."""
 FAINT_TOLERANCE = 1e-4
-"""Of the brightest pixel; one slab of a ray through 10³ slabs is ten times as much."""
+"""Tolerance of the ownership check relative to the brightest pixel; one of 10³ slabs is ten times as much."""
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to make the picture."""
+    """Configuration of one render."""
 
     ranks: int
     algorithm: str
@@ -62,16 +61,16 @@ class Configuration:
     distribution: str = "coherent"
 
     @property
-    def way(self) -> str:
-        """How the screen is shared, where it is; else the algorithm over messages, or the transport; who has what."""
+    def method(self) -> str:
+        """Mode and tiling of a shared screen, else algorithm or transport, and the distribution."""
         if self.mode != "sort-last":
             return f"{self.mode}, {self.tiling}"
-        how = self.algorithm if self.transport == "messages" else self.transport
-        return how if self.distribution == "coherent" else f"{how}, {self.distribution}"
+        compositing = self.algorithm if self.transport == "messages" else self.transport
+        return compositing if self.distribution == "coherent" else f"{compositing}, {self.distribution}"
 
     @property
     def settings(self) -> frozenset[tuple[str, object]]:
-        """What it tries; one rank tries no way to share the work."""
+        """Settings that the configuration covers; a single rank covers no work sharing."""
         found: dict[str, object] = {"ranks": self.ranks, "brick": self.brick}
         if self.ranks > 1 and self.mode == "sort-last":
             found |= {"compositing": (self.algorithm, self.transport), "distribution": self.distribution}
@@ -80,20 +79,22 @@ class Configuration:
         return frozenset(found.items())
 
     def __str__(self) -> str:
-        return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.way}, brick {self.brick}"
+        return f"{self.ranks} rank{'s' * (self.ranks > 1)}, {self.method}, brick {self.brick}"
 
 
 @dataclass(frozen=True)
 class Result:
-    """One comparison with the first picture.
+    """Comparison of a picture with the first one.
 
     Attributes
     ----------
     check : "picture" or "ownership"
-    max, rms : of the difference; in units of the brightest pixel for ownership
-    first_wrong_pixel : (row, column), None where none exceeds the tolerance
-    samples : field samples that all ranks took together
-    problem : what is wrong, "" where all is well
+    configuration : the configuration compared
+    max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
+    tolerance : the largest difference allowed
+    first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
+    samples : field samples of all ranks
+    problem : the problem found, or ""
     """
 
     check: str
@@ -109,22 +110,24 @@ class Result:
 def command(
     scene: SceneArgument,
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,3,4,7",
-    algorithms: Annotated[str, typer.Option(metavar="A,A,…", help="Compositing algorithms, or all.")] = USUAL,
+    algorithms: Annotated[
+        str, typer.Option(metavar="A,A,…", help="Compositing algorithms, or all.")
+    ] = DEFAULT_ALGORITHMS,
     transports: Annotated[
         str, typer.Option(metavar="T,T,…", help="Transports; messages with each algorithm.")
     ] = "messages,shared,hierarchical",
     modes: Annotated[
-        str, typer.Option(metavar="M,M,…", help="Ways to share the screen, beside sort-last.")
+        str, typer.Option(metavar="M,M,…", help="Modes that share the screen, beside sort-last.")
     ] = "sort-first,hybrid",
     tilings: Annotated[str, typer.Option(metavar="T,T,…", help="Tilings of each of them.")] = "auto",
-    distributions: Annotated[str, typer.Option(metavar="D,D,…", help="Ways to deal bricks to ranks.")] = ",".join(
+    distributions: Annotated[str, typer.Option(metavar="D,D,…", help="Distributions of bricks over ranks.")] = ",".join(
         DISTRIBUTIONS
     ),
     bricks: Annotated[
         str | None, typer.Option(metavar="N,N,…", help="Brick sizes; default: the scene's, and a smaller one.")
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Every combination, not only the few in which each setting occurs.")
+        bool, typer.Option("--all", help="All combinations instead of a few that cover each setting.")
     ] = False,
     define: Define = None,
     size: Size = None,
@@ -140,7 +143,7 @@ def command(
     configurations = _configurations(
         parse_counts(ranks, 1, "--ranks"),
         ALGORITHMS if algorithms == "all" else parse_names(algorithms, [*ALGORITHMS, "auto"], "--algorithms"),
-        parse_counts(bricks, 2, "--bricks") if bricks else _usual_bricks(opened),
+        parse_counts(bricks, 2, "--bricks") if bricks else _default_bricks(opened),
         parse_names(transports, TRANSPORTS, "--transports"),
         [
             (mode, tiling)
@@ -150,38 +153,40 @@ def command(
         parse_names(distributions, DISTRIBUTIONS, "--distributions"),
     )
     if opened.quality.leaping:
-        # A shared screen is refused: it could not be drawn, not even by users.
+        # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
     faint_volumes = len(opened.volumes) if ownership else 0
-    chosen = configurations if every else covering(configurations)
+    chosen = configurations if every else covering_subset(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
-    results = run_all(scene, overrides, chosen, tolerance, faint_volumes, splits, announce, _is_counted(opened))
-    witness = compare_with_reference(opened) if reference and opened.volumes else None
+    results = run_all(
+        scene, overrides, chosen, tolerance, faint_volumes, splits, announce, _has_fixed_sample_count(opened)
+    )
+    comparison = compare_with_reference(opened) if reference and opened.volumes else None
     if json:
-        _print_json(results, witness)
+        _print_json(results, comparison)
     elif verbosity() is not Verbosity.QUIET:
-        _print_table(results, witness)
+        _print_table(results, comparison)
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
     if wrong:
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
 
 
-def _is_counted(scene: Scene) -> bool:
-    """Whether a picture takes the same samples whoever draws it: no ray ends, or begins, by what others have drawn."""
+def _has_fixed_sample_count(scene: Scene) -> bool:
+    """Return whether the number of samples is independent of the configuration: no ray starts late or ends early."""
     quality = scene.quality
     changing = quality.leaping or quality.early_termination > 0 or quality.max_error is not None
     return not changing and all(volume.blending == "composite" for volume in scene.volumes)
 
 
 def _announce(text: str) -> None:
-    """What is going to be done, beside the results."""
+    """Print a progress message on stderr."""
     print(f"verify: {text}", file=sys.stderr, flush=True)
 
 
 def _silent(text: str) -> None:
-    """The same where nobody wants to know."""
+    """Ignore a progress message."""
 
 
 def _configurations(
@@ -192,20 +197,23 @@ def _configurations(
     shared: Sequence[tuple[str, str]] = (),
     distributions: Sequence[str] = ("coherent",),
 ) -> list[Configuration]:
-    """All combinations that differ: one rank has nothing to composite, one node no hierarchy, two ranks no groups."""
+    """Return all distinct configurations.
+
+    A single rank composites nothing, a single node has no hierarchy, and two ranks form no groups.
+    """
     result = []
     for brick in bricks:
         for count in ranks:
             ways = [(algorithm, "messages") for algorithm in algorithms if "messages" in transports]
             ways += [("auto", name) for name in transports if name == "shared"]
-            if count > PRETENDED_RANKS_PER_NODE:
+            if count > SIMULATED_RANKS_PER_NODE:
                 ways += [("auto", name) for name in transports if name == "hierarchical"]
             if count == 1:
                 result.append(Configuration(1, algorithms[0], brick))
             else:
                 result += [
-                    Configuration(count, name, brick, how, distribution=who)
-                    for (name, how), who in itertools.product(ways, distributions)
+                    Configuration(count, name, brick, transport, distribution=distribution)
+                    for (name, transport), distribution in itertools.product(ways, distributions)
                 ]
             result += [
                 Configuration(count, "auto", brick, "auto", mode, tiling)
@@ -215,11 +223,11 @@ def _configurations(
     return result
 
 
-def covering(configurations: Sequence[Configuration]) -> list[Configuration]:
-    """A few in which each setting of all occurs: the first of each brick size, then those that try most for their cost.
+def covering_subset(configurations: Sequence[Configuration]) -> list[Configuration]:
+    """Return a few configurations that cover all settings, chosen greedily.
 
-    The next is always the one with most settings that none before it has, and of these the one with most new pairs of
-    settings for its ranks; then the one with the smaller bricks, of which more are dealt.
+    The first of each brick size come first. Each next one has the most uncovered settings, then the most uncovered
+    pairs of settings per rank, then the smallest bricks.
     """
     chosen = list({each.brick: each for each in reversed(configurations)}.values())[::-1]
     missing = frozenset[tuple[str, object]]().union(*(each.settings for each in configurations))
@@ -241,8 +249,8 @@ def _pairs(configuration: Configuration) -> set[frozenset[tuple[str, object]]]:
     return {frozenset(pair) for pair in itertools.combinations(configuration.settings, 2)}
 
 
-def _usual_bricks(scene: Scene) -> list[int]:
-    """The scene's size, and one of which the volume has several for each rank."""
+def _default_bricks(scene: Scene) -> list[int]:
+    """Return the scene's brick size, and a smaller one that gives each rank several bricks."""
     if not scene.volumes:
         return [scene.cluster.brick]
     side = max(open_volume(scene.volumes[0]).grid.shape_zyx)
@@ -257,30 +265,33 @@ def run_all(
     faint_volumes: int,
     splits: bool = False,
     announce: Callable[[str], None] = _silent,
-    counted: bool = False,
+    compare_samples: bool = False,
 ) -> list[Result]:
-    """Run every configuration, and compare each with the first.
+    """Render all configurations, and compare each picture with the first.
 
     Parameters
     ----------
     scene, overrides : as given to `clusterviz render`
-    configurations : at least one
-    tolerance : largest difference of two pictures
-    faint_volumes : how many the scene has, to do the same with all of them nearly transparent, once for each number of
-        ranks, brick size and way to share the screen; 0: that is left out
-    splits : slabs are cut at the faces of bricks: pictures are compared with the first one of their own brick size
-    announce : told how many jobs there are, and, after the first, how long the rest is likely to take
-    counted : pictures of equal bricks take equally many samples, too, as nearly transparent ones always do
+    configurations : at least one configuration
+    tolerance : the largest difference of two pictures
+    faint_volumes : number of volumes made nearly transparent in the ownership check, which runs once for each number of
+        ranks, brick size, mode, tiling and distribution; 0 for no such check
+    splits : whether slabs are cut at brick faces, so that pictures are compared within one brick size
+    announce : called with the number of jobs, and after the first with the time expected
+    compare_samples : whether pictures with equal bricks must have equal numbers of samples, as the ownership check
+        always requires
     """
-    look = f"opacity={FAINT} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
-    faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in look.split()]
+    transparent = (
+        f"opacity={FAINT_OPACITY} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
+    )
+    faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in transparent.split()]
     faint = [*overrides, *faint, "quality.early_termination=0"]
     kinds = {(c.ranks, c.brick, c.mode, c.tiling, c.distribution): c for c in configurations[::-1]}
     owners = list(kinds.values())[::-1] if faint_volumes else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
-    # Ranks that share a core take turns.
+    # Ranks that share a core run one after the other.
     costs = [max(1.0, configuration.ranks / len(granted_cores())) for _, configuration, _ in jobs]
     announce(f"{len(jobs)} renders, on {', '.join(map(str, sorted({c.ranks for _, c, _ in jobs})))} ranks")
     began = perf_counter()
@@ -292,12 +303,12 @@ def run_all(
             picture, samples = _render(scene, settings, configuration, Path(folder))
             if step == steps[0]:
                 announce(f"about {(perf_counter() - began) / costs[0] * sum(costs[1:]):.0f} s to go")
-            # Slabs that are cut at the faces of bricks make a picture for each brick size.
+            # Slabs that are cut at brick faces give another picture for each brick size.
             first = firsts.setdefault((check, configuration.brick if splits else 0), picture)
-            # What is left out because nothing is visible, or valid, in it depends on the brick size.
+            # The bricks skipped as transparent or invalid depend on the brick size.
             count = counts.setdefault((check, configuration.brick), samples)
             if check == "picture":
-                count = count if counted else samples
+                count = count if compare_samples else samples
                 results.append(_judge_picture(configuration, picture, first, tolerance, samples, count))
             else:
                 results.append(_judge_ownership(configuration, picture, first, samples, count))
@@ -305,7 +316,7 @@ def run_all(
 
 
 def _render(scene: str, overrides: list[str], configuration: Configuration, folder: Path) -> tuple[Pixels, int]:
-    """The picture of one configuration, and how many samples all ranks took."""
+    """Render one configuration; return the picture and the number of samples of all ranks."""
     picture, stats = folder / "picture.npy", folder / "statistics.json"
     settings = [
         *overrides,
@@ -319,7 +330,7 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
     ]
     defines = [word for setting in settings for word in ("-D", setting)]
     several_nodes = configuration.transport == "hierarchical"
-    environment = {RANKS_PER_NODE_VARIABLE: str(PRETENDED_RANKS_PER_NODE)} if several_nodes else {}
+    environment = {RANKS_PER_NODE_VARIABLE: str(SIMULATED_RANKS_PER_NODE)} if several_nodes else {}
     arguments = ["render", scene, "-o", str(picture), "--stats", str(stats), *defines]
     run_job(configuration.ranks, arguments, environment=environment)
     frame = json_text.loads(stats.read_text())["frames"][0]
@@ -337,7 +348,7 @@ def _judge_picture(
 def _judge_ownership(
     configuration: Configuration, picture: Pixels, first: Pixels, samples: int, expected: int
 ) -> Result:
-    """Faint pictures are compared in units of their brightest pixel, samples by number."""
+    """Compare nearly transparent pictures relative to their brightest pixel, and numbers of samples."""
     scale = float(np.abs(first).max()) or 1.0
     difference = compare(picture / scale, first / scale, FAINT_TOLERANCE)
     found = (difference.max, difference.rms, FAINT_TOLERANCE, difference.first_wrong_pixel)
@@ -351,16 +362,16 @@ def _problem(difference: Difference, samples: int, expected: int) -> str:
     return "; ".join(problems)
 
 
-def _print_json(results: list[Result], witness: Witness | None) -> None:
+def _print_json(results: list[Result], comparison: ReferenceComparison | None) -> None:
     report = {
         "agree": not any(result.problem for result in results),
         "results": [asdict(result) for result in results],
-        "reference": asdict(witness) if witness else None,
+        "reference": asdict(comparison) if comparison else None,
     }
     print(json_text.dumps(report, indent=2))
 
 
-def _print_table(results: list[Result], witness: Witness | None) -> None:
+def _print_table(results: list[Result], comparison: ReferenceComparison | None) -> None:
     rows = [("check", "ranks", "compositing", "brick", "max", "rms", "samples", "")]
     for result in results:
         where = "ok" if not result.problem else "WRONG"
@@ -368,9 +379,9 @@ def _print_table(results: list[Result], witness: Witness | None) -> None:
             where += " at row {}, column {}".format(*result.first_wrong_pixel)
         c = result.configuration
         numbers = (f"{result.max:.2e}", f"{result.rms:.2e}", f"{result.samples:,}")
-        rows.append((result.check, str(c.ranks), c.way, str(c.brick), *numbers, where))
+        rows.append((result.check, str(c.ranks), c.method, str(c.brick), *numbers, where))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         print("  ".join(f"{text:{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
-    if witness:
-        print(f"\n{witness}")
+    if comparison:
+        print(f"\n{comparison}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from clusterviz.cli import run
-from clusterviz.cli.failure import RANK_VARIABLES
+from clusterviz.cli.termination import RANK_VARIABLES
 
 
 @dataclass(frozen=True)

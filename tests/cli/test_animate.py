@@ -1,4 +1,4 @@
-"""animate: frames as numbered pictures and movies, taking them up again, and what is refused."""
+"""animate: numbered pictures, movies, resuming, and refused input."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from failures.jobs import failing, finish
 from PIL import Image
 
-from clusterviz.cli import frames as frames_module
+from clusterviz.cli import frame_files
 from clusterviz.cli.jobs import run_job
 from clusterviz.errors import OutputError
 from clusterviz.image import files as image_files
@@ -168,7 +168,7 @@ def test_a_movie_that_failed_is_made_of_the_frames_that_were_kept(
         raise OutputError("cannot be written", where=str(path))
 
     with monkeypatch.context() as patch:
-        patch.setattr(frames_module, "write_movie", fail)
+        patch.setattr(frame_files, "write_movie", fail)
         assert animate(cli, tmp_path / "a.mp4", *ORBIT).status == 2
     assert names(tmp_path) == ["a.mp4.frames"]
     outcome = animate(cli, tmp_path / "a.mp4", *ORBIT, "--resume")

@@ -1,4 +1,4 @@
-"""bench: each part can be measured, says what it did, and what it measured is right."""
+"""bench: results and reports of each benchmark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""bench codec: every codec is measured, and what is said of where it pays follows from what was measured."""
+"""bench codec: every codec is measured, and the links on which it pays follow from the measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""bench network: measures under mpirun, writes a file that later runs find, and refuses one rank."""
+"""bench network: writes a network file under mpirun that later runs read, and refuses one rank."""
 
 from __future__ import annotations
 

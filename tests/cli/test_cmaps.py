@@ -1,4 +1,4 @@
-"""The list of colour maps: names that a scene takes, their kinds and colours."""
+"""cmaps: names, kinds and colours of colour maps."""
 
 from __future__ import annotations
 

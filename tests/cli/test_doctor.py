@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clusterviz.cli.doctor import command, complaints, examine, remove_segments
+from clusterviz.cli.doctor import command, examine, problems_of, remove_segments
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.library import check_launcher
 from clusterviz.comm.placement import SIZE_VARIABLES
@@ -24,7 +24,7 @@ def test_every_rank_is_examined() -> None:
     assert [machine.rank for machine in report.ranks] == [0, 1, 2]
     assert report.size == 3
     assert all(machine.opengl and machine.opengl.max_3d_texture >= 256 for machine in report.ranks)
-    assert complaints(report) == []
+    assert problems_of(report) == []
 
 
 @pytest.mark.gl

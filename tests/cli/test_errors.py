@@ -1,4 +1,4 @@
-"""How commands end: one message, the right status, a traceback only on request, and one voice among ranks."""
+"""Command termination: one message, the exit status, and a traceback only with --debug."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import pytest
 import typer
 
-from clusterviz import cli as cli_room
-from clusterviz.cli.failure import launched_rank
+from clusterviz import cli as commands
+from clusterviz.cli.termination import launched_rank
 from clusterviz.errors import ClustervizError, DataError, RankError
 
 RAISED: list[BaseException] = []
@@ -31,7 +31,7 @@ def raising(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[BaseException
 
     module.command = command  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "clusterviz_raising", module)
-    monkeypatch.setitem(cli_room.COMMANDS, "schema", ("clusterviz_raising", "Raise."))
+    monkeypatch.setitem(commands.COMMANDS, "schema", commands.Command("clusterviz_raising", "Raise."))
     yield RAISED.append
     RAISED.clear()
 
@@ -96,15 +96,22 @@ def test_wrong_usage_is_status_2(cli: Callable[..., Any], arguments: tuple[str, 
 def test_help_lists_every_command(cli: Callable[..., Any]) -> None:
     outcome = cli("--help")
     assert outcome.status == 0
-    assert all(name in outcome.out for name in cli_room.COMMANDS)
-    assert all(example in outcome.out for example in cli_room.EXAMPLES.values())
+    assert all(name in outcome.out for name in commands.COMMANDS)
+    assert all(command.example in outcome.out for command in commands.COMMANDS.values())
 
 
-@pytest.mark.parametrize("name", cli_room.COMMANDS)
+@pytest.mark.parametrize("name", commands.COMMANDS)
 def test_help_shows_an_example(cli: Callable[..., Any], name: str) -> None:
     text = " ".join(cli(name, "--help").out.split())
-    assert f"Example: {cli_room.EXAMPLES[name]}" in text
-    assert f"clusterviz {name}" in cli_room.EXAMPLES[name]
+    assert f"Example: {commands.COMMANDS[name].example}" in text
+    assert f"clusterviz {name}" in commands.COMMANDS[name].example
+
+
+@pytest.mark.usefixtures("raising")
+def test_a_command_needs_no_example(cli: Callable[..., Any]) -> None:
+    outcome = cli("schema", "--help")
+    assert outcome.status == 0
+    assert "Example" not in outcome.out
 
 
 def test_the_version(cli: Callable[..., Any]) -> None:

@@ -1,4 +1,4 @@
-"""`info` tells the truth about a file."""
+"""info: description of data files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands that write pages have in common: what they need, what they leave alone, and who starts them."""
+"""Commands that write pages: required libraries, output folders, and launchers."""
 
 from __future__ import annotations
 

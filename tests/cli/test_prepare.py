@@ -1,4 +1,4 @@
-"""prepare compiles what is not kept, and says so; what cannot be kept is an error."""
+"""prepare: compiles kernels that are not cached, and reports a cache that cannot be written."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from clusterviz.cli import prepare
-from clusterviz.cli.progress import announce_compiling
+from clusterviz.cli.console import announce_compilation
 from clusterviz.kernels import objects
 from clusterviz.render.vectors.kernel import Kernel
 
@@ -55,7 +55,7 @@ def test_the_first_compilation_is_announced_once(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sys, "stderr", os.fdopen(theirs, "w"))
     monkeypatch.setattr(objects, "on_compiling", objects.on_compiling)
     monkeypatch.setattr(objects, "folders", lambda: (tmp_path,))
-    announce_compiling()
+    announce_compilation()
     for name in ("cast", "put"):
         with pytest.raises(KeyError):  # what would compile
             objects.function_address(name, [b"source"], {}.popitem)

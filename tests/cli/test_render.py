@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.cli.costs import print_costs, summary
+from clusterviz.cli.instrumentation import print_cost_table, summary
 from clusterviz.cli.jobs import job_command, run_job
 from clusterviz.image import compare, read_image
 from clusterviz.report.statistics import FrameStatistics, RankFrame
@@ -96,8 +96,7 @@ def test_a_terminal_sees_a_progress_bar_and_gets_its_cursor_back(ranks: int, tmp
     except OSError as error:  # a root without /dev/pts
         pytest.skip(f"no terminal can be opened here: {error}")
     impatient = (
-        "import sys; from clusterviz.cli import progress, run; "
-        "progress.DELAY_SECONDS = 0.0; sys.exit(run(sys.argv[1:]))"
+        "import sys; from clusterviz.cli import console, run; console.DELAY_SECONDS = 0.0; sys.exit(run(sys.argv[1:]))"
     )
     arguments = ["render", FIELD, "-o", str(tmp_path / "a.png"), *SMALL]
     command = [*job_command(ranks, [])[:-2], "-c", impatient, *arguments]
@@ -142,7 +141,7 @@ def statistics(*render_seconds: float) -> FrameStatistics:
 
 
 def test_the_table_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
-    print_costs(statistics(1.0, 4.0), {"imports": 0.5, "mpi": 0.0001})
+    print_cost_table(statistics(1.0, 4.0), {"imports": 0.5, "mpi": 0.0001})
     lines = capsys.readouterr().out.splitlines()
     table = {line[:26].strip(): [float(word) for word in line[26:].split() if word != "s"] for line in lines[1:-6]}
     assert table["start: imports"] == [0.5]

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from clusterviz.cli import EXAMPLES
+from clusterviz.cli import COMMANDS
 from clusterviz.data import samples
 
 
@@ -40,7 +40,7 @@ def test_only_the_path_goes_to_standard_output(
 
 
 def test_the_example_names_a_sample() -> None:
-    assert EXAMPLES["samples"].split()[-1] in samples.SAMPLES
+    assert COMMANDS["samples"].example.split()[-1] in samples.SAMPLES
 
 
 def test_an_unknown_name_is_bad_input(cli: Callable[..., Any], cache: Path) -> None:

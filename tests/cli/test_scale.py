@@ -1,4 +1,4 @@
-"""scale leaves a page that holds everything it shows, and its numbers, or nothing at all."""
+"""scale: a self-contained page and its numbers, or nothing after a failure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""scene: what was chosen can be kept, and renders to the same picture; pictures and statistics carry it."""
+"""scene: the completed scene renders to the same picture, and pictures and statistics contain it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""tradeoff leaves a page that holds everything it shows, and its numbers, or nothing at all."""
+"""tradeoff: a self-contained page and its numbers, or nothing after a failure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""verify says that all pictures agree when they do, and which one does not, and where, when they do not."""
+"""verify: reports agreement, or which pictures differ and where."""
 
 from __future__ import annotations
 
@@ -126,11 +126,11 @@ def test_ways_that_a_scene_refuses_are_left_out(cli: Callable[..., Any], picture
 def test_every_setting_occurs_in_the_few_that_are_tried() -> None:
     ways = ["serial", "tree", "direct-send"], [64, 8], ["messages", "shared", "hierarchical"], [("hybrid", "auto")]
     every = verify._configurations([1, 2, 3, 7], *ways, verify.DISTRIBUTIONS)
-    few = verify.covering(every)
+    few = verify.covering_subset(every)
     assert {setting for each in few for setting in each.settings} == {s for each in every for s in each.settings}
     assert [(each.ranks, each.brick) for each in few[:2]] == [(1, 64), (1, 8)]
     assert sum(each.ranks for each in few) < sum(each.ranks for each in every) / 10
-    assert verify.covering(few) == few
+    assert verify.covering_subset(few) == few
 
 
 def test_what_is_going_to_be_done_is_said_and_left_out_when_quiet(

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from clusterviz.cli import main as run
-from clusterviz.cli.failure import launched_rank
+from clusterviz.cli.termination import launched_rank
 
 
 def fail(how: str, *_: Any, **__: Any) -> NoReturn:

@@ -79,7 +79,7 @@ def test_a_rank_that_decides_otherwise_ends_the_job_before_a_wrong_picture(tmp_p
 
 def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
     arguments = ("render", FIELD, "-o", str(tmp_path / "a.npy"), "--stats", str(tmp_path / "s.json"), *SMALL)
-    ended = finish(failing(0, "clusterviz.cli.render:statistics_file", "raise", 2, *arguments))
+    ended = finish(failing(0, "clusterviz.cli.instrumentation:statistics_file", "raise", 2, *arguments))
     assert (ended.status, "rank 0, frame 0, statistics: ValueError: odd" in ended.err) == (1, True)
     assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
 
@@ -119,7 +119,7 @@ def test_ctrl_c_ends_the_job(ranks: int, place: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("number", "how", "place"),
     [
-        (signal.SIGINT, "wait", "clusterviz.cli.render:_process_age"),  # before MPI is started
+        (signal.SIGINT, "wait", "clusterviz.cli.instrumentation:_process_age"),  # before MPI is started
         (signal.SIGINT, "native", "clusterviz.image.replace:_flush_to_disk"),
         (signal.SIGTERM, "wait", "clusterviz.render.raycast:Raycaster.draw"),
         (signal.SIGHUP, "native", "clusterviz.render.raycast:Raycaster.draw"),

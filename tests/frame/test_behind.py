@@ -161,7 +161,7 @@ def test_a_picture_that_cannot_be_written_is_raised_on_all_ranks(monkeypatch: py
     [
         (1, "clusterviz.composite.compositor:Compositor.composite", "rank 1, frame 0, composite: ValueError: odd"),
         (2, "clusterviz.frame.behind:tell_costs", "rank 2: ValueError: odd"),
-        (0, "clusterviz.cli.animate:_Movie.write", "rank 0, frame 0, write: ValueError: odd"),
+        (0, "clusterviz.cli.animate:_Animation.write", "rank 0, frame 0, write: ValueError: odd"),
     ],
 )
 def test_what_fails_in_one_thread_of_one_rank_ends_the_job(rank: int, place: str, said: str, tmp_path: Path) -> None:

@@ -1,12 +1,6 @@
-"""`clusterviz bench`: one part measured alone, one file each.
+"""`clusterviz bench`: benchmarks of single parts.
 
-- raycast.py    drawing, on one rank
-- over.py       the over operator, beside a copy of the same bytes
-- composite.py  compositing of given images, on the ranks of an mpirun
-- codec.py      what each codec makes of partial images, and on which links it pays
-- network.py    the constants of the time model, on the ranks of an mpirun; probes.py: how each is timed
-
-Each prints a line or two, and writes JSON on request: the result, and every option that was used, defaults included.
+Each benchmark prints a line or two, and optionally writes a JSON file with the result and all options.
 """
 
 from __future__ import annotations

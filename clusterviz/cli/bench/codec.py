@@ -1,9 +1,9 @@
-"""`clusterviz bench codec`: what each codec makes of partial images, how fast, and on which links it pays.
+"""`clusterviz bench codec`: compression ratio and speed of each codec, and the links on which it pays.
 
-One thread, one message a picture. A codec pays where encoding, the bytes that are left, and decoding take less time
-than the raw bytes: on links slower than 8 · (1 − ratio) / (encode + decode) bits a second, with both in seconds for a
-raw byte. Decoding is opening the message: runs and boxes are blended as they lie; unpacking is told beside it, and in
-the JSON what a checksum of the message would take (`crc_s`, on each side).
+One thread encodes one message a picture. A codec pays if encoding, sending and decoding take less time than sending the
+raw bytes: on links slower than 8 · (1 − ratio) / (encode + decode) bits a second, with both times in seconds per raw
+byte. Decoding is the time to open the message, since runs and boxes are blended without unpacking. The time of
+unpacking is printed too, and the JSON holds the time of a checksum (`crc_s`, on each side).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PIXELS = (np.uint8, np.float16, np.float32)
 def command(
     images: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where img_<rank>.rgba or rendered .npy are; without it, made-up pictures."),
+        typer.Option(metavar="DIR", help="Folder with img_<rank>.rgba or rendered .npy; default: synthetic pictures."),
     ] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Width and height, but for .npy.")] = "1024x1024",
     frames: Frames = 10,
@@ -40,7 +40,7 @@ def command(
 ) -> None:
     """Measure every codec: bytes left, speed, and the links on which it pays."""
     shape = parse_size(size)
-    results = measure(pictures_in(images, shape) if images else made_up(shape), frames)
+    results = measure(images_in(images, shape) if images else synthetic_images(shape), frames)
     options = {"images": str(images) if images else None, "size": list(shape), "frames": frames}
     if json:
         write_json(json, {**options, "results": results})
@@ -51,13 +51,13 @@ def command(
         print(f"{row['picture']:16} {row['codec']:28} {100 * row['ratio']:9.2f}% {speeds}        {pays}")
 
 
-def pictures_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The pictures of a folder: raw RGBA8, one a rank, as they are; .npy as bytes, halves and floats.
+def images_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the pictures of a folder: raw RGBA8 as they are, .npy as uint8, float16 and float32.
 
     Raises
     ------
     DataError
-        There is none, or one is not as large as it should be.
+        There is no picture, or one has the wrong size.
     """
     paths = sorted([*folder.glob("img_*.rgba"), *folder.glob("*.npy")])
     if not paths:
@@ -70,7 +70,7 @@ def pictures_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDAr
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    """A picture as `render` writes it: float32 (h, w, 4), premultiplied."""
+    """Read a picture of `clusterviz render`: float32 (h, w, 4), premultiplied."""
     try:
         picture: NDArray[Any] = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:
@@ -87,8 +87,8 @@ def _as_all_types(name: str, picture: NDArray[Any]) -> Iterator[tuple[str, NDArr
         yield f"{name} {np.dtype(kind).name}", scaled.astype(kind)
 
 
-def made_up(size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """A shaded ball on nothing, a smooth picture that covers everything, and noise; as bytes, halves and floats."""
+def synthetic_images(size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield a shaded ball on a transparent background, a smooth opaque picture and noise, in all pixel formats."""
     y, x = np.mgrid[-1 : 1 : size[1] * 1j, -1 : 1 : size[0] * 1j].astype(np.float32)
     depth = np.sqrt(np.maximum(0.15 - x * x - y * y, 0))[..., None]
     shade = np.array([0.9, 0.6, 0.4, 1.0], np.float32)
@@ -99,7 +99,7 @@ def made_up(size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def measure(pictures: Iterator[tuple[str, NDArray[Any]]], frames: int) -> list[dict[str, Any]]:
-    """One row for each picture and codec; on one core, where the system can be told so."""
+    """Return one row for each picture and codec, measured on one core if the system supports affinity."""
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
     if allowed:
         os.sched_setaffinity(0, {min(allowed)})
@@ -116,7 +116,7 @@ def measure(pictures: Iterator[tuple[str, NDArray[Any]]], frames: int) -> list[d
 
 
 def _measure(picture: NDArray[Any], codec: str, frames: int) -> dict[str, float | None]:
-    """One picture through one codec; the least times, since others only disturb."""
+    """Measure one codec on one picture; the minimum over repetitions is the least disturbed."""
     prepare_codecs((picture.dtype,))
     pixels, rows = picture.reshape(-1, 4), Rows(0, max(picture.shape[1], 1))
     count, kind = len(pixels), pixels.dtype

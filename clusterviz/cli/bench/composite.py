@@ -1,9 +1,9 @@
-"""`clusterviz bench composite`: how long the ranks take from their images to one picture.
+"""`clusterviz bench composite`: time to composite given images.
 
-Rank r reads `DIR/img_<r>.rgba`: raw RGBA8, premultiplied, width · height pixels, rank 0 in front. The box of its
-visible pixels is its partial image, as a renderer knows it from the box that it drew. A frame is timed from a barrier
-until the picture is whole on rank 0, by the slowest rank. With shared memory, images lie in it when the time starts,
-where a renderer's read-back leaves them; `--copy` starts with images elsewhere, so that writing them is timed too.
+Rank r reads `DIR/img_<r>.rgba`: raw RGBA8, premultiplied, width · height pixels, rank 0 in front. The bounding box of
+its visible pixels is its partial image. A frame is timed from a barrier until the picture is complete on rank 0, on the
+slowest rank. With shared memory, images are in it before the time starts, as after a renderer's readback; `--copy`
+includes the copy into it.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from clusterviz.image.replace import check_replaceable, replacing
 
 
 @dataclass(frozen=True)
-class Timed:
-    """What the frames gave.
+class Timings:
+    """Result of a benchmark.
 
     Attributes
     ----------
-    milliseconds : of each frame, of the slowest rank
-    counters : of the last frame, by rank
-    picture : uint8 (h, w, 4), premultiplied, on rank 0; None elsewhere
+    milliseconds : time of each frame on the slowest rank
+    counters : counters of the last frame; index = rank
+    picture : uint8 (h, w, 4), premultiplied, on rank 0; None on others
     """
 
     milliseconds: list[float]
@@ -46,11 +46,11 @@ class Timed:
 
 def command(
     context: typer.Context,
-    images: Annotated[Path, typer.Option(metavar="DIR", help="Where img_<rank>.rgba are: raw RGBA8, premultiplied.")],
+    images: Annotated[Path, typer.Option(metavar="DIR", help="Folder with img_<rank>.rgba: raw RGBA8, premultiplied.")],
     size: Annotated[str, typer.Option(metavar="WxH", help="Width and height of every image.")],
     algorithm: Annotated[str, typer.Option(metavar="A", help="Compositing algorithm.")] = "auto",
-    codec: Annotated[str, typer.Option(metavar="C", help="How pixels are packed.")] = "auto",
-    transport: Annotated[str, typer.Option(metavar="T", help="How pixels travel.")] = "auto",
+    codec: Annotated[str, typer.Option(metavar="C", help="Codec of pixels.")] = "auto",
+    transport: Annotated[str, typer.Option(metavar="T", help="Transport of pixels.")] = "auto",
     copy: Annotated[bool, typer.Option("--copy", help="Time the writing of images into shared memory too.")] = False,
     link: Annotated[
         float | None, typer.Option("--link-gbit", metavar="G", min=1e-3, help="Slow each rank's link to G Gb/s.")
@@ -71,7 +71,7 @@ def command(
                 check_replaceable(path)
     network = default_network(len(channel.nodes()))
     if link:
-        # The time model and the codecs shall know of it.
+        # The time model and the choice of codecs use the throttled link.
         network = replace(network, seconds_per_byte=8e-9 / link, node_seconds_per_byte=8e-9 / link)
     compositor = Compositor(channel, shape, algorithm=algorithm, codec=codec, transport=transport, network=network)
     with agree(channel, 0, "read"):
@@ -85,12 +85,12 @@ def command(
 
 
 def read_rgba(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A raw picture, uint8 (h, w, 4).
+    """Read a raw picture, uint8 (h, w, 4).
 
     Raises
     ------
     DataError
-        Missing, or not as large as it should be.
+        The file is missing or has the wrong size.
     """
     try:
         pixels = np.fromfile(path, np.uint8)
@@ -104,7 +104,7 @@ def read_rgba(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def visible_box(rgba: NDArray[np.uint8]) -> PartialImage:
-    """The smallest rectangle that holds every pixel that is not transparent."""
+    """Return the bounding rectangle of all pixels that are not transparent."""
     rows, columns = (np.flatnonzero(rgba[..., 3].any(axis=axis)) for axis in (1, 0))
     if not rows.size:
         return PartialImage(Rect(0, 0, 0, 0), rgba[:0, :0])
@@ -113,8 +113,10 @@ def visible_box(rgba: NDArray[np.uint8]) -> PartialImage:
     return PartialImage(rect, np.ascontiguousarray(box))
 
 
-def measure(partial: PartialImage, channel: Channel, compositor: Compositor, frames: int, copy: bool = False) -> Timed:
-    """Composite the ranks' images several times, after twice that are not timed; collective."""
+def measure(
+    partial: PartialImage, channel: Channel, compositor: Compositor, frames: int, copy: bool = False
+) -> Timings:
+    """Composite the ranks' images several times, after two warm-up frames; collective."""
     compile_kernels(channel)
     order = list(range(channel.size))
     out, _ = compositor.composite(partial, order)
@@ -129,11 +131,11 @@ def measure(partial: PartialImage, channel: Channel, compositor: Compositor, fra
         picture, counters = compositor.composite(partial, order, out)
         seconds.append(perf_counter() - started)
     by_rank = np.array(channel.allgather(seconds[1:]))
-    everybody = channel.allgather(counters)
-    return Timed((1e3 * by_rank.max(axis=0)).tolist(), everybody, picture)
+    counters_by_rank = channel.allgather(counters)
+    return Timings((1e3 * by_rank.max(axis=0)).tolist(), counters_by_rank, picture)
 
 
-def _report(timed: Timed, size: tuple[int, int]) -> dict[str, Any]:
+def _report(timed: Timings, size: tuple[int, int]) -> dict[str, Any]:
     totals = [counters.total for counters in timed.counters]
     first = timed.counters[0]
     return {

@@ -1,10 +1,9 @@
-"""`clusterviz bench network`: the constants by which compositing chooses, measured with our own channel.
+"""`clusterviz bench network`: measure the constants of the time model by which compositing algorithms are chosen.
 
-Two ranks of one node, and two of different nodes where there are several, play ping-pong with messages from 0 bytes to
-16 MiB, and send bursts of small ones. Then as many ranks of each node as it has cores blend and copy at once, since
-that is how they will; the ranks of each node keep step; and tiny images are composed, for what the program itself
-costs. The constants are kept in a file that every later run finds. Give each rank a core: with more ranks than cores
-the program's own constants are blurred by the turns that ranks take.
+Two ranks of one node, and two of different nodes if there are several, exchange messages from 0 bytes to 16 MiB, and
+bursts of small ones. Then as many ranks of each node as it has cores blend and copy at the same time, the ranks of each
+node synchronise, and tiny images are composited, which measures the overhead of the program. The constants are stored
+in a file that later runs read. Each rank should have a core, since sharing cores disturbs the measured overheads.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from clusterviz.cli.bench.probes import TINY, time_blend, time_copy, time_link, time_step, time_tiny
+from clusterviz.cli.bench.probes import TINY_SIDE, time_blend, time_copy, time_link, time_step, time_tiny
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.comm.placement import granted_cores
@@ -38,14 +37,14 @@ def command(
         typer.Option(
             "-o",
             metavar="F.json",
-            help=f"The network file. Default: ${FILE_VARIABLE}, or the one that every "
-            "later run finds in your configuration folder.",
+            help=f"The network file. Default: ${FILE_VARIABLE}, or the file in your configuration folder that later "
+            "runs read.",
         ),
     ] = None,
     frames: Frames = 20,
     json: JsonOption = None,
 ) -> None:
-    """Measure the links between the ranks of an mpirun, and blending, and keep what compositing chooses by."""
+    """Measure the links between the ranks of an mpirun and their blending speed, for the choice of algorithms."""
     channel = open_channel()
     limit_threads(channel.placement())
     path = output or saved_path()
@@ -66,7 +65,7 @@ def command(
 
 
 def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
-    """All constants, and what they were made of; collective, the same on every rank."""
+    """Return the constants, the same on every rank, and the report of the measurements; collective."""
     compile_kernels(channel)
     nodes, cores = channel.nodes(), _cores(channel)
     times = {name: time_link(channel, pair, frames) for name, pair in _pairs(nodes).items()}
@@ -91,14 +90,14 @@ def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
         node_seconds_per_byte=inside.seconds_per_byte,
         seconds_per_float_pixel=time_blend(channel, np.float32, busy, frames),
         copy_seconds_per_byte=time_copy(channel, busy, frames),
-        # Only one of the two shows; the other is as on the machine of the network file that comes with the package.
+        # Only one of the two can be measured; the other is taken from the network file "laptop" of the package.
         barrier_seconds=step if not others else laptop.barrier_seconds,
         turn_seconds=step / others if others else laptop.turn_seconds,
         cores=cores,
         nodes=len(nodes),
     )
     tiny = {ranks: time_tiny(channel, ranks, frames) for ranks in sorted({1, 2, channel.size})}
-    network = channel.broadcast(fit_program(plain, nodes, tiny, TINY * TINY))
+    network = channel.broadcast(fit_program(plain, nodes, tiny, TINY_SIDE * TINY_SIDE))
     report = {
         "links": {name: asdict(link) for name, link in links.items()},
         "times": {name: asdict(found) for name, found in times.items()},
@@ -110,14 +109,14 @@ def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
 
 
 def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
-    """Two ranks for each kind of link that there is."""
+    """Return two ranks for each kind of link."""
     largest = max(nodes, key=len)
-    pairs = {INSIDE: (largest[0], largest[1])} if len(largest) > 1 else {}
-    return pairs | ({BETWEEN: (nodes[0][0], nodes[1][0])} if len(nodes) > 1 else {})
+    two_image_variants = {INSIDE: (largest[0], largest[1])} if len(largest) > 1 else {}
+    return two_image_variants | ({BETWEEN: (nodes[0][0], nodes[1][0])} if len(nodes) > 1 else {})
 
 
 def _cores(channel: Channel) -> int:
-    """The cores that the ranks of the smallest machine may use together."""
+    """Return the number of cores that the ranks of a node may use together, the minimum over nodes."""
     granted = channel.allgather((channel.placement().node, granted_cores()))
     return min(len(frozenset().union(*(cores for _, cores in group))) for group in _by_node(granted))
 
@@ -127,7 +126,7 @@ def _by_node(granted: list[tuple[int, frozenset[int]]]) -> list[list[tuple[int, 
 
 
 def _lines(network: Network, report: dict[str, Any]) -> list[str]:
-    """What people want to know."""
+    """Return the constants as text."""
     lines = [f"{network.name}: {network.source}"]
     for name, link in report["links"].items():
         lines.append(

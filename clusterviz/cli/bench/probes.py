@@ -1,6 +1,6 @@
-"""What `clusterviz bench network` measures; each probe is collective, and gives every rank the same seconds.
+"""Timed operations of `clusterviz bench network`; all are collective and return the same seconds on every rank.
 
-A probe tells its least time over all repetitions, since whatever else a machine does can only add to it.
+The result is the minimum over all repetitions, since other activity of a machine can only add time.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from clusterviz.image.region import EMPTY, Rect
 Bytes = NDArray[np.uint8]
 
 SIZES = (0, 64, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20, 1 << 22, 1 << 24)
-LARGE_BYTES = 1 << 16  # from here on, bytes are what a message costs
+LARGE_BYTES = 1 << 16  # from this size on, bytes dominate the cost of a message
 BURSTS = (1, 2, 4, 8, 16)
 BURST_BYTES = 64
 ARENA_BYTES = 1 << 26
 IMAGE = (1024, 1024)
 LAYERS = 4
-TINY = 16  # width and height of images whose pixels cost nothing
-MANY = 5  # times as many repetitions of what is short
-WARM = 3  # frames that are not counted
+TINY_SIDE = 16  # width and height of images with negligible cost of pixels
+SHORT_REPETITIONS = 5  # factor of the repetitions of short operations
+WARM_UP_FRAMES = 3  # frames before timing
 COPY_BYTES = 1 << 24
-STEPS = 20  # exchanges for one measured time
-_ANSWER = 1000
+STEPS = 20  # exchanges in one timed call
+ANSWER_TAG = 1000
 
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Seconds, one for each repetition.
+    """Seconds of each repetition on one link.
 
     Attributes
     ----------
-    by_size : of one message, by its bytes
-    by_swap : of one message each way at once, by the bytes of one: what ranks do when they compose
-    by_count : of so many small messages one way
+    by_size : bytes -> seconds of one message
+    by_swap : bytes of each -> seconds of one message each way at once, as in compositing
+    by_count : number -> seconds of a burst of small messages in one direction
     """
 
     by_size: dict[int, list[float]]
@@ -54,7 +54,7 @@ class LinkTimes:
     by_count: dict[int, list[float]]
 
     def fit(self) -> Link:
-        """The constants of this link."""
+        """Return the constants of this link."""
         by_size, by_count, by_swap = (
             {key: min(found) for key, found in times.items()} for times in (self.by_size, self.by_count, self.by_swap)
         )
@@ -62,9 +62,9 @@ class LinkTimes:
 
 
 def time_link(channel: Channel, pair: Sequence[int], frames: int) -> LinkTimes:
-    """Ping-pong, swaps and bursts between two ranks; the times of the first are those of all.
+    """Time ping-pong, swaps and bursts between two ranks; all ranks get the times of the first.
 
-    A repetition goes through all sizes and all numbers, so that a disturbance meets all of them.
+    Each repetition covers all sizes and numbers, so that a disturbance affects all of them.
     """
     by_size: dict[int, list[float]] = {size: [] for size in SIZES}
     by_swap: dict[int, list[float]] = {size: [] for size in SIZES if size >= LARGE_BYTES}
@@ -73,7 +73,7 @@ def time_link(channel: Channel, pair: Sequence[int], frames: int) -> LinkTimes:
     if channel.rank in pair:
         mine = list(pair).index(channel.rank)
         peer = pair[1 - mine]
-        # Every message comes from, and goes to, memory that no cache holds any more, as pixels of a frame do.
+        # Messages use memory outside of the caches, as the pixels of a frame do.
         data = [np.ones(ARENA_BYTES, np.uint8) for _ in range(2)]
         for frame in range(frames + 1):
             for size in SIZES:
@@ -90,23 +90,23 @@ def time_link(channel: Channel, pair: Sequence[int], frames: int) -> LinkTimes:
     return channel.broadcast(LinkTimes(by_size, by_swap, by_count), pair[0])
 
 
-def _ping_pong(channel: Channel, peer: int, answers: int, data: Sequence[Bytes]) -> float:
-    """Half the time of a message and its answer, of the same size."""
+def _ping_pong(channel: Channel, peer: int, is_answering: int, data: Sequence[Bytes]) -> float:
+    """Return half the time of a message and an answer of the same size."""
     pending = channel.post_receive(data[1], peer, 0)
     started = perf_counter()
-    if answers:
+    if is_answering:
         channel.wait_some([pending])
     channel.isend(data[0], peer, 0)
-    if not answers:
+    if not is_answering:
         channel.wait_some([pending])
     channel.wait_sends()
     return (perf_counter() - started) / 2
 
 
 def _swap(channel: Channel, peer: int, data: Sequence[Bytes]) -> float:
-    """The time of a message each way at once, after the two have met."""
-    channel.isend(data[0][:0], peer, _ANSWER)
-    channel.wait_some([channel.post_receive(data[1][:0], peer, _ANSWER)])
+    """Return the time of a message each way at once, after a synchronisation."""
+    channel.isend(data[0][:0], peer, ANSWER_TAG)
+    channel.wait_some([channel.post_receive(data[1][:0], peer, ANSWER_TAG)])
     channel.wait_sends()
     started = perf_counter()
     pending = channel.post_receive(data[1], peer, 0)
@@ -116,20 +116,20 @@ def _swap(channel: Channel, peer: int, data: Sequence[Bytes]) -> float:
     return perf_counter() - started
 
 
-def _burst(channel: Channel, peer: int, answers: int, data: Sequence[Bytes], count: int) -> float:
-    """The time of so many small messages at once in one direction, and the empty answer to all of them."""
-    if answers:
+def _burst(channel: Channel, peer: int, is_answering: int, data: Sequence[Bytes], count: int) -> float:
+    """Return the time of a burst of small messages in one direction and an empty answer."""
+    if is_answering:
         parts = np.split(data[1][: count * BURST_BYTES], count)
         waiting = [channel.post_receive(part, peer, tag) for tag, part in enumerate(parts)]
-        channel.isend(data[0][:0], peer, _ANSWER)
+        channel.isend(data[0][:0], peer, ANSWER_TAG)
         while waiting:
             done = {index for index, _ in channel.wait_some(waiting)}
             waiting = [pending for index, pending in enumerate(waiting) if index not in done]
-        channel.isend(data[0][:0], peer, _ANSWER)
+        channel.isend(data[0][:0], peer, ANSWER_TAG)
         channel.wait_sends()
         return 0.0
-    channel.wait_some([channel.post_receive(data[1][:0], peer, _ANSWER)])
-    pending = channel.post_receive(data[1][:0], peer, _ANSWER)
+    channel.wait_some([channel.post_receive(data[1][:0], peer, ANSWER_TAG)])
+    pending = channel.post_receive(data[1][:0], peer, ANSWER_TAG)
     started = perf_counter()
     for tag in range(count):
         channel.isend(data[0][:BURST_BYTES], peer, tag)
@@ -139,7 +139,7 @@ def _burst(channel: Channel, peer: int, answers: int, data: Sequence[Bytes], cou
 
 
 def time_blend(channel: Channel, dtype: DTypeLike, busy: bool, frames: int) -> float:
-    """Seconds for each pixel of each of four images blended in one pass, over all busy ranks, which blend at once."""
+    """Return seconds per pixel and image when all busy ranks blend four images in one pass at the same time."""
     count = IMAGE[0] * IMAGE[1]
     rng, patch = np.random.default_rng(channel.rank), Patch(IMAGE[0], 0, count, Rect(0, 0, *IMAGE))
     largest = 100 if np.dtype(dtype).kind == "u" else 0.4
@@ -149,13 +149,13 @@ def time_blend(channel: Channel, dtype: DTypeLike, busy: bool, frames: int) -> f
 
 
 def time_copy(channel: Channel, busy: bool, frames: int) -> float:
-    """Seconds a byte of a copy, over all busy ranks, which copy at once."""
+    """Return seconds per byte when all busy ranks copy at the same time."""
     source, target = np.zeros(COPY_BYTES, np.uint8), np.ones(COPY_BYTES, np.uint8)
     return min(time_calls(channel, lambda: np.copyto(target, source), busy, frames)) / COPY_BYTES
 
 
 def time_step(channel: Channel, frames: int) -> float:
-    """Seconds of an exchange of small numbers through the memory of a node, on all nodes at once."""
+    """Return seconds of an exchange of small numbers through a node's shared memory, on all nodes at once."""
     window = channel.window(0)
     numbers = np.zeros(4, np.int64)
 
@@ -163,38 +163,38 @@ def time_step(channel: Channel, frames: int) -> float:
         for _ in range(STEPS):
             window.exchange(numbers)
 
-    seconds = min(time_calls(channel, steps, True, MANY * frames)) / STEPS
+    seconds = min(time_calls(channel, steps, True, SHORT_REPETITIONS * frames)) / STEPS
     window.free()
     return seconds
 
 
 def time_tiny(channel: Channel, ranks: int, frames: int) -> float:
-    """Seconds of direct send of so many tiny images, by messages, until the picture is whole, by the slowest rank.
+    """Return seconds of direct-send compositing of tiny images by messages, on the slowest rank.
 
-    Before each frame much memory is touched, as drawing does: with warm caches this program takes half the time.
+    Memory is touched before each frame, as by drawing; with warm caches compositing takes half the time.
     """
-    rect = Rect(0, 0, TINY, TINY) if channel.rank < ranks else EMPTY
+    rect = Rect(0, 0, TINY_SIDE, TINY_SIDE) if channel.rank < ranks else EMPTY
     image = PartialImage(rect, np.ones((rect.height, rect.width, 4), np.uint8))
-    # Fixed names, and constants that are not those which are being measured.
+    # A fixed algorithm and network, independent of the constants being measured.
     network = open_network("laptop")
     compositor = Compositor(
-        channel, (TINY, TINY), algorithm="direct-send", codec="raw", transport="messages", network=network
+        channel, (TINY_SIDE, TINY_SIDE), algorithm="direct-send", codec="raw", transport="messages", network=network
     )
     order = range(channel.size)
     seconds = []
     drawn = np.zeros((2, COPY_BYTES), np.uint8)
-    for _ in range(MANY * frames + WARM):
+    for _ in range(SHORT_REPETITIONS * frames + WARM_UP_FRAMES):
         np.copyto(drawn[0], drawn[1])
         channel.barrier()
         started = perf_counter()
         compositor.composite(image, order)
         seconds.append(perf_counter() - started)
     compositor.close()
-    return float(min(map(max, zip(*channel.allgather(seconds[WARM:]), strict=True))))
+    return float(min(map(max, zip(*channel.allgather(seconds[WARM_UP_FRAMES:]), strict=True))))
 
 
 def time_calls(channel: Channel, call: Callable[[], object], busy: bool, frames: int) -> list[float]:
-    """The times of a call on all busy ranks at once, by the slowest, for each repetition; the others wait."""
+    """Return the time of each repetition of a call on all busy ranks at once, of the slowest rank."""
     seconds = []
     for _ in range(frames + 1):
         channel.barrier()

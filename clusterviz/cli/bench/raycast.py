@@ -1,4 +1,4 @@
-"""`clusterviz bench raycast`: the time of drawing one frame on one rank; reading, uploading and compositing apart."""
+"""`clusterviz bench raycast`: time of ray casting one frame on one rank, without reading, upload and compositing."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def command(
     device: DeviceOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Measure how long one rank draws, with the bricks where they are drawn from already."""
-    # What is measured shall not go by what the data looks like.
+    """Measure ray casting on one rank, with the bricks already loaded."""
+    # Automatic settings would change the measured scene.
     opened = open_scene(scene, overrides_of(define, size)).model_copy(update={"automatic": False})
     report = measure(opened, frames, parse_device(device))
     if json:
@@ -39,13 +39,13 @@ def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    scene : with a volume
-    frames : draws that are timed, after one that is not
-    device : what draws
+    scene : a scene with a volume
+    frames : number of timed frames, after one warm-up frame
+    device : the device to draw on
 
     Returns
     -------
-    report : median_s and min_s, until the pixels are done; readback_median_s; samples of one frame; the options
+    report : median_s and min_s of drawing, readback_median_s, samples of one frame, and the options
     """
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
     if share.plan is None:

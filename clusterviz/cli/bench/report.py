@@ -1,4 +1,4 @@
-"""How a benchmark tells its result: JSON in a file that appears whole or not at all."""
+"""Options and JSON output of the benchmarks."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import typer
 from clusterviz.image.replace import replacing
 
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="F.json", help="Write the result as JSON.")]
-Frames = Annotated[int, typer.Option(min=1, help="How many are timed, after one that is not.")]
+Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 
 
 def write_json(path: Path, report: Mapping[str, Any]) -> None:
-    """Write a report.
+    """Write a report as JSON; the file appears whole or not at all.
 
     Raises
     ------

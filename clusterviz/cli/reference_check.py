@@ -1,4 +1,4 @@
-"""A picture beside the float64 reference of the same scene, at a size that takes seconds."""
+"""Comparison of a picture with the float64 reference, at a size that takes seconds."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from clusterviz.reference import render_reference
 from clusterviz.scene import Scene
 
 WIDTH = 128
-MOST_BYTES = 1 << 30
-"""The reference holds the whole volume in memory; larger ones are left out."""
+MAX_BYTES = 1 << 30
+"""Largest volume to compare; the reference holds the whole volume in memory."""
 
 
 @dataclass(frozen=True)
-class Witness:
-    """How far the picture is from the reference.
+class ReferenceComparison:
+    """Difference between a picture and the reference.
 
     Attributes
     ----------
-    size : (width, height) at which both were made
-    max, rms : of the difference
-    skipped : why there is no comparison, "" where there is one
+    size : (width, height) of both pictures
+    max, rms : maximum and root mean square of the difference
+    skipped : the reason for no comparison, or ""
     """
 
     size: tuple[int, int]
@@ -39,25 +39,25 @@ class Witness:
         return f"reference  max {self.max:.2e}, rms {self.rms:.2e} from float64 at {self.size[0]} × {self.size[1]}"
 
 
-def compare_with_reference(scene: Scene) -> Witness:
-    """Render the scene here, on one rank, and by the reference, with the same step.
+def compare_with_reference(scene: Scene) -> ReferenceComparison:
+    """Render a scene on one rank and by the reference, with the same step, and compare both.
 
-    The difference holds the errors of float32 pixels, of `quality.filter` and of `quality.early_termination`, no other.
+    The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only.
 
     Parameters
     ----------
-    scene : with a volume
+    scene : a scene with a volume
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
     sources = [open_volume(volume) for volume in scene.volumes]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
-    if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MOST_BYTES:
-        limit = f"the {MOST_BYTES >> 30} GiB it may hold in memory"
-        return Witness(size, skipped=f"{sum(counts)} samples are more than {limit}")
+    if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
+        limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
+        return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size})})
     rendered = render_frame(small, LoopbackChannel(), sources)
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
     expected = render_reference(rendered.scene, [source.grid for source in sources], voxels)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
-    return Witness(size, difference.max, difference.rms)
+    return ReferenceComparison(size, difference.max, difference.rms)

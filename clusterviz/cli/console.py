@@ -1,4 +1,7 @@
-"""A progress bar on a terminal, after two seconds: logs and pipes stay free of control characters."""
+"""Console output: verbosity, and a progress bar on terminals.
+
+The bar appears after two seconds, and only on a terminal, so that logs and pipes hold no control characters.
+"""
 
 from __future__ import annotations
 
@@ -6,66 +9,95 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from enum import IntEnum
 from itertools import accumulate
 from pathlib import Path
 from threading import Lock, Timer
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
 
-from clusterviz.cli.failure import launched_rank
-from clusterviz.cli.verbosity import Verbosity, verbosity
+from clusterviz.cli.termination import launched_rank
 
 if TYPE_CHECKING:
     from clusterviz.frame import Progress
 
+
+class Verbosity(IntEnum):
+    """Verbosity by `--quiet` and `--verbose`."""
+
+    QUIET = -1
+    NORMAL = 0
+    VERBOSE = 1
+
+
+_current = Verbosity.NORMAL
+
+
+def set_verbosity(verbosity: Verbosity) -> None:
+    """Set the verbosity of the current command."""
+    global _current
+    _current = verbosity
+
+
+def verbosity() -> Verbosity:
+    """Return the verbosity of the current command."""
+    return _current
+
+
+def print_info(text: str) -> None:
+    """Print a line on stdout that is not the command's result; with `--quiet`, nothing."""
+    if _current > Verbosity.QUIET:
+        print(text, flush=True)
+
+
 DELAY_SECONDS = 2.0
-"""What is done sooner shows no bar."""
+"""Delay before the bar appears."""
 
 
 @contextmanager
-def show_progress(steps: Sequence[str], weights: Sequence[float] = (), *, one: bool = False) -> Iterator[Progress]:
-    """Give a function that is told each step as it begins, and how much of it is done; the bar goes away at the end.
+def show_progress(steps: Sequence[str], weights: Sequence[float] = (), *, per_step: bool = False) -> Iterator[Progress]:
+    """Yield a function that reports the current step and its completed share; the bar is removed at the end.
 
     With `--verbose` each step is a line on stderr instead; with `--quiet` nothing is shown.
 
     Parameters
     ----------
-    steps : the names of the steps in their order; none, to show nothing
-    weights : how long each takes, in any unit; by default all take equally long
-    one : the bar is that of one step at a time, not of all
+    steps : the names of the steps in order; nothing is shown without steps
+    weights : relative durations of the steps; equal by default
+    per_step : whether the bar shows one step at a time instead of all
     """
     with ExitStack() as stack:
         if steps and verbosity() is Verbosity.VERBOSE:
-            yield _Lines()
+            yield _StepLines()
             return
-        terminal = _terminal(stack) if steps and verbosity() is Verbosity.USUAL else None
+        terminal = _open_terminal(stack) if steps and verbosity() is Verbosity.NORMAL else None
         if terminal is None:
             yield lambda step, done=0.0: None
             return
-        bar = _Bar(terminal, steps, [] if one else weights or [1.0] * len(steps))
+        bar = _Bar(terminal, steps, [] if per_step else weights or [1.0] * len(steps))
         stack.callback(bar.close)
         yield bar
 
 
-def announce_compiling() -> None:
-    """Say on a terminal, or with `--verbose`, that a kernel is being compiled: it takes seconds, and only once."""
+def announce_compilation() -> None:
+    """Install a callback that reports the first compilation of a kernel, on a terminal or with `--verbose`."""
     from clusterviz.kernels import objects
 
-    told: list[str] = []
+    announced: list[str] = []
 
-    def tell(name: str) -> None:
+    def announce(name: str) -> None:
         with ExitStack() as stack:
-            terminal = sys.stderr if verbosity() is Verbosity.VERBOSE else _terminal(stack)
-            if terminal is not None and not told and verbosity() is not Verbosity.QUIET:
+            terminal = sys.stderr if verbosity() is Verbosity.VERBOSE else _open_terminal(stack)
+            if terminal is not None and not announced and verbosity() is not Verbosity.QUIET:
                 text = "compiling kernels for this processor, once (`clusterviz prepare` does it ahead)"
                 print(f"clusterviz: {text}", file=terminal, flush=True)
-            told.append(name)
+            announced.append(name)
 
-    objects.on_compiling = tell
+    objects.on_compiling = announce
 
 
-class _Lines:
-    """Each step as a line with the seconds since the first."""
+class _StepLines:
+    """Progress as one line for each step, with the seconds since the first."""
 
     def __init__(self) -> None:
         self._began, self._last = perf_counter(), ""
@@ -77,17 +109,19 @@ class _Lines:
 
 
 class _Bar:
-    """A bar that appears late.
+    """Progress bar that appears after a delay.
 
     Parameters
     ----------
-    weights : of the steps; none, where the bar is that of one step at a time
+    terminal : the stream to write to
+    steps : the names of the steps in order
+    weights : relative durations of the steps; empty for a bar of one step at a time
     """
 
     def __init__(self, terminal: TextIO, steps: Sequence[str], weights: Sequence[float]) -> None:
-        self._terminal, self._total = terminal, sum(weights)
-        self._places = dict(zip(steps, zip(accumulate(weights, initial=0.0), weights, strict=False), strict=False))
-        self._now: tuple[str, float] = "", 0.0
+        self._open_terminal, self._total = terminal, sum(weights)
+        self._intervals = dict(zip(steps, zip(accumulate(weights, initial=0.0), weights, strict=False), strict=False))
+        self._state: tuple[str, float] = "", 0.0
         self._lock, self._bar, self._task, self._shown = Lock(), None, None, ""
         self._closed = False
         self._timer = Timer(DELAY_SECONDS, self._appear)
@@ -96,11 +130,11 @@ class _Bar:
 
     def __call__(self, step: str, done: float = 0.0) -> None:
         with self._lock:
-            self._now = step, done
+            self._state = step, done
             self._update()
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._timer.cancel()
         with self._lock:
             self._closed = True
@@ -114,23 +148,23 @@ class _Bar:
         with self._lock:
             if self._closed:
                 return
-            console = Console(file=self._terminal, force_terminal=True)
+            console = Console(file=self._open_terminal, force_terminal=True)
             columns = [SpinnerColumn(), BarColumn(), TextColumn("{task.description}", markup=False)]
             columns += [TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
-            # The time that is left is told by all that was done, not by the last seconds.
+            # Estimate the remaining time from all steps done, not from the last seconds.
             bar: Any = Progress(*columns, console=console, transient=True, speed_estimate_period=1e9)
             bar.start()
-            # A rank that is killed or aborted never comes back here: it must not leave the terminal without a cursor.
+            # A rank that is killed cannot restore the cursor, so it stays visible.
             console.show_cursor(True)
             self._bar, self._task = bar, bar.add_task("", total=self._total or None)
             self._update()
 
     def _update(self) -> None:
-        (step, done), bar = self._now, self._bar
+        (step, done), bar = self._state, self._bar
         if bar is None:
             return
-        if self._places:
-            begin, weight = self._places[step]
+        if self._intervals:
+            begin, weight = self._intervals[step]
             bar.update(self._task, completed=begin + done * weight, description=step)
             return
         if step != self._shown:
@@ -140,20 +174,20 @@ class _Bar:
             bar.update(self._task, total=1.0, completed=done)
 
 
-def _terminal(stack: ExitStack) -> TextIO | None:
-    """Where the user looks, if that is a terminal. Under mpirun stderr is a pipe, whose other end a parent holds."""
+def _open_terminal(stack: ExitStack) -> TextIO | None:
+    """Return stderr if it is a terminal, else the launcher's terminal under mpirun, else None."""
     if sys.stderr.isatty():
         return sys.stderr
     if launched_rank() is None:
         return None
     try:
-        return stack.enter_context(open(_terminal_of_launcher(), "w"))
+        return stack.enter_context(open(_launcher_terminal(), "w"))
     except (OSError, ValueError):
         return None
 
 
-def _terminal_of_launcher() -> str:
-    """The terminal on which the nearest parent whose stderr is no pipe writes; Linux tells, others raise OSError."""
+def _launcher_terminal() -> str:
+    """Return the terminal of the nearest parent process whose stderr is not a pipe; raise OSError if there is none."""
     pid = os.getppid()
     while pid > 1:
         place = os.readlink(f"/proc/{pid}/fd/2")
