@@ -1,7 +1,7 @@
-"""The exception tree: every failure that a user can meet is one of these, with one readable message.
+"""Exceptions of clusterviz: every failure that a user can meet is one of these, with one readable message.
 
-A command turns an `InputError` into exit status 2 and any other `ClustervizError` into exit status 1,
-prints its text without a traceback, and leaves no half-written output behind.
+A command turns an `InputError` into exit status 2 and any other `ClustervizError` into exit status 1, prints its text
+without a traceback, and leaves no incomplete output.
 """
 
 from __future__ import annotations
@@ -9,19 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-MOST_LINES, MOST_LETTERS = 12, 1000
-"""How long a message may be, and a line of it; `found` and `allowed` have at most a half of a line each."""
+MAX_LINES, MAX_CHARACTERS = 12, 1000
+"""Lines of a message and characters of a line, at most; `found` gets a quarter of a line, `allowed` half of one."""
 
 
 class ClustervizError(Exception):
-    """Anything that clusterviz itself reports; `exit_status` is what a command ends with."""
+    """Failure that clusterviz reports.
+
+    Attributes
+    ----------
+    exit_status : of the command
+    agreed : whether every rank raises this error
+    """
 
     exit_status = 1
     agreed = False
 
 
 class InputError(ClustervizError):
-    """What the user gave cannot be used.
+    """Input that cannot be used.
 
     Parameters
     ----------
@@ -30,38 +36,39 @@ class InputError(ClustervizError):
     where : str, optional
         The file, key or option: "head.nrrd", "scene.yaml: quality.step".
     found, allowed : object, optional
-        What was there, and what may be there instead.
+        What was found, and what is allowed.
 
     Notes
     -----
-    Text from a file may be of any length and hold anything: it is cut, and what no terminal should get is escaped.
+    Text from files may have any length and content. Long text is cut, and characters that are not printable are
+    escaped.
     """
 
     exit_status = 2
 
     def __init__(self, what: str, *, where: str = "", found: object = None, allowed: object = None) -> None:
-        what = "\n".join(_cut(line, MOST_LETTERS) for line in what.splitlines()[:MOST_LINES])
-        parts = [f"{_cut(where, MOST_LETTERS)}: {what}" if where else what]
+        what = "\n".join(_cut(line, MAX_CHARACTERS) for line in what.splitlines()[:MAX_LINES])
+        parts = [f"{_cut(where, MAX_CHARACTERS)}: {what}" if where else what]
         if found is not None:
-            parts.append(f"found {_cut(str(found), MOST_LETTERS // 4)}")
+            parts.append(f"found {_cut(str(found), MAX_CHARACTERS // 4)}")
         if allowed is not None:
-            parts.append(f"allowed {_cut(str(allowed), MOST_LETTERS // 2)}")
+            parts.append(f"allowed {_cut(str(allowed), MAX_CHARACTERS // 2)}")
         super().__init__("; ".join(parts))
 
 
-def _cut(text: str, letters: int) -> str:
-    """One line of printable text, with its end left out where it is long."""
-    text = text if len(text) <= letters else text[: letters - 1] + "…"
+def _cut(text: str, characters: int) -> str:
+    """Return text as one printable line, shortened to `characters` characters."""
+    text = text if len(text) <= characters else text[: characters - 1] + "…"
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 @contextmanager
 def guard(kind: type[InputError], where: object) -> Iterator[None]:
-    """Whatever a reader did not expect, as an error of the user's input that names the file and the cause.
+    """Context that turns unexpected errors of a reader into errors of the input that name the file and the cause.
 
     Parameters
     ----------
-    kind : of the error
+    kind : class of the error
     where : the file
     """
     try:
@@ -78,23 +85,23 @@ def guard(kind: type[InputError], where: object) -> Iterator[None]:
 
 
 class SceneError(InputError):
-    """A scene file or an override names an unknown key, a wrong type or an impossible value."""
+    """Scene file or override with an unknown key, a wrong type or an impossible value."""
 
 
 class DataError(InputError):
-    """A data file is missing, damaged, of an unknown format, or not what its header says."""
+    """Data file that is missing, damaged, of an unknown format, or not as its header says."""
 
 
 class OutputError(InputError):
-    """The output path cannot be written; nothing is left at it."""
+    """Output path that cannot be written; no file is left there."""
 
 
 class DeviceError(ClustervizError):
-    """No OpenGL context, or one that lacks what the plan needs."""
+    """Missing OpenGL context, or one that lacks a required feature."""
 
 
 class RankError(ClustervizError):
-    """One rank failed; every rank raises this with the same text: rank, frame, stage and cause."""
+    """Failure of one rank; every rank raises this with the same text: rank, frame, stage and cause."""
 
     def __init__(self, rank: int, frame: int, stage: str, cause: str, exit_status: int = 1) -> None:
         super().__init__(f"rank {rank}, frame {frame}, {stage}: {cause}")
@@ -103,11 +110,11 @@ class RankError(ClustervizError):
 
 
 def mark_agreed(error: ClustervizError) -> ClustervizError:
-    """Say that every rank raises this very error."""
+    """Mark an error as raised by every rank, and return it."""
     error.agreed = True
     return error
 
 
 def is_agreed(error: BaseException) -> bool:
-    """Whether every rank raises this error."""
+    """Return whether every rank raises this error."""
     return isinstance(error, ClustervizError) and error.agreed

@@ -1,26 +1,23 @@
-"""Where voxels live: files, formulas and arrays behind one contract, cut into bricks, summarised while read.
+"""Volume data: files, formulas and arrays behind one contract, bricks, and summaries.
 
-The room, in the order in which a frame uses it:
+In the order in which a frame uses them:
 
     grid.py, source.py        the contract: a `Source` knows its `Grid` and reads any box of samples
-    files.py, header.py       checks that every format shares: the file is there, the header is possible
-    storage.py, linear.py     bytes by offset (file, several files, compressed stream), and boxes out of them
-    axes.py                   which part of a file is the volume: array, time step, channel
+    files.py, header.py       checks that all formats share: of the file, of its header
+    storage.py, strided.py    byte storage (files, streams, text), and boxes of samples in it
+    axes.py                   the volume in a stored array: array, time step, channel
     npy, npz, raw, nrrd, metaimage, nifti, vti, vtk, tiff, mrc, hdf5, picture     one file a format
-    detached.py               data in files beside the header: numbered names, equal shares
     folder.py                 a folder of slices as one volume
-    vti_layout, vti_blocks, text                    how VTK writes XML and packs blocks; numbers written as text
+    vtk_image, vti_layout, vti_blocks     image data in VTK files: arrays and grid, XML, compressed blocks
     field.py, memory.py       volumes by formula, and NumPy arrays
-    placed.py                 a source with the scene's spacing, origin and direction
-    bricks.py                 the volume cut into bricks with their overlap; reading a rank's own
-    summary.py, selection.py  extremes, histogram and exact percentiles of bricks spread over ranks
-    samples.py                real volumes out of installable packages, for the demo and the tests
+    bricks.py                 division of the volume into bricks, and reading of a rank's bricks
+    summary.py, order_statistics.py       extremes, histogram and exact percentiles of distributed bricks
+    samples.py                sample volumes from installable packages, for the demo and the tests
 
-To add a format: one file with `open_<format>`, which raises `DataError` for whatever is wrong, and compares sizes with
-the file (`check_size`, `check_packed`) before it takes memory; one entry in `FORMATS`; one test, in which the shared
-checks of `tests/data/checks.py` drive it; one line in `tests/fuzz/readers.py`. Anything else that it raises, or a
-library below it, `open_source` turns into a `DataError`. If the samples lie in one piece, the file ends with a
-`LinearSource`, and there is nothing else to write.
+To add a format: one file with `open_<format>`, which raises `DataError` for every fault and compares sizes with the
+file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the shared checks
+of `tests/data/checks.py`; one line in `tests/fuzz/readers.py`. `open_source` turns any other exception into a
+`DataError`. If the samples lie at constant strides, the opener returns a `StridedSource` and needs no reading code.
 """
 
 from __future__ import annotations
@@ -48,7 +45,15 @@ GZIP = (b"\x1f\x8b",)
 
 @dataclass(frozen=True)
 class Format:
-    """One format: its name, the extensions of its files, how they may begin (anyhow, if none), and its module."""
+    """File format.
+
+    Attributes
+    ----------
+    name : for messages
+    extensions : of its files
+    magic : possible first bytes; empty if they vary
+    module : in clusterviz.data
+    """
 
     name: str
     extensions: tuple[str, ...]
@@ -56,7 +61,7 @@ class Format:
     module: str
 
     def open(self, path: Path, subset: Subset) -> Source:
-        """The file's volume, by its module's `open_<module>`; imported now, since a render needs one of them."""
+        """Open a file by `open_<module>`; the module is imported on first use, because a render needs one format."""
         source: Source = getattr(import_module(f"clusterviz.data.{self.module}"), f"open_{self.module}")(path, subset)
         return source
 
@@ -83,13 +88,17 @@ FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECA
 
 
 def open_source(path: str | Path, array: str | None = None, subset: Subset | None = None) -> Source:
-    """Open a volume by its name; only the header is read.
+    """Open a volume by name; only the header is read.
 
     Parameters
     ----------
     path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, or `field:NAME[:SIZE]`
-    array : which array, for files with several; short for `Subset(array=array)`
-    subset : which array, time step and channel
+    array : name of the array, for files with several; short for `Subset(array=array)`
+    subset : array, time step and channel
+
+    Returns
+    -------
+    source : the volume
 
     Raises
     ------
@@ -102,7 +111,7 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
 @dataclass(frozen=True)
 class GuardedSource:
-    """A source of which every failure is a `DataError`, whatever library is behind it."""
+    """Source whose failures are all `DataError`, whatever library reads it."""
 
     source: Source
 
@@ -120,11 +129,11 @@ class GuardedSource:
 
     @property
     def slab(self) -> Hyperslab | None:
-        """Which part of the file it is, where the format says so."""
+        """The volume's part of the stored array, if the format has one."""
         return getattr(self.source, "slab", None)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         with guard(DataError, self.name):
             return self.source.read(begin_zyx, end_zyx)
@@ -132,7 +141,7 @@ class GuardedSource:
 
 @dataclass(frozen=True)
 class GridOverride:
-    """The samples of `source` on another grid of the same shape."""
+    """Source with the samples of another one on a different grid of the same shape."""
 
     source: Source
     grid: Grid
@@ -146,7 +155,7 @@ class GridOverride:
         return self.source.dtype
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         return self.source.read(begin_zyx, end_zyx)
 
 
@@ -175,13 +184,13 @@ def _open(text: str, part: Subset) -> Source:
 
 
 def format_of(path: Path) -> Format | None:
-    """The format of a file by its extension, None where it is not known."""
+    """Return the format of a file by its extension; None if it is unknown."""
     last = ["".join(path.suffixes[-dots:]).lower() for dots in (2, 1)]
     return next((EXTENSIONS[extension] for extension in last if extension in EXTENSIONS), None)
 
 
 def open_volume(volume: Volume) -> Source:
-    """The data of a scene's volume, placed as the scene says.
+    """Open the data of a scene's volume, with the scene's grid.
 
     Raises
     ------
@@ -193,7 +202,7 @@ def open_volume(volume: Volume) -> Source:
 
 
 def override_grid(source: Source, volume: Volume) -> Source:
-    """The source with the spacing, origin and direction of the scene's volume, where the scene has them."""
+    """Return the source with the spacing, origin and direction of the scene's volume, as far as the scene has them."""
     if volume.spacing is None and volume.origin is None and volume.direction is None:
         return source
     grid = source.grid

@@ -1,4 +1,4 @@
-"""The axes of a stored array: which three are z, y, x, and which index is taken along time and channels."""
+"""Axes of a stored array: z, y and x, and the index taken along time and channels."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-MAX_LISTED = 12  # names of channels in a message
+MAX_LISTED = 12  # channel names in a message
 
 
 @dataclass(frozen=True)
 class Subset:
-    """Which part of a file is the volume.
+    """Part of a file that is the volume.
 
     Attributes
     ----------
     array : name of the array, for files with several
     time : number of the time step, from 0
-    channel : number of the channel, from 0, or its name where the file has names
-    first : take time step 0 and channel 0 where there are several and none is named
-    spaced : the spacing is given elsewhere, so that coordinates in the file need not be even
+    channel : number of the channel, from 0, or its name if the file has names
+    first : take time step 0 and channel 0 if there are several and none is named
+    spaced : the spacing is given elsewhere, so coordinates in the file may be uneven
     """
 
     array: str | None = None
@@ -35,7 +35,7 @@ class Subset:
 
 @dataclass(frozen=True)
 class Hyperslab:
-    """The volume inside of an array with more axes.
+    """Volume inside an array with more axes.
 
     Attributes
     ----------
@@ -43,8 +43,8 @@ class Hyperslab:
     index : for each axis the index taken along it; None along z, y and x
     shape_zyx : of the volume
     time, channel : the index taken along these axes
-    time_steps, channels : how many there are; 1 where the array has no such axis
-    channel_names : as many as there are channels, or none
+    time_steps, channels : their number; 1 without such an axis
+    channel_names : one a channel, or empty
     """
 
     shape: tuple[int, ...]
@@ -58,19 +58,19 @@ class Hyperslab:
 
     @property
     def samples(self) -> int:
-        """Samples in the whole array."""
+        """Number of samples in the whole array."""
         return prod(self.shape)
 
     @property
     def label(self) -> str:
-        """What the volume's name ends with, so that it says which part of the file it is."""
+        """Suffix of the volume's name that says which part of the file it is."""
         parts = [f":time={self.time}"] if self.time_steps > 1 else []
         if self.channels > 1:
             parts.append(f":channel={self.channel_names[self.channel] if self.channel_names else self.channel}")
         return "".join(parts)
 
     def strides(self, itemsize: int, fortran: bool = False) -> tuple[int, Index]:
-        """Bytes before the volume's first sample, and from one sample to the next along z, y and x."""
+        """Return the bytes before the volume's first sample, and the strides in bytes along z, y and x."""
         axes = range(len(self.shape))
         strides = [itemsize * prod(self.shape[:axis] if fortran else self.shape[axis + 1 :]) for axis in axes]
         offset = sum(stride * (i or 0) for stride, i in zip(strides, self.index, strict=True))
@@ -80,13 +80,16 @@ class Hyperslab:
 
 
 def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_names: Sequence[str] = ()) -> Hyperslab:
-    """The volume that `subset` names in an array.
+    """Return the volume that `subset` names in an array.
 
     Parameters
     ----------
     shape : slowest axis first
-    axes : a letter an axis: T time, C channel, anything else space, of which the last three are z, y and x; an axis of
-        space with one sample is dropped where there are more than three
+    axes : a letter an axis: T time, C channel, any other space. The last three axes of space are z, y and x; if there
+        are more, axes with one sample are dropped.
+    subset : of the file
+    where : the file, for messages
+    channel_names : of the file, if it has any
 
     Raises
     ------
@@ -111,7 +114,10 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
 
 
 def unnamed_axes(dimensions: int, subset: Subset) -> str:
-    """The letters of axes without names: (time, channel, z, y, x); of four axes, time unless a channel is asked for."""
+    """Return the letters of axes without names.
+
+    They are (time, channel, z, y, x); of four, the first is time unless only a channel is asked for.
+    """
     if dimensions == 4 and subset.channel is not None and subset.time is None:
         return "CZYX"
     return {4: "TZYX", 5: "TCZYX"}.get(dimensions, "Z" * dimensions)
@@ -120,7 +126,7 @@ def unnamed_axes(dimensions: int, subset: Subset) -> str:
 def _pick(
     key: str, noun: str, count: int, wanted: int | str | None, first: bool, names: tuple[str, ...], where: str
 ) -> int:
-    """The index that is asked for along one axis."""
+    """Return the requested index along one axis."""
     allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
     if names:
         listed = ", ".join(names[:MAX_LISTED]) + (", …" if len(names) > MAX_LISTED else "")

@@ -1,8 +1,8 @@
-"""Bricks: the volume cut into cubes of cells, and how a rank reads its own.
+"""Bricks: cubes of cells of a volume, with their overlap, and their reading.
 
-Cells, the boxes between neighbouring samples, are what is dealt out; each belongs to one brick. A brick's samples are
-the corners of its cells, so neighbours share one layer, and linear interpolation inside a brick needs no other.
-Gradients and smoother kernels need a margin of further samples on every side.
+A cell is the box between neighbouring samples, and belongs to one brick. A brick's samples are the corners of its
+cells, so neighbouring bricks share one layer of samples, and linear interpolation inside a brick needs no other.
+Gradients and cubic filters need a margin of further samples (ghosts) on every side.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index, Source
 
-SLAB_BYTES = 64 << 20  # read at a time, beside the bricks that are being filled
+SLAB_BYTES = 64 << 20  # read at a time, in addition to the bricks being filled
 Box = tuple[Index, Index]
 
 
 @dataclass(frozen=True)
 class BrickLayout:
-    """How a volume is cut.
+    """Division of a volume into bricks.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class BrickLayout:
         return z, y, x
 
     def cell_box(self, index_zyx: Index) -> Box:
-        """The brick's cells, half-open."""
+        """Return the brick's cells, half-open."""
         begin, end = zip(
             *((i * self.brick, min(n, (i + 1) * self.brick)) for i, n in zip(index_zyx, self.cells_zyx, strict=True)),
             strict=True,
@@ -57,14 +57,14 @@ class BrickLayout:
         return begin, end
 
     def sample_box(self, index_zyx: Index) -> Box:
-        """The brick's samples, half-open: its cells, one layer more at the high side, the margin; inside the volume."""
+        """Return the brick's samples inside the volume, half-open: the corners of its cells and the margin."""
         begin, end = self.cell_box(index_zyx)
         low_z, low_y, low_x = (max(0, b - self.margin) for b in begin)
         z, y, x = (min(n, e + 1 + self.margin) for e, n in zip(end, self.shape_zyx, strict=True))
         return (low_z, low_y, low_x), (z, y, x)
 
     def owned_box(self, index_zyx: Index) -> Box:
-        """The samples that are this brick's alone: a shared layer is the next brick's."""
+        """Return the samples that only this brick owns, half-open; a shared layer belongs to the next brick."""
         begin, end = self.cell_box(index_zyx)
         z, y, x = (
             n if i == count - 1 else e
@@ -74,7 +74,7 @@ class BrickLayout:
 
 
 class Boxes(Protocol):
-    """Which samples a brick is read with: a `BrickLayout`, or another cut of the volume.
+    """Boxes of samples to read for each brick: a `BrickLayout`, or another division of the volume.
 
     Attributes
     ----------
@@ -85,24 +85,30 @@ class Boxes(Protocol):
     def margin(self) -> int: ...
 
     def cell_box(self, index_zyx: Index, /) -> Box:
-        """A brick's cells, half-open."""
+        """Return a brick's cells, half-open."""
         ...
 
     def sample_box(self, index_zyx: Index, /) -> Box:
-        """A brick's samples, half-open, inside the volume."""
+        """Return a brick's samples inside the volume, half-open."""
         ...
 
 
 def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:
-    """Read bricks with their overlap, in order of (z, y, x), so that a stream is passed once.
+    """Read bricks with their overlap, in order of (z, y, x), so that a stream is read once.
 
-    A layer of bricks is filled from slabs that span them all, so there are few large reads; beside the layer's bricks,
-    at most `SLAB_BYTES` or one plane of samples is held.
+    A layer of bricks is filled from slabs that span them all, which makes few large reads. In addition to the layer's
+    bricks, at most `SLAB_BYTES` or one plane of samples is in memory.
+
+    Parameters
+    ----------
+    source : the volume
+    layout : boxes of the bricks
+    wanted : indices of the bricks to read
 
     Yields
     ------
-    index_zyx, samples : `source.dtype`, C order, not used again here: the samples of `layout.sample_box(index_zyx)`; a
-        margin that lies before the volume repeats its first samples, so that it is as wide in every brick
+    index_zyx, samples : `source.dtype`, C order, owned by the caller: the samples of `layout.sample_box(index_zyx)`. A
+        margin before the volume repeats the first samples, so that it has the same width in every brick.
 
     Raises
     ------
@@ -116,14 +122,14 @@ def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Itera
 
 
 def _with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
-    """The samples with as many before the brick's own as the margin asks for."""
+    """Return the samples, padded where the margin lies before the volume."""
     have = np.subtract(layout.cell_box(index)[0], layout.sample_box(index)[0])
     missing = [(int(layout.margin - before), 0) for before in have]
     return np.pad(samples, missing, mode="edge") if np.any(have < layout.margin) else samples
 
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
-    """The bricks of one z index."""
+    """Read the bricks of one z index."""
     begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))
     (z_begin, y_begin, x_begin), (z_end, y_end, x_end) = begins.min(axis=0).tolist(), ends.max(axis=0).tolist()
     bricks = {index: np.empty(np.subtract(end, begin), source.dtype) for index, (begin, end) in boxes.items()}
@@ -133,7 +139,7 @@ def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[
         slab_end = min(z_end, z + planes)
         slab = source.read((z, y_begin, x_begin), (slab_end, y_end, x_end))
         for index, ((first, y, x), (last, y_stop, x_stop)) in boxes.items():
-            # Boxes of another cut of the volume need not begin and end together.
+            # Boxes of other divisions may begin and end at different z.
             low, high = max(z, first), max(first, min(slab_end, last))
             part = slab[low - z : high - z, y - y_begin : y_stop - y_begin, x - x_begin : x_stop - x_begin]
             bricks[index][low - first : high - first] = part

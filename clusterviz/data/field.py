@@ -1,7 +1,7 @@
-"""Volumes given by a formula: exact at any resolution, made where they are needed, no file at all.
+"""Volumes by formula, exact at any resolution and computed where they are needed.
 
 `field:NAME` or `field:NAME:SIZE` is a cube of SIZE samples a side (default 64) over the world box [-1, 1]³. A sample is
-computed in float64 from its position alone and stored as float32, so it is the same in whatever box it is asked for.
+computed in float64 from its position alone and stored as float32, so it does not depend on the box that is read.
 
 References
 ----------
@@ -28,28 +28,28 @@ BOHR_RADIUS = 1 / 24  # world units: the lobes peak at 6 radii, and have faded a
 
 
 def marschner_lobb(x: Values, y: Values, z: Values) -> Values:
-    """The reconstruction test signal, α = 0.25 and f_M = 6; values in [0, 1]."""
+    """Reconstruction test signal of Marschner and Lobb, α = 0.25 and f_M = 6; values in [0, 1]."""
     ripples = np.cos(12 * np.pi * np.cos(np.pi / 2 * np.hypot(x, y)))
     return (1 - np.sin(np.pi / 2 * z) + 0.25 * (1 + ripples)) / 2.5
 
 
 def gaussian(x: Values, y: Values, z: Values) -> Values:
-    """exp(−r² / 2σ²) with σ = 0.4."""
+    """Gaussian exp(−r² / 2σ²) with σ = 0.4."""
     return np.asarray(np.exp(-(x * x + y * y + z * z) / 0.32))
 
 
 def ramp(x: Values, y: Values, z: Values) -> Values:
-    """0 to 1 along x: trilinear interpolation is exact."""
+    """Ramp from 0 to 1 along x, which trilinear interpolation reproduces exactly."""
     return (x + 1) / 2 + 0 * (y + z)
 
 
 def constant(x: Values, y: Values, z: Values) -> Values:
-    """0.5 everywhere."""
+    """Constant 0.5."""
     return 0.5 + 0 * (x + y + z)
 
 
 def hydrogen(x: Values, y: Values, z: Values) -> Values:
-    """Probability density of the 3d orbital of hydrogen with m = 0, over its largest value."""
+    """Probability density of the 3d orbital of hydrogen with m = 0, relative to its maximum."""
     r_squared = (x * x + y * y + z * z) / BOHR_RADIUS**2
     angular = 3 * (z / BOHR_RADIUS) ** 2 - r_squared
     decay = np.exp(-2 / 3 * np.sqrt(r_squared))
@@ -75,7 +75,7 @@ FIELDS: dict[str, Callable[[Values, Values, Values], Values]] = {
 
 @dataclass(frozen=True)
 class FieldSource:
-    """A formula sampled on a cube; see `Source`."""
+    """Formula sampled on a cube; see `Source`."""
 
     name: str
     grid: Grid
@@ -83,7 +83,7 @@ class FieldSource:
     dtype: np.dtype[Any] = np.dtype(np.float32)  # noqa: RUF009 - a dtype never changes
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box, a layer at a time to bound the float64 working space."""
+        """Compute the samples of a box, a layer at a time to limit float64 memory; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         z, y, x = (self._positions(axis, begin_zyx[axis], end_zyx[axis]) for axis in range(3))
         for layer, height in zip(voxels, z, strict=True):
@@ -96,7 +96,7 @@ class FieldSource:
 
 
 def open_field(spec: str) -> FieldSource:
-    """The field that `field:NAME[:SIZE]` names.
+    """Open the field that `field:NAME[:SIZE]` names.
 
     Raises
     ------

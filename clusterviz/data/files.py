@@ -1,4 +1,4 @@
-"""The first look at a data file, the same for every format: can it be read, is it what its name says?"""
+"""Checks of a data file before its format's reader opens it."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ KINDS = (
     (b"<html", "a web page"),
     (b"version https://git-lfs", "a pointer of Git LFS, not the file itself"),
 )
-"""How files begin, and what they are then."""
+"""First bytes of files, and the kinds of file that they indicate."""
 START_BYTES = 348  # NIfTI-1's header, which ends with its magic
 
 
 def kind_of(start: bytes) -> str:
-    """What a file is by its first bytes, for an error; the bytes where it is nothing known."""
+    """Return the kind of a file by its first bytes, for messages; the bytes themselves if it is unknown."""
     if start[344:347] in (b"n+1", b"ni1") or start[4:7] in (b"n+2", b"ni2"):
         return "NIfTI"
     if start[128:132] == b"DICM":
@@ -63,7 +63,7 @@ def kind_of(start: bytes) -> str:
 
 
 def start_of(path: Path) -> bytes:
-    """The first bytes of a file that is there."""
+    """Return the first bytes of an existing file."""
     with path.open("rb") as file:
         return file.read(START_BYTES)
 
@@ -101,7 +101,7 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn what the system says about `path` into a `DataError`."""
+    """Context that turns errors of the operating system about `path` into `DataError`."""
     try:
         yield
     except FileNotFoundError as error:
@@ -111,7 +111,7 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def _remedy(path: Path) -> str | None:
-    """What gives a path to the data that the examples name by the sample's name alone."""
+    """Return the option that sets the path of sample data, which examples name by the sample's name alone."""
     from clusterviz.data.samples import SAMPLES
 
     name = path.name.split(".")[0]
@@ -119,6 +119,12 @@ def _remedy(path: Path) -> str | None:
 
 
 def refuse_array(array: str | None, path: Path) -> None:
-    """For formats whose files hold one unnamed array: naming one is an error."""
+    """Check that no array is named, for formats whose files hold one unnamed array.
+
+    Raises
+    ------
+    DataError
+        One is.
+    """
     if array is not None:
         raise DataError("no such array", where=str(path), found=array, allowed="none: the file holds one unnamed array")

@@ -1,7 +1,7 @@
-"""A folder of slices: one TIFF, PNG, … a layer, in the order of the numbers in their names.
+"""Folder of slices as a volume: one TIFF, PNG, … a layer, in the order of the numbers in their names.
 
-All slices must have one size and type. The spacing within a slice is the first one's; that between slices is 1 unless
-the scene says otherwise. Hidden files are passed over, and files that are no pictures.
+All slices must have the same size and type. The spacing within a slice is that of the first one; between slices it is 1
+unless the scene sets it. Hidden files and files that are not pictures are ignored.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.tiff import open_tiff
 from clusterviz.errors import DataError
 
-DICOM_PROBES = 8  # files of a folder without slices, to see whether they are DICOM
+DICOM_PROBES = 8  # files of a folder without slices that are checked for DICOM
 SLICES: dict[str, Callable[[Path, Subset], Source]] = {
     **dict.fromkeys((".tif", ".tiff"), open_tiff),
     **dict.fromkeys(PICTURES, open_picture),
@@ -34,7 +34,7 @@ SLICES: dict[str, Callable[[Path, Subset], Source]] = {
 
 @dataclass(frozen=True)
 class FolderSource:
-    """Slices, opened when they are read."""
+    """Volume of slices, each opened when it is read."""
 
     name: str
     grid: Grid
@@ -44,7 +44,7 @@ class FolderSource:
     slab: Hyperslab | None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         for layer, file in zip(voxels, self.files[z:z_end], strict=True):
@@ -62,12 +62,12 @@ class FolderSource:
 
 
 def open_folder(path: Path, subset: Subset) -> FolderSource:
-    """The slices in a folder as one volume.
+    """Open the slices in a folder as one volume.
 
     Raises
     ------
     DataError
-        No slices, slices of several kinds, or a first one that is no slice.
+        No slices, slices of several kinds, or a first file that is not a slice.
     """
     where = str(path)
     with readable(path):
@@ -97,7 +97,7 @@ def _open_slice(file: Path, subset: Subset) -> Source:
 
 
 def _by_numbers(file: Path) -> list[tuple[int, str]]:
-    """The key that sorts slice_9 before slice_10."""
+    """Return the key that sorts slice_9 before slice_10."""
     parts = re.split(r"(\d+)", file.name)
     return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]
 

@@ -1,4 +1,4 @@
-"""The grid of a volume: how many samples, and where in the world they lie."""
+"""Regular grid of a volume: number of samples, and their positions in the world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.
 
 @dataclass(frozen=True)
 class Grid:
-    """A regular grid of point samples; the volume fills the box from its first to its last sample.
+    """Regular grid of point samples; the volume fills the box from its first to its last sample.
 
     World position of sample (i, j, k) along (x, y, z) is origin + direction · (spacing * (i, j, k)).
 
@@ -23,8 +23,8 @@ class Grid:
     spacing : world units between samples along x, y, z; each > 0
     origin : world position (x, y, z) of sample (0, 0, 0)
     direction : 3 × 3, row by row; column a is the unit vector of index axis a (x, y, z) in the world
-    orientation : what x, y and z of the world point to, by the first letters of right, left, anterior, posterior,
-        superior and inferior, as in "RAS"; "" where nothing says so
+    orientation : directions of the world's x, y and z by the first letters of right, left, anterior, posterior,
+        superior and inferior, as in "RAS"; "" if unknown
     """
 
     shape_zyx: tuple[int, int, int]
@@ -35,7 +35,7 @@ class Grid:
 
     @property
     def world_from_index(self) -> NDArray[np.float64]:
-        """float64 (4, 4): takes (i, j, k, 1) along (x, y, z) to the world."""
+        """float64 (4, 4) matrix from (i, j, k, 1) along (x, y, z) to the world."""
         matrix = np.eye(4)
         matrix[:3, :3] = np.asarray(self.direction) * np.asarray(self.spacing)
         matrix[:3, 3] = self.origin
@@ -43,7 +43,7 @@ class Grid:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """float64 (8, 3): the corners of the volume's box in the world."""
+        """float64 (8, 3), the corners of the volume's box in the world."""
         last = np.array(self.shape_zyx[::-1], float) - 1
         index = np.array([[i, j, k, 1] for k in (0, 1) for j in (0, 1) for i in (0, 1)], float)
         index[:, :3] *= last

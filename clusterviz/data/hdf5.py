@@ -1,18 +1,18 @@
 """HDF5 and netCDF-4 datasets (`file.h5:/path/to/dataset`, `file.nc:/temperature`), read box by box through h5py.
 
-A file with a single volume needs no path. Dimensions say which axis is time; axes without names are (time, z, y, x),
-(channel, z, y, x) where a channel is named, or (time, channel, z, y, x). Attributes of the dataset, where present:
-`spacing` and `origin`, world units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as Fiji and
-ilastik write it. Without them the coordinate variables of a netCDF file place the samples; they must be even.
+A file with a single volume needs no path. The names of dimensions say which axis is time. Axes without names are (time,
+z, y, x), (channel, z, y, x) if a channel is named, or (time, channel, z, y, x). Attributes of the dataset, where
+present: `spacing` and `origin`, world units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as
+Fiji and ilastik write it. Without them the coordinate variables of a netCDF file, which must be even, define the grid.
 
 Of the CF conventions, `_FillValue`, `missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and
-`scale_factor` and `add_offset` are applied; the samples are then float32, or float64 where float32 could not hold the
-stored type.
+`scale_factor` and `add_offset` are applied. The samples are then float32, or float64 if float32 cannot hold the stored
+type.
 
-What cannot be promised: a damaged file that crashes the HDF5 library ends the rank, and with it the job, without an
-error of ours. Of 144,000 damaged files 5 did, all by a chunk shorter than its checksum; chunks are therefore checked
-before they are read, after which none of these does. Trying each file first in a process of its own would cost 0.2 to
-0.5 s of processor time in every rank at every start, and would not foresee what reading the samples does.
+Limit: a damaged file that crashes the HDF5 library ends the rank, and with it the job, without a DataError. 5 of
+144,000 damaged files did, all by a chunk shorter than its checksum. Chunks are therefore checked before they are read;
+after that none of these files crashed. Opening each file first in a separate process would cost 0.2 to 0.5 s of CPU
+time in every rank at every start, and would not detect what reading the samples does.
 
 References
 ----------
@@ -37,18 +37,18 @@ from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
-MAX_UNEVENNESS = 0.01  # of a step: how far a coordinate may lie from an even one; Gaussian latitudes and float32 do
+MAX_UNEVENNESS = 0.01  # of a step; Gaussian latitudes and float32 coordinates are slightly uneven
 
 
 @dataclass(frozen=True)
 class CfValues:
-    """How stored values become data values.
+    """Conversion of stored values to data values.
 
     Attributes
     ----------
     missing : stored values that become NaN
-    valid : least and largest stored value that do not
-    scale : (slope, intercept) applied to the others
+    valid : least and largest valid stored value; others become NaN
+    scale : (slope, intercept) applied to valid values
     """
 
     missing: tuple[float, ...]
@@ -61,7 +61,7 @@ class CfValues:
         return bool(self.missing) or self.valid != (-np.inf, np.inf) or self.scale != (1.0, 0.0)
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """The data values; float64 where any may change."""
+        """Return the data values; float64 if any may change."""
         if not self.changes:
             return stored
         slope, intercept = self.scale
@@ -75,12 +75,12 @@ class CfValues:
 
 @dataclass(frozen=True)
 class Hdf5Source:
-    """One dataset; `dataset` stays open as long as the source lives.
+    """Volume in a dataset; `dataset` stays open as long as the source lives.
 
     Attributes
     ----------
     slab : the volume's part of the dataset
-    values : how stored values become data values
+    values : conversion of stored values
     """
 
     name: str
@@ -91,7 +91,7 @@ class Hdf5Source:
     values: CfValues
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -101,13 +101,13 @@ class Hdf5Source:
         _check_chunks(self.dataset, box, self.name)
         try:
             voxels = self.dataset[box]
-        except (OSError, RuntimeError) as error:  # what h5py makes of a missing filter or a damaged chunk
+        except (OSError, RuntimeError) as error:  # h5py's errors for a missing filter or a damaged chunk
             raise DataError(f"the dataset cannot be read: {error}", where=self.name) from error
         return np.ascontiguousarray(self.values.decode(voxels), self.dtype).reshape(shape)
 
 
 def _check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
-    """Refuse chunks that lie outside of the file or are too short for their checksum, on which the library crashes."""
+    """Check that chunks lie in the file and are longer than their checksum; other chunks crash the HDF5 library."""
     if not dataset.chunks:
         return
     least = 4 if dataset.fletcher32 else 0
@@ -120,7 +120,7 @@ def _check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
 
 
 def open_hdf5(path: Path, subset: Subset) -> Hdf5Source:
-    """The dataset that `subset` names, or the only volume.
+    """Open the dataset that `subset` names, or the only volume.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def _choose(file: Any, array: str | None, path: Path) -> Any:
 
 
 def _letters(dataset: Any, subset: Subset) -> str:
-    """What the axes are, a letter each, see `select`: by the names of dimensions, where there are any."""
+    """Return the letters of the axes for `select`, by the names of dimensions."""
     scales = [_scale(dataset, axis) for axis in range(dataset.ndim)]
     names = [dataset.dims[axis].label or _text(scale, "name") for axis, scale in enumerate(scales)]
     if not any(names):
@@ -186,7 +186,7 @@ def _letters(dataset: Any, subset: Subset) -> str:
 
 
 def _scale(dataset: Any, axis: int) -> Any:
-    """The coordinate variable or dimension of an axis, None where it has none."""
+    """Return the coordinate variable or dimension of an axis, or None."""
     scales = dataset.dims[axis]
     return scales[0] if len(scales) else None
 
@@ -197,7 +197,7 @@ def _is_time(scale: Any) -> bool:
 
 
 def _text(scale: Any, key: str) -> str:
-    """A text attribute, or the last part of the name; "" where there is none."""
+    """Return a text attribute, or the last part of the name; "" without one."""
     if scale is None:
         return ""
     value = scale.name.rsplit("/", 1)[-1] if key == "name" else scale.attrs.get(key, "")
@@ -205,7 +205,7 @@ def _text(scale: Any, key: str) -> str:
 
 
 def _grid_of(dataset: Any, slab: Hyperslab, subset: Subset, where: str) -> Grid:
-    """By attributes of the dataset, else by the coordinate variables of its axes."""
+    """Return the grid by attributes of the dataset, or by the coordinate variables of its axes."""
     given = {key: dataset.attrs[key] for key in ("spacing", "origin", "element_size_um") if key in dataset.attrs}
     if given:
         spacing = given.get("spacing", np.asarray(given.get("element_size_um", (1, 1, 1)))[::-1])
@@ -217,7 +217,7 @@ def _grid_of(dataset: Any, slab: Hyperslab, subset: Subset, where: str) -> Grid:
 
 
 def _line(scale: Any, count: int, spaced: bool, where: str) -> tuple[float, float]:
-    """The first coordinate of an axis and the step to the next; 0 and 1 where the file has none."""
+    """Return the first coordinate of an axis and the step; 0 and 1 without coordinates."""
     if scale is None or scale.shape != (count,) or scale.dtype.kind not in "iuf" or count > MAX_COORDINATES:
         return 0.0, 1.0
     if _text(scale, "NAME").startswith("This is a netCDF dimension but not a netCDF variable"):
@@ -232,7 +232,7 @@ def _line(scale: Any, count: int, spaced: bool, where: str) -> tuple[float, floa
 
 
 def _cf_values(dataset: Any, where: str) -> CfValues:
-    """What the attributes of the dataset say of its values."""
+    """Return the conversion that the attributes of the dataset define."""
 
     def numbers(key: str) -> list[float]:
         value = np.atleast_1d(np.asarray(dataset.attrs.get(key, ())))

@@ -1,4 +1,4 @@
-"""What every header must state, checked the same way for every format: samples' type, their number, their place."""
+"""Checks of header contents that all formats share: dtype, shape, sizes and grid."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from clusterviz.data.grid import Grid, Triple
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 
-MIN_DETERMINANT = 1e-6  # |det| of the unit axes below which a placement counts as singular
-# Bytes that one packed byte can hold at most, by the format of deflate and LZ4, or with room to spare.
+MIN_DETERMINANT = 1e-6  # |det| of the unit axes, below which a placement counts as singular
+# Upper bounds, by the format of deflate and LZ4, generous for the others.
 MAX_COMPRESSION_RATIO = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "TIFF": 1 << 16, "bzip2": 1 << 21}
 
 
 def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
-    """The native dtype in which samples stored as `dtype` are handed out: booleans as uint8.
+    """Return the native dtype of samples stored as `dtype`; uint8 for booleans.
 
     Raises
     ------
@@ -34,12 +34,12 @@ def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
 
 
 def check_shape(shape: Sequence[int], where: str) -> Index:
-    """The shape as (z, y, x); a picture (y, x) becomes one layer.
+    """Return the shape as (z, y, x); a picture (y, x) becomes one layer.
 
     Raises
     ------
     DataError
-        Not two or three axes, or one with no samples.
+        Not two or three axes, or an axis without samples.
     """
     sizes = [int(n) for n in shape]
     if any(n < 1 for n in sizes):
@@ -52,12 +52,12 @@ def check_shape(shape: Sequence[int], where: str) -> Index:
 
 
 def check_size(found: int, needed: int, where: str, exact: bool = False) -> None:
-    """Compare the bytes that are there with the bytes that the header asks for.
+    """Check that the file has the bytes that its header requires.
 
     Raises
     ------
     DataError
-        Too few: truncated, or a header that lies. With `exact`, too many as well.
+        Too few bytes; with `exact`, also too many.
     """
     if found < needed:
         raise DataError(
@@ -68,12 +68,17 @@ def check_size(found: int, needed: int, where: str, exact: bool = False) -> None
 
 
 def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
-    """Compare packed bytes with what the header says that they hold, before memory is taken for it.
+    """Check that compressed bytes can hold the size that the header states, before memory is allocated.
+
+    Parameters
+    ----------
+    packed, needed : bytes
+    packing : a key of `MAX_COMPRESSION_RATIO`
 
     Raises
     ------
     DataError
-        Nothing that is packed in this way can hold so much.
+        They cannot.
     """
     if packed * MAX_COMPRESSION_RATIO[packing] < needed:
         raise DataError(
@@ -85,7 +90,13 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
 
 
 def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
-    """Three finite numbers (x, y, z)."""
+    """Return three finite numbers (x, y, z).
+
+    Raises
+    ------
+    DataError
+        They are not.
+    """
     try:
         values = np.asarray(numbers, float)
     except (TypeError, ValueError):
@@ -96,13 +107,16 @@ def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
 
 
 def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:
-    """The grid whose column a of `steps` is the world vector from a sample to the next along index axis a (x, y, z).
+    """Return the grid with the given steps and origin.
 
-    Left-handed and sheared placements are fine: the direction's columns are unit vectors, in no way orthogonal.
+    Left-handed and sheared placements are allowed: the columns of the direction are unit vectors, not necessarily
+    orthogonal.
 
     Parameters
     ----------
-    steps : float64 (3, 3)
+    shape_zyx : samples along z, y, x
+    steps : float64 (3, 3); column a is the world vector from a sample to the next along index axis a (x, y, z)
+    origin : world position (x, y, z) of the first sample
 
     Raises
     ------
@@ -122,12 +136,12 @@ def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[flo
 
 
 def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
-    """The shape of the half-open box [begin, end) that lies inside the volume.
+    """Return the shape of the half-open box [begin, end) inside the volume.
 
     Raises
     ------
     IndexError
-        It does not: a mistake of the caller, not of the file.
+        It lies outside: an error of the caller, not of the file.
     """
     if not all(0 <= b <= e <= n for b, e, n in zip(begin_zyx, end_zyx, shape_zyx, strict=True)):
         raise IndexError(f"box {begin_zyx} to {end_zyx} does not lie in a volume of shape {shape_zyx}")

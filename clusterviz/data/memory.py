@@ -1,4 +1,4 @@
-"""A NumPy array as a source: for `clusterviz.render(array)` and for tests."""
+"""NumPy array as a source, for `clusterviz.render(array)` and tests."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from clusterviz.errors import DataError
 
 
 class ArraySource:
-    """Wraps an array; nothing is copied until a box is read.
+    """Volume in a NumPy array, which is copied only when a box is read.
 
     Parameters
     ----------
     array : any integer, boolean or float dtype, (z, y, x) or (y, x)
-    grid : where the samples lie; default: 1 apart from the world's origin on
-    name : what messages call it
+    grid : positions of the samples; by default 1 apart from the world's origin
+    name : for messages
 
     Raises
     ------
@@ -49,7 +49,7 @@ class ArraySource:
         return self._dtype
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self._grid.shape_zyx)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         return np.array(self._array[z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)

@@ -1,8 +1,8 @@
 """MetaImage (.mha, and .mhd with the data in other files), the format of ITK, elastix and many medical tools.
 
-Data raw (any box), compressed by zlib (in file order) or as text; in the file itself, in one other, in numbered ones or
-in a list of them. A fourth axis is time; of several channels, `channel` is one. The world is ITK's: x to the left, y to
-the posterior, z to the superior, where the header says that the anatomy is known.
+Data raw (any box), compressed by zlib (in file order) or as text; in the file itself, in another one, in numbered ones
+or in a list of files. A fourth axis is time; of several channels, `channel` is one. The world is ITK's: x to the left,
+y to the posterior, z to the superior, if the header has an anatomical orientation.
 
 References
 ----------
@@ -57,7 +57,7 @@ ZLIB_OR_GZIP = 47
 
 
 def open_metaimage(path: Path, subset: Subset) -> StridedSource:
-    """The volume, or one time step and channel of several, in a MetaImage file.
+    """Open the volume, or one time step and channel of several, in a MetaImage file.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def open_metaimage(path: Path, subset: Subset) -> StridedSource:
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
-    """The fields, the files with the data, and where in the first of them it begins."""
+    """Read the fields, the data files, and the offset of the data in the first of them."""
     fields: dict[str, str] = {}
     listed: list[str] = []
     with readable(path), path.open("rb") as file:
@@ -120,7 +120,7 @@ def _numbers(
     default: Sequence[float] | None = None,
     whole: bool = False,
 ) -> list[Any]:
-    """The numbers of a field."""
+    """Return the numbers of a field."""
     words = fields[key].split() if key in fields else default
     try:
         numbers = [int(word) if whole else float(word) for word in words or ()]
@@ -153,7 +153,7 @@ def _storage(
     stored: np.dtype[Any],
     where: str,
 ) -> Storage:
-    """Where the `needed` bytes of samples are."""
+    """Return the storage of the `needed` bytes of samples."""
     skip = _numbers(fields, "HeaderSize", 1, where, [0], whole=True)[0]
     packed, binary = _is_true(fields, "CompressedData"), _is_true(fields, "BinaryData", True)
     if skip < -1 or (skip == -1 and (packed or not binary)):
@@ -181,7 +181,7 @@ def _text(file: Path, begin: int) -> bytes:
 
 
 def _grid_of(fields: Mapping[str, str], count: int, shape_zyx: Index, where: str) -> Grid:
-    """The grid; each row of the matrix is the direction of one axis."""
+    """Return the grid; each row of the matrix is the direction of one axis."""
 
     def first(*keys: str) -> str:
         return next((key for key in keys if key in fields), keys[0])

@@ -1,8 +1,8 @@
-"""MRC and CCP4 maps (.mrc, .map, .ccp4, also .gz): cryo-electron microscopy and crystallography.
+"""MRC and CCP4 maps (.mrc, .map, .ccp4, also .gz), of cryo-electron microscopy and crystallography.
 
-Modes 0 (int8; uint8 where IMOD says so), 1 (int16), 2 (float32), 6 (uint16) and 12 (float16); the byte order comes from
-the machine stamp, the spacing and the axes' angles from the unit cell (Å), the origin from the start indices or, where
-those are zero, from the ORIGIN field of MRC-2014. Columns, rows and sections may be any of x, y and z.
+Modes 0 (int8; uint8 if IMOD's stamp says so), 1 (int16), 2 (float32), 6 (uint16) and 12 (float16). The byte order comes
+from the machine stamp, the spacing and the axes' angles from the unit cell (Å), the origin from the start indices or,
+if those are zero, from the ORIGIN field of MRC-2014. Columns, rows and sections may be any of x, y and z.
 
 References
 ----------
@@ -31,13 +31,12 @@ IMOD_STAMP = 1146047817
 
 
 def open_mrc(path: Path, subset: Subset) -> StridedSource:
-    """The map in an MRC or CCP4 file.
+    """Open the map in an MRC or CCP4 file.
 
     Raises
     ------
     DataError
-        No MAP stamp, a complex or unknown mode, an impossible cell or axis order, or a file shorter than its header
-        says.
+        No MAP stamp, a complex or unknown mode, an impossible cell or axis order, or a truncated file.
     """
     where, packed = str(path), path.name.lower().endswith(".gz")
     size = require_file(path)
@@ -80,7 +79,7 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
 
 
 def _byte_order(header: bytes, where: str) -> str:
-    """'<' or '>' from the machine stamp, or from the mode where the stamp is blank."""
+    """Return '<' or '>' by the machine stamp, or by the mode if the stamp is blank."""
     if header[208:211] != b"MAP":
         found = f"{kind_of(header)}; at byte 208 {header[208:212]!r}"
         raise DataError(
@@ -106,7 +105,7 @@ def _stored_dtype(words: NDArray[Any], header: bytes, order: str, where: str) ->
 
 
 def _cell_steps(words: NDArray[Any], where: str) -> NDArray[np.float64]:
-    """float64 (3, 3): column a is the step along cell axis a in Å; a lies along x, b in the xy plane."""
+    """Return the steps along the cell axes in Å, float64 (3, 3), a column each; a lies along x, b in the xy plane."""
     cell = words[10:16].view(words.dtype.str.replace("i", "f")).astype(float)
     intervals = words[7:10].astype(float)
     if not (intervals > 0).all():

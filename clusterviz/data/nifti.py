@@ -1,8 +1,8 @@
-"""NIfTI-1 and -2 (.nii, .nii.gz), as used in neuroimaging: nibabel reads the header, boxes are read here.
+"""NIfTI-1 and -2 (.nii, .nii.gz), of neuroimaging; nibabel reads the header.
 
 The world is the header's (right, anterior, superior; usually mm), by nibabel's choice of affine: sform, else qform,
-else the voxel sizes. `scl_slope` and `scl_inter` are applied; the samples are then float32, or float64 where float32
-could not hold the stored type. The fourth axis is time, the fifth the components of vectors (channels).
+else the voxel sizes. `scl_slope` and `scl_inter` are applied; the samples are then float32, or float64 if float32
+cannot hold the stored type. The fourth axis is time, the fifth the components of vectors (channels).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from clusterviz.errors import DataError
 
 
 def open_nifti(path: Path, subset: Subset) -> StridedSource:
-    """A volume, or one time step and component of several, in a NIfTI file.
+    """Open a volume, or one time step and component of several, in a NIfTI file.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def open_nifti(path: Path, subset: Subset) -> StridedSource:
 
 
 def _read_header(path: Path) -> tuple[Any, Any]:
-    """nibabel's affine (4, 4) and array proxy: shape, dtype, offset, slope, inter."""
+    """Return nibabel's affine (4, 4) and array proxy with shape, dtype, offset, slope and inter."""
     import nibabel
 
     try:

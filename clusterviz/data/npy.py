@@ -1,7 +1,7 @@
-"""NumPy's own files (.npy): a short header, then the array; C or Fortran order, any byte order.
+"""NumPy files (.npy), in C or Fortran order and any byte order.
 
-Four axes are (time, z, y, x), or (channel, z, y, x) where a channel is named; five are (time, channel, z, y, x). There
-is no spacing in the file: samples lie 1 apart, the first at the origin, unless the scene says otherwise.
+Four axes are (time, z, y, x), or (channel, z, y, x) if a channel is named; five are (time, channel, z, y, x). The file
+has no spacing: samples lie 1 apart, the first at the origin, unless the scene sets the grid.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from clusterviz.errors import DataError
 
 
 def open_npy(path: Path, subset: Subset) -> StridedSource:
-    """An array of two to five axes in a .npy file.
+    """Open an array of two to five axes in a .npy file.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def open_npy(path: Path, subset: Subset) -> StridedSource:
 
 
 def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether in Fortran order, and stored dtype, from a file at the begin of a .npy file."""
+    """Read shape, whether in Fortran order, and stored dtype from the start of a .npy file."""
     try:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

@@ -1,6 +1,6 @@
-"""NumPy's archives (.npz): ZIP files of .npy files. Stored arrays are read box by box, compressed ones in file order.
+"""NumPy archives (.npz): ZIP files of .npy files. Stored arrays are read box by box, compressed ones in file order.
 
-An archive with a single array, or a single one of three axes or more, needs no name. Axes as in .npy.
+An archive with a single array, or a single one of three axes or more, needs no name. Axes are as in .npy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RAW_DEFLATE = -15
 
 @dataclass(frozen=True)
 class _Member:
-    """One array of an archive; `header_bytes` of its .npy file lie before the samples."""
+    """Array of an archive; the first `header_bytes` of its .npy file lie before the samples."""
 
     entry: zipfile.ZipInfo
     shape: tuple[int, ...]
@@ -39,7 +39,7 @@ class _Member:
 
 
 def open_npz(path: Path, subset: Subset) -> StridedSource:
-    """One array of a .npz archive.
+    """Open one array of a .npz archive.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _choose(members: dict[str, _Member], array: str | None, path: Path) -> tuple
 
 
 def _data_begin(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
-    """Where in the file the bytes of a member begin: its own header repeats the name, with another extra field."""
+    """Return the offset of a member's bytes in the file, after its local header."""
     file: Any = archive.fp
     file.seek(entry.header_offset)
     name_bytes, extra_bytes = struct.unpack("<26x2H", file.read(LOCAL_HEADER))

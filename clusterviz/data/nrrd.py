@@ -1,9 +1,8 @@
-"""NRRD (.nrrd, and .nhdr with the data in other files), the format of 3D Slicer: pynrrd reads the header.
+"""NRRD (.nrrd, and .nhdr with the data in other files), the format of 3D Slicer; pynrrd reads the header.
 
 Encodings raw (any box, any size), gzip and bzip2 (in order of z) and ascii. The grid comes from `space directions` and
-`space origin`, else from `spacings` and `axis mins`; the world is the one that the file's `space` names. An axis with
-one entry, such as a single component, is dropped; others are time or channels by their `kinds`, and without these the
-slowest is time.
+`space origin`, else from `spacings` and `axis mins`; the world is the file's `space`. An axis with one entry, such as a
+single component, is dropped. Other axes are time or channels by their `kinds`; without these the slowest is time.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ MAX_HEADER = 1 << 20
 
 
 def open_nrrd(path: Path, subset: Subset) -> StridedSource:
-    """The volume in an attached or detached NRRD file.
+    """Open the volume in an attached or detached NRRD file.
 
     Raises
     ------
@@ -87,13 +86,13 @@ def open_nrrd(path: Path, subset: Subset) -> StridedSource:
 
 
 def _orientation(space: str) -> str:
-    """The letters of an anatomical space: "left-posterior-superior" and "LPS" are LPS."""
+    """Return the letters of an anatomical space: LPS for "left-posterior-superior" and "LPS"."""
     letters = "".join(word[:1] for word in space.split("-")[:3]) if "-" in space else space[:3]
     return letters.upper() if letters.upper() in ("RAS", "LAS", "LPS") else ""
 
 
 def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> str:
-    """What the axes are, slowest first: a letter each, see `select`."""
+    """Return the letters of the axes for `select`, slowest first."""
     kinds = header.get("kinds")
     if kinds is None:
         return unnamed_axes(len(axes), subset)
@@ -103,7 +102,7 @@ def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> 
 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
-    """The fields, the data files of a LIST, and the length of the header in bytes."""
+    """Read the fields, the data files of a LIST, and the length of the header in bytes."""
     import nrrd
 
     lines: list[bytes] = []
@@ -149,7 +148,7 @@ def _stored_dtype(header: Mapping[str, Any], where: str) -> np.dtype[Any]:
 
 
 def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) -> list[Path]:
-    """The files with the data of a detached header, slowest last; none for an attached one."""
+    """Return the data files of a detached header, slowest last; none for an attached one."""
     entry = str(header.get("data file", header.get("datafile", "")))
     names = list(listed) if listed else numbered_names(entry, str(path)) if entry else []
     if path.suffix.lower() == ".nhdr" and not names:
@@ -160,7 +159,7 @@ def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) ->
 def _storage(
     header: Mapping[str, Any], files: list[Path], begin: int, needed: int, keep: int, where: str
 ) -> tuple[Storage, int]:
-    """Where the `needed` bytes of samples are, and the bytes before the first of them."""
+    """Return the storage of the `needed` bytes of samples, and the bytes before the first of them."""
     encoding, stored = str(header["encoding"]).lower(), _stored_dtype(header, where)
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     sizes = [require_file(file) for file in files]
@@ -200,7 +199,7 @@ def _read_text(file: Path, begin: int, stored: np.dtype[Any], needed: int) -> by
 
 
 def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:
-    """Directions and origin of the kept axes in the file's own world; a picture's third axis is its normal."""
+    """Return the grid by the directions and origin of the kept axes; a picture's third axis is its normal."""
     directions = header.get("space directions")
     if directions is None:
         return _grid_of_spacings(header, kept, shape_zyx, where)

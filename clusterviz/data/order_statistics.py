@@ -1,9 +1,9 @@
-"""Exact order statistics of samples that are spread over bricks and ranks: radix selection, 16 bits a pass.
+"""Exact order statistics of samples distributed over bricks and ranks, by radix selection with 16 bits a pass.
 
-Samples become unsigned keys in the same order (the bits of a float with its sign folded, an integer with its sign bit
-turned). Counting the leading 16 bits of all keys tells in which bin a wanted rank lies; counting the next 16 bits of
-the keys in that bin narrows it, until the key is known. Counts are integers, so neither bricks nor ranks show in the
-result, and an outlier of 1e30 blurs nothing.
+Samples become unsigned keys in the same order (float bits with the sign folded, integers with the sign bit flipped).
+Counts of the leading 16 bits of all keys locate the bin of a wanted rank. Counts of the next 16 bits of the keys in
+that bin narrow it, until the key is known. Counts are integers, so the result does not depend on bricks and ranks, and
+outliers do not affect the precision.
 
 References
 ----------
@@ -27,13 +27,18 @@ DIGITS = 1 << DIGIT_BITS
 
 
 def shifts_of(dtype: np.dtype[Any]) -> tuple[int, ...]:
-    """How far a key is shifted right to bring each of its digits down, leading digit first."""
+    """Return the right shift of each digit of a key, leading digit first."""
     bits = 8 * dtype.itemsize
     return tuple(range(bits - DIGIT_BITS, -1, -DIGIT_BITS)) or (0,)
 
 
 def keys_of(samples: NDArray[Any]) -> Keys:
-    """Unsigned keys, as wide as the samples and ordered as they are (−0 before +0); `samples` is 1-D without NaN."""
+    """Return unsigned keys, as wide as the samples and in the same order (−0 before +0).
+
+    Parameters
+    ----------
+    samples : (n,), without NaN
+    """
     unsigned = np.dtype(f"u{samples.dtype.itemsize}")
     bits = samples.view(unsigned)
     sign = unsigned.type(1 << (8 * samples.dtype.itemsize - 1))
@@ -44,7 +49,7 @@ def keys_of(samples: NDArray[Any]) -> Keys:
 
 
 def values_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[np.float64]:
-    """The samples that `keys_of` made `keys` of, as float64."""
+    """Return the samples of keys, the inverse of `keys_of`, as float64."""
     unsigned = np.dtype(f"u{dtype.itemsize}")
     bits = keys.astype(unsigned)
     sign = unsigned.type(1 << (8 * dtype.itemsize - 1))
@@ -57,12 +62,12 @@ def values_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class RadixSelection:
-    """Wanted ranks, each narrowed down to keys that begin with `prefixes`.
+    """Ranks to select, each narrowed down to keys that begin with its prefix.
 
     Attributes
     ----------
     prefixes : uint64 (targets,), the leading digits found so far
-    ranks : int64 (targets,), the wanted rank among the samples that begin with the prefix, from 0 on
+    ranks : int64 (targets,), the wanted rank among the samples that begin with the prefix, from 0
     """
 
     prefixes: NDArray[np.uint64]
@@ -70,11 +75,11 @@ class RadixSelection:
 
     @property
     def bins(self) -> NDArray[np.uint64]:
-        """The distinct prefixes, in order: the rows that `count` counts."""
+        """The distinct prefixes, in order: the rows of `count`."""
         return np.array(sorted(set(self.prefixes.tolist())), np.uint64)
 
     def narrow(self, counts: Counts) -> RadixSelection:
-        """One digit further, by the counts of it in each bin: int64 (bins, DIGITS)."""
+        """Return the selection narrowed by one digit, by its counts in each bin: int64 (bins, DIGITS)."""
         rows = np.searchsorted(self.bins, self.prefixes)
         below = np.cumsum(counts, axis=1)
         digits = [np.searchsorted(below[row], rank, side="right") for row, rank in zip(rows, self.ranks, strict=True)]
@@ -84,7 +89,7 @@ class RadixSelection:
 
 
 def begin_selection(ranks: Sequence[int]) -> RadixSelection:
-    """The selection before anything is counted: every key may be meant."""
+    """Return the selection before any digit is counted."""
     return RadixSelection(np.zeros(len(ranks), np.uint64), np.array(ranks, np.int64))
 
 
@@ -102,7 +107,7 @@ def count(keys: Keys, bins: NDArray[np.uint64], shift: int) -> Counts:
     top_shift = 8 * keys.dtype.itemsize - DIGIT_BITS
     meant = np.zeros(DIGITS, bool)
     meant[(bins >> np.uint64(top_shift - leading)).astype(np.intp)] = True
-    keys = keys[meant[keys >> keys.dtype.type(top_shift)]]  # a table is far faster than a search
+    keys = keys[meant[keys >> keys.dtype.type(top_shift)]]  # a table is faster than a search
     prefixes = keys >> keys.dtype.type(leading)
     rows = np.searchsorted(bins, prefixes)
     hit = bins[np.minimum(rows, len(bins) - 1)] == prefixes

@@ -1,7 +1,7 @@
-"""Pictures (.png, .jpg, .bmp, .pgm, …) as one layer, through Pillow: mostly the slices of a folder.
+"""Pictures (.png, .jpg, .bmp, .pgm, …) as one layer, by Pillow; mostly slices of a folder.
 
-Grey values and the indices of a palette are the samples; of colours, `channel` is one. Pillow hands out 16-bit colours
-as 8 bits; 16-bit grey stays.
+The samples are grey values or palette indices; of colours, `channel` is one. Pillow reduces 16-bit colours to 8 bits,
+but not 16-bit grey.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TYPES = {"1": "u1", "I;16": "u2", "I;16L": "u2", "I;16B": "u2", "I;16N": "u2", "
 
 @dataclass(frozen=True)
 class PictureSource:
-    """One picture, decoded when it is read."""
+    """Picture that is decoded when it is read."""
 
     name: str
     grid: Grid
@@ -35,7 +35,7 @@ class PictureSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         from PIL import Image
 
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
@@ -44,14 +44,14 @@ class PictureSource:
         try:
             with Image.open(self.path) as image:
                 pixels = np.asarray(image).reshape(self.slab.shape)
-        except Exception as error:  # each decoder has its own kind
+        except Exception as error:  # decoders raise many kinds
             raise DataError(f"the picture cannot be decoded: {error}", where=self.name) from error
         (_, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         return np.array(pixels[y:y_end, x:x_end, self.slab.channel], self.dtype, order="C").reshape(shape)
 
 
 def open_picture(path: Path, subset: Subset) -> PictureSource:
-    """One picture as a layer.
+    """Open a picture as one layer.
 
     Raises
     ------

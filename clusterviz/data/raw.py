@@ -1,4 +1,4 @@
-"""Raw files: samples without a header, described by a small YAML file beside them.
+"""Raw files: samples without a header, described by a YAML sidecar.
 
 For `head.raw` the sidecar is `head.raw.yaml`:
 
@@ -11,7 +11,7 @@ For `head.raw` the sidecar is `head.raw.yaml`:
     origin: [0.0, 0.0, 0.0]      # world position x, y, z of the first sample; default 0
     direction: [1, 0, 0, 0, 1, 0, 0, 0, 1]   # 3 × 3 row by row; column a is the unit vector of axis a; default identity
 
-The file must be exactly as long as the sidecar says: a wrong shape would still make a picture, of noise.
+The file must have exactly the length that the sidecar implies, since a wrong shape would show noise.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ KEYS = ("shape", "dtype", "byte_order", "header_bytes", "spacing", "origin", "di
 
 
 def sidecar_of(path: Path) -> Path:
-    """The description of the raw file at `path`."""
+    """Return the path of a raw file's sidecar."""
     return path.with_name(path.name + ".yaml")
 
 
 def open_raw(path: Path, subset: Subset) -> StridedSource:
-    """A raw file with its sidecar.
+    """Open a raw file with its sidecar.
 
     Raises
     ------

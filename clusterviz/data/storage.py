@@ -1,7 +1,7 @@
-"""Bytes by offset: what lies under a linear array, whether in a file, in several, compressed or in memory.
+"""Byte storage behind the formats: files, compressed streams and text.
 
-A format's opener finds where its samples lie and wraps that place in one of these; `LinearSource` then reads boxes
-from any of them. They share one contract, `Storage`, and nest: zlib blocks in base64 text in a file.
+The opener of a format locates its samples in a `Storage`, from which `StridedSource` reads boxes. Storages nest: zlib
+blocks in base64 text in a file. Detached data of NRRD and MetaImage are files with numbered names and equal shares.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from clusterviz.data.files import readable
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
-CHUNK = 1 << 20  # bytes that a stream decodes at a time
+CHUNK = 1 << 20  # bytes decoded at a time
 MAX_FILES = 1 << 16
 NUMBERED = re.compile(r"([^\s%]*%0?\d?\d?d[^\s%]*) +(-?\d+) +(-?\d+) +(-?\d+)( +\d+)?")
 
 
 class Storage(Protocol):
-    """A row of bytes.
+    """Sequence of bytes.
 
-    `read_at(offset, count)` returns exactly `count` bytes; `DataError` where they end early or cannot be decoded.
+    `read_at(offset, count)` returns exactly `count` bytes, or raises `DataError` if they end early or cannot be
+    decoded.
     """
 
     def read_at(self, offset: int, count: int) -> bytes | memoryview: ...
@@ -38,7 +39,7 @@ class Storage(Protocol):
 
 @dataclass(frozen=True)
 class FileRange:
-    """`count` bytes of a file, from `begin` on."""
+    """`count` bytes of a file from `begin`."""
 
     path: Path
     begin: int
@@ -46,7 +47,7 @@ class FileRange:
 
 
 class FileBytes:
-    """Pieces of files, one after another; only the bytes asked for are read, and one file is open at a time."""
+    """Ranges of files, one after another; only the requested bytes are read, and one file is open at a time."""
 
     def __init__(self, pieces: Sequence[FileRange]) -> None:
         self._pieces = tuple(pieces)
@@ -74,7 +75,7 @@ class FileBytes:
                 self._descriptor = os.open(path, os.O_RDONLY)
                 self._open_path = path
                 self._close = weakref.finalize(self, os.close, self._descriptor)
-            while count:  # one pread hands out 2 GiB at most
+            while count:  # one pread returns at most 2 GiB
                 part = os.pread(self._descriptor, count, offset)
                 if not part:
                     raise DataError(f"the file ends {count} bytes early", where=str(path))
@@ -86,15 +87,15 @@ class FileBytes:
 class StreamBytes:
     """Compressed bytes that can only be decoded in order.
 
-    The most recent `keep` bytes stay, so that boxes which overlap by a layer need no second pass; a request before
-    them starts again at the beginning of the file.
+    The last `keep` bytes are kept, so that boxes that overlap by a layer need no second pass. A request before them
+    decodes the file again from the start.
 
     Parameters
     ----------
     path : Path
     decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.open`, `bz2.open`
-    start : where in the file the compressed bytes begin
-    keep : decoded bytes to hold on to
+    start : offset of the compressed bytes in the file
+    keep : number of decoded bytes to keep
     """
 
     def __init__(self, path: Path, decoder: Callable[[Any], Any], start: int = 0, keep: int = 0) -> None:
@@ -141,13 +142,13 @@ class StreamBytes:
 
 
 class Inflated:
-    """A stream of decoded bytes over a file of deflated ones.
+    """Stream of decoded bytes of a deflated file.
 
     Parameters
     ----------
     file : positioned at the first byte
-    window : what `zlib.decompressobj` takes: −15 for deflate without a header, 47 for zlib or gzip
-    checksum : how many bytes are decoded, and their CRC-32, where the stream itself has none
+    window : `wbits` of `zlib.decompressobj`: −15 for deflate without a header, 47 for zlib or gzip
+    checksum : number of decoded bytes and their CRC-32, for streams without one
     """
 
     def __init__(self, file: Any, window: int, checksum: tuple[int, int] | None = None) -> None:
@@ -155,7 +156,7 @@ class Inflated:
         self._count = self._crc = 0
 
     def read(self, count: int) -> bytes:
-        """At most `count` bytes; none at the end."""
+        """Read at most `count` bytes; none at the end."""
         while not self._decoder.eof:
             packed = self._decoder.unconsumed_tail or self._file.read(CHUNK)
             decoded = self._decoder.decompress(packed, count)
@@ -170,7 +171,7 @@ class Inflated:
 
 
 class LoadedBytes:
-    """Bytes made whole on first use, for encodings without offsets (numbers written as text)."""
+    """Bytes decoded as a whole on first use, for encodings without offsets (numbers written as text)."""
 
     def __init__(self, load: Callable[[], bytes], where: str) -> None:
         self._load, self._where = load, where
@@ -185,12 +186,12 @@ class LoadedBytes:
 
 
 def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str) -> bytes:
-    """The bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`.
+    """Return the bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`.
 
     Raises
     ------
     DataError
-        Another count, something that is no number, or one that the type cannot hold.
+        Another count, a word that is no number, or a number that the type cannot hold.
     """
     words = text.replace(b",", b" ").split()
     if len(words) != count:
@@ -204,7 +205,7 @@ def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str)
 
 
 def numbered_names(entry: str, where: str) -> list[str]:
-    """The files that `entry` names: those of "name%03d.raw first last step", or the one of this name.
+    """Return the files that `entry` names: those of "name%03d.raw first last step", or the one of this name.
 
     Raises
     ------
@@ -225,13 +226,18 @@ def numbered_names(entry: str, where: str) -> list[str]:
 def file_ranges(
     files: Sequence[Path], sizes: Sequence[int], begins: Sequence[int], skip: int, needed: int
 ) -> list[FileRange]:
-    """One piece a file; each must hold exactly its share, the samples being dealt evenly.
+    """Return one range a file; each file must hold exactly an equal share of the samples.
 
     Parameters
     ----------
     sizes, begins : bytes in each file, and before its data
     skip : further bytes before the data; −1: the data ends with the file
-    needed : bytes in all pieces together
+    needed : bytes in all ranges together
+
+    Raises
+    ------
+    DataError
+        A file of another size.
     """
     share = needed // len(files)
     pieces = []

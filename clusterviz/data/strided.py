@@ -1,4 +1,4 @@
-"""Boxes out of an array whose samples lie at even distances in the bytes: the source behind most formats."""
+"""Source whose samples lie at constant strides in byte storage, as in most formats."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
 from clusterviz.data.storage import Storage
 
-MAX_READ_GAP = 4096  # bytes between two rows that cost less to read than a second request does
+MAX_READ_GAP = 4096  # bytes between two rows that are read rather than skipped by a second request
 
 
 @dataclass(frozen=True)
 class StridedSource:
-    """Samples stored one after another.
+    """Samples at constant strides.
 
     Attributes
     ----------
     name, grid, dtype : as in `Source`
-    storage : where the bytes are
+    storage : of the bytes
     stored_dtype : dtype in the file, with its byte order
     offset : bytes before the first sample
-    strides : bytes from one sample to the next along z, y, x; default: one after another, x fastest
+    strides : bytes from one sample to the next along z, y, x; by default contiguous, x fastest
     scale : (slope, intercept) applied to every sample, or None
     slab : the volume's part of an array with more axes, or None
     """
@@ -43,7 +43,7 @@ class StridedSource:
     slab: Hyperslab | None = None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box, plane by plane in the order of the file; see `Source.read`."""
+        """Read the samples of a box, plane by plane in the order of the file; see `Source.read`."""
         box = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         _, y, x = self.grid.shape_zyx
         item = self.stored_dtype.itemsize
@@ -58,7 +58,7 @@ class StridedSource:
         return self._finish(stored.transpose(np.argsort(axes)))
 
     def _read_plane(self, begin: int, row_bytes: int, sample_bytes: int, plane: NDArray[Any]) -> None:
-        """Fill `plane` (rows, columns) with the samples from the byte `begin` on."""
+        """Fill `plane` (rows, columns) with the samples from byte `begin`."""
         rows, columns = plane.shape
         line_bytes = (columns - 1) * sample_bytes + self.stored_dtype.itemsize
         if rows > 1 and row_bytes - line_bytes > MAX_READ_GAP:
@@ -70,7 +70,7 @@ class StridedSource:
         plane[:] = np.ndarray(plane.shape, self.stored_dtype, span, strides=(row_bytes, sample_bytes))
 
     def _finish(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """To native byte order, C order and real values."""
+        """Convert to native byte order, C order and scaled values."""
         if self.scale is not None:
             slope, intercept = self.scale
             return np.ascontiguousarray(stored * np.float64(slope) + np.float64(intercept), self.dtype)

@@ -1,7 +1,7 @@
-"""What a volume holds, counted while its bricks are read: extremes of each brick, a histogram, percentiles.
+"""Summary of a volume: extremes of bricks and blocks, histogram, percentiles and categories.
 
-Everything is made of integer counts and of extremes, so the result is the same however the bricks are cut or dealt to
-ranks. Percentiles are exact for every type: see `clusterviz.data.selection`.
+It is computed while bricks are read, from integer counts and extremes only, so it does not depend on how bricks are
+divided or assigned to ranks. Percentiles are exact for every type: see `clusterviz.data.order_statistics`.
 """
 
 from __future__ import annotations
@@ -21,29 +21,28 @@ from clusterviz.data.source import Index
 
 Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
 AllGather = Callable[[Any], list[Any]]
+Sparse = tuple[NDArray[np.int64], Counts]
 
 HISTOGRAM_BINS = 256
 BATCH = 1 << 18
 PERCENTILES = (0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9)
-
-
 CATEGORY_SAMPLES = 1 << 20
-"""Samples, about, of which the values are counted; every layer along z where the volume has fewer."""
+"""Approximate number of samples whose values are counted, in whole layers along z."""
 MAX_VALUES = 2048
 BLOCKS = 32
-"""Blocks along an axis at most, whose extremes are kept; unlike bricks they are the same for every layout."""
+"""Maximum number of blocks along an axis; unlike bricks, blocks do not depend on the layout."""
 
 
 @dataclass(frozen=True)
 class Categories:
-    """Whole numbers that may be categories, from some layers along z, whatever bricks and ranks are.
+    """Whole numbers that may be categories, counted in some layers along z that depend on the volume only.
 
     Attributes
     ----------
     values : float64 (n,), ascending
-    counts : int64 (n,), samples of each
-    equal : int64 (n,), of each value, neighbours along x that both have it
-    pairs, jumps : neighbours along x, and those that differ by more than 1
+    counts : int64 (n,), samples of each value
+    equal : int64 (n,), pairs of neighbours along x that both have the value
+    pairs, jumps : pairs of neighbours along x, and those that differ by more than 1
     """
 
     values: NDArray[np.float64]
@@ -55,19 +54,19 @@ class Categories:
 
 @dataclass(frozen=True)
 class VolumeSummary:
-    """What a volume holds; NaN and ±inf count as invalid and are left out of everything else.
+    """Extremes, histogram and percentiles of a volume; NaN and ±inf are invalid and only counted as such.
 
     Attributes
     ----------
-    minimum, maximum : float64 (z, y, x bricks); of each brick's samples, the overlap included; +inf and −inf where none
-        is finite
-    has_invalid : bool (z, y, x bricks); the brick or its overlap holds a NaN or ±inf
+    minimum, maximum : float64 (z, y, x bricks); of each brick's samples with the overlap; +inf and −inf if none is
+        finite
+    has_invalid : bool (z, y, x bricks); the brick or its overlap has a NaN or ±inf
     histogram : int64 (bins,); every finite sample of the volume once, in equal bins over `value_range`, the last closed
-    value_range : smallest and largest finite sample; (0, 1) where there is none
+    value_range : smallest and largest finite sample; (0, 1) if there is none
     percentiles : pairs (q, value)
-    blocks : float64 (2, z, y, x blocks); the extremes of blocks of `block_sides` cells, the samples around them
-        included; +inf and −inf where none is finite
-    categories : None where some sample is not a whole number, or there are more than `MAX_VALUES` values
+    blocks : float64 (2, z, y, x blocks); extremes of blocks of `block_sides` cells with the samples around them; +inf
+        and −inf if none is finite
+    categories : None if a sample is not a whole number, or there are more than `MAX_VALUES` values
     """
 
     minimum: NDArray[np.float64]
@@ -80,9 +79,9 @@ class VolumeSummary:
     categories: Categories | None = None
 
     def percentile(self, q: float) -> float:
-        """The exact percentile, linear between neighbouring samples as in `numpy.percentile`.
+        """Return an exact percentile, linear between neighbouring samples as in `numpy.percentile`.
 
-        A volume without a finite sample counts as spread evenly over [0, 1].
+        The samples of a volume without finite ones count as uniform over [0, 1].
 
         Raises
         ------
@@ -104,36 +103,35 @@ def summarise(
     bins: int = HISTOGRAM_BINS,
     percentiles: Sequence[float] = PERCENTILES,
 ) -> VolumeSummary:
-    """Summarise a volume whose bricks are held by several ranks, each brick by one; collective.
+    """Summarise a volume whose bricks are distributed over ranks, each brick on one; collective.
 
     Parameters
     ----------
     source_dtype : dtype of the samples
-    layout : how the volume is cut
+    layout : division of the volume into bricks
     bricks : yields this rank's bricks with their overlap; called once for types of 8 and 16 bits, up to twice for 32
         and four times for 64
     allgather : shares one picklable value with all ranks, and returns those of all ranks
     bins : of the histogram
-    percentiles : which to find, 0 to 100
+    percentiles : to find, 0 to 100
 
     Raises
     ------
     ValueError
-        The ranks' bricks do not make up the volume: one is missing, or held twice.
+        The ranks' bricks do not make up the volume: one is missing, or on two ranks.
     """
     shifts = shifts_of(source_dtype)
-    extremes, counts, content = _first_pass(layout, bricks, allgather, shifts[0])
-    minimum, maximum, has_invalid = extremes
-    finite = int(counts.sum())
+    first = _merge_parts(layout, allgather(_count_part(layout, bricks, shifts[0])))
+    finite = int(first.counts.sum())
     asked = sorted({0.0, 100.0, *map(float, percentiles)})
     if not finite:
-        found = tuple((q, q / 100) for q in asked)
-        return VolumeSummary(minimum, maximum, has_invalid, np.zeros(bins, np.int64), (0.0, 1.0), found, *content)
-    value_range = float(minimum.min()), float(maximum.max())
+        evenly = tuple((q, q / 100) for q in asked)
+        return first.summary(np.zeros(bins, np.int64), (0.0, 1.0), evenly)
+    value_range = float(first.minimum.min()), float(first.maximum.max())
     if len(shifts) == 1:
-        histogram = _rebinned(counts[0], source_dtype, value_range, bins)
+        histogram = _rebinned(first.counts[0], source_dtype, value_range, bins)
     ranks = sorted({rank for q in asked for rank in _neighbours(finite, q)[:2]})
-    selection = begin_selection(ranks).narrow(counts)
+    selection = begin_selection(ranks).narrow(first.counts)
     for shift in shifts[1:]:
         wanted = selection.bins
         mine = np.zeros((len(wanted), DIGITS), np.int64)
@@ -148,65 +146,128 @@ def summarise(
             histogram = np.sum([part[1] for part in shared], axis=0)
     values = dict(zip(ranks, values_of(selection.prefixes, source_dtype).tolist(), strict=True))
     found = tuple((q, _between(values, *_neighbours(finite, q))) for q in asked)
-    return VolumeSummary(minimum, maximum, has_invalid, histogram, value_range, found, *content)
+    return first.summary(histogram, value_range, found)
 
 
-def _first_pass(
-    layout: BrickLayout, bricks: Bricks, allgather: AllGather, shift: int
-) -> tuple[
-    tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
-    Counts,
-    tuple[NDArray[np.float64], Categories | None],
-]:
-    """Extremes and validity of each brick, the counts (1, DIGITS) of the leading digit, blocks and categories."""
-    mine = np.zeros((1, DIGITS), np.int64)
-    sides = block_sides(layout.shape_zyx)
-    blocks = np.empty((2, *(-(-n // side) for n, side in zip(layout.cells_zyx, sides, strict=True))))
-    blocks[0], blocks[1] = np.inf, -np.inf
-    values = _CategoryCounter(layout)
-    rows, owned = [], 0
+@dataclass(frozen=True)
+class _Part:
+    """First pass over the bricks of one rank.
 
-    def finite_parts() -> Iterator[NDArray[Any]]:
+    Attributes
+    ----------
+    bricks : (index, minimum, maximum, whether a sample is not finite) of each brick
+    samples : number of samples that the bricks own
+    counts : sparse counts of the leading digit
+    blocks : flat indices of the blocks met (n,), and their extremes (2, n)
+    categories : of the bricks
+    """
+
+    bricks: list[tuple[Index, float, float, bool]]
+    samples: int
+    counts: Sparse
+    blocks: tuple[NDArray[np.int64], NDArray[np.float64]]
+    categories: Categories | None
+
+
+@dataclass(frozen=True)
+class _FirstPass:
+    """First pass over all bricks: attributes as in `VolumeSummary`, and the counts (1, DIGITS) of the leading digit."""
+
+    minimum: NDArray[np.float64]
+    maximum: NDArray[np.float64]
+    has_invalid: NDArray[np.bool_]
+    counts: Counts
+    blocks: NDArray[np.float64]
+    categories: Categories | None
+
+    def summary(
+        self, histogram: Counts, value_range: tuple[float, float], percentiles: tuple[tuple[float, float], ...]
+    ) -> VolumeSummary:
+        return VolumeSummary(
+            self.minimum,
+            self.maximum,
+            self.has_invalid,
+            histogram,
+            value_range,
+            percentiles,
+            self.blocks,
+            self.categories,
+        )
+
+
+def _count_part(layout: BrickLayout, bricks: Bricks, shift: int) -> _Part:
+    """Count the leading digits of this rank's samples, and note extremes and categories of its bricks."""
+    blocks, categories = _empty_blocks(layout), _CategoryCounter(layout)
+    extremes, owned = [], 0
+
+    def finite_samples() -> Iterator[NDArray[Any]]:
         nonlocal owned
         for index, samples in bricks():
-            rows.append((index, *_update_blocks(blocks, sides, layout, index, samples)))
-            values.add(index, samples)
-            part = _owned(layout, index, samples)
-            owned += part.size
-            yield _finite(part)
+            extremes.append((index, *_update_blocks(blocks, layout, index, samples)))
+            categories.add(index, samples)
+            own = _owned(layout, index, samples)
+            owned += own.size
+            yield _finite(own)
 
-    for samples in _batched(finite_parts()):
-        mine += count(keys_of(samples), np.zeros(1, np.uint64), shift)
+    counts = np.zeros((1, DIGITS), np.int64)
+    for batch in _batched(finite_samples()):
+        counts += count(keys_of(batch), np.zeros(1, np.uint64), shift)
     met = np.flatnonzero(blocks[1] >= blocks[0])
-    shared = allgather((rows, owned, _sparse(mine), (met, blocks.reshape(2, -1)[:, met]), values.found))
-    total, samples_in_volume = sum(part[1] for part in shared), prod(layout.shape_zyx)
-    if total != samples_in_volume:
-        raise ValueError(f"the ranks' bricks hold {total} samples, the volume {samples_in_volume}")
+    return _Part(extremes, owned, _sparse(counts), (met, blocks.reshape(2, -1)[:, met]), categories.found)
+
+
+def _merge_parts(layout: BrickLayout, parts: Sequence[_Part]) -> _FirstPass:
+    """Merge the parts of all ranks.
+
+    Raises
+    ------
+    ValueError
+        The bricks do not make up the volume.
+    """
+    held, samples = sum(part.samples for part in parts), prod(layout.shape_zyx)
+    if held != samples:
+        raise ValueError(f"the ranks' bricks hold {held} samples, the volume {samples}")
     minimum, maximum = np.full(layout.counts_zyx, np.inf), np.full(layout.counts_zyx, -np.inf)
     has_invalid = np.zeros(layout.counts_zyx, bool)
-    for index, low, high, invalid in (row for part in shared for row in part[0]):
-        minimum[index], maximum[index], has_invalid[index] = low, high, invalid
+    blocks = _empty_blocks(layout)
     low_of, high_of = blocks.reshape(2, -1)
-    for where, (low, high) in (part[3] for part in shared):
-        np.minimum.at(low_of, where, low)
-        np.maximum.at(high_of, where, high)
-    found = _merge_categories([part[4] for part in shared])
-    return (minimum, maximum, has_invalid), _sum_sparse([part[2] for part in shared], 1), (blocks, found)
+    for part in parts:
+        for index, low, high, invalid in part.bricks:
+            minimum[index], maximum[index], has_invalid[index] = low, high, invalid
+        met, (lows, highs) = part.blocks
+        low_of[met] = np.minimum(low_of[met], lows)
+        high_of[met] = np.maximum(high_of[met], highs)
+    counts = _sum_sparse([part.counts for part in parts], 1)
+    categories = _merge_categories([part.categories for part in parts])
+    return _FirstPass(minimum, maximum, has_invalid, counts, blocks, categories)
 
 
 def block_sides(shape_zyx: Index) -> Index:
-    """Cells along the sides of the blocks of a volume."""
+    """Return the cells along the sides of a volume's blocks."""
     z, y, x = (-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
     return z, y, x
 
 
+def _empty_blocks(layout: BrickLayout) -> NDArray[np.float64]:
+    """Return the extremes of blocks without samples, float64 (2, z, y, x blocks): +inf and −inf."""
+    sides = block_sides(layout.shape_zyx)
+    blocks = np.empty((2, *(-(-n // side) for n, side in zip(layout.cells_zyx, sides, strict=True))))
+    blocks[0], blocks[1] = np.inf, -np.inf
+    return blocks
+
+
 def _update_blocks(
-    blocks: NDArray[np.float64], sides: Index, layout: BrickLayout, index: Index, samples: NDArray[Any]
+    blocks: NDArray[np.float64], layout: BrickLayout, index: Index, samples: NDArray[Any]
 ) -> tuple[float, float, bool]:
-    """Widen the extremes of the blocks that a brick meets; its own, and whether a sample is not finite."""
+    """Widen the extremes of the blocks that a brick meets.
+
+    Returns
+    -------
+    minimum, maximum, invalid : of the brick's samples; whether one is not finite
+    """
     (begin, _), margin = layout.cell_box(index), layout.margin
-    skips = tuple(slice(max(0, margin - b), None) for b in begin)  # a margin before the volume repeats its samples
-    samples = samples[skips]
+    # A margin before the volume repeats the first samples.
+    samples = samples[tuple(slice(max(0, margin - b), None) for b in begin)]
     lower = upper = samples
     low, high = samples.min(), samples.max()
     invalid = not (np.isfinite(low) and np.isfinite(high))  # NaN spreads to both
@@ -215,14 +276,12 @@ def _update_blocks(
         lower, upper = np.where(finite, samples, np.inf), np.where(finite, samples, -np.inf)
         low, high = lower.min(), upper.max()
     region: list[slice] = []
-    for axis, side in enumerate(sides):
-        first, size = max(0, begin[axis] - margin), lower.shape[axis]
+    for axis, side in enumerate(block_sides(layout.shape_zyx)):
+        first, size = max(0, begin[axis] - margin), samples.shape[axis]
         met = range(first // side, min(blocks.shape[1 + axis], -(-(first + size) // side)))
-        parts = [slice(max(0, b * side - first), (b + 1) * side + 1 - first) for b in met]
-        lower, upper = (
-            np.stack([extreme(part_of[(slice(None),) * axis + (part,)], axis=axis) for part in parts], axis=axis)
-            for extreme, part_of in ((np.min, lower), (np.max, upper))
-        )
+        # Neighbouring blocks share a layer of samples.
+        layers = [slice(max(0, block * side - first), (block + 1) * side + 1 - first) for block in met]
+        lower, upper = _reduce(np.min, lower, axis, layers), _reduce(np.max, upper, axis, layers)
         region.append(slice(met.start, met.stop))
     low_of, high_of = blocks[0][tuple(region)], blocks[1][tuple(region)]
     np.minimum(low_of, lower, out=low_of)
@@ -230,30 +289,37 @@ def _update_blocks(
     return float(low), float(high), invalid
 
 
+def _reduce(
+    extreme: Callable[..., NDArray[Any]], samples: NDArray[Any], axis: int, layers: Sequence[slice]
+) -> NDArray[Any]:
+    """Reduce each of the layers along an axis to one sample."""
+    before = (slice(None),) * axis
+    return np.stack([extreme(samples[(*before, part)], axis=axis) for part in layers], axis=axis)
+
+
 class _CategoryCounter:
-    """Counts the values of some layers along z while bricks are read; `found` is None once they are no categories."""
+    """Counter of the values in some layers along z; `found` is None once they are no categories."""
 
     def __init__(self, layout: BrickLayout) -> None:
         self._layout, self._stride = layout, max(1, round(prod(layout.shape_zyx) / CATEGORY_SAMPLES))
         self.found: Categories | None = Categories(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), 0, 0)
 
     def add(self, index: Index, samples: NDArray[Any]) -> None:
-        """Count what a brick owns of these layers."""
+        """Count the samples that a brick owns in these layers."""
         if self.found is None:
             return
-        begin = self._layout.owned_box(index)[0][0]
-        own = _owned(self._layout, index, samples)[-begin % self._stride :: self._stride]
+        margin, ((z, y, x), (z_end, y_end, x_end)) = self._layout.margin, self._layout.owned_box(index)
+        layers = slice(margin + -z % self._stride, margin + z_end - z, self._stride)
+        # One sample more along x, of the overlap, is the neighbour of the last.
+        after = min(x_end + 1, self._layout.shape_zyx[2])
+        wide = samples[layers, margin : margin + y_end - y, margin : margin + after - x]
+        own = wide[..., : x_end - x]
         if not own.size:
             return
         if own.dtype.kind == "f" and not (np.isfinite(own) & (own == np.rint(own))).all():
             self.found = None
             return
         values, counts = np.unique(own, return_counts=True)
-        # The neighbour beyond the brick's last sample is in its overlap.
-        margin, (_, y, x), (first, last) = self._layout.margin, own.shape, self._layout.owned_box(index)
-        beyond = min(x + 1, self._layout.shape_zyx[2] - first[2])
-        wide = samples[margin : margin + last[0] - first[0], margin : margin + y, margin : margin + beyond]
-        wide = wide[-begin % self._stride :: self._stride]
         with np.errstate(over="ignore"):  # of the widest floats
             steps = np.abs(np.diff(wide.astype(np.float64), axis=2))
         equal_values, times = np.unique(wide[..., :-1][steps == 0], return_counts=True)
@@ -264,7 +330,7 @@ class _CategoryCounter:
 
 
 def _merge_categories(parts: Sequence[Categories | None]) -> Categories | None:
-    """The sum of several counts."""
+    """Return the sum of several counts; None if one is None or there are too many values."""
     known = [part for part in parts if part is not None]
     if len(known) < len(parts):
         return None
@@ -278,14 +344,14 @@ def _merge_categories(parts: Sequence[Categories | None]) -> Categories | None:
 
 
 def _owned(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
-    """The brick without the layers that belong to its neighbours."""
+    """Return the samples that a brick owns, without its overlap."""
     begin, end = layout.owned_box(index)
     z, y, x = np.subtract(end, begin) + layout.margin
     return samples[layout.margin : z, layout.margin : y, layout.margin : x]
 
 
 def _finite(samples: NDArray[Any]) -> NDArray[Any]:
-    """1-D: the finite samples."""
+    """Return the finite samples, (n,)."""
     if samples.dtype.kind != "f":
         return samples.ravel()
     if samples.size and np.isfinite(samples.min()) and np.isfinite(samples.max()):  # NaN spreads to both
@@ -299,7 +365,7 @@ def _owned_finite(layout: BrickLayout, bricks: Bricks) -> Iterator[NDArray[Any]]
 
 
 def _batched(parts: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
-    """Samples (n,) of several bricks at once: counting those of a small one takes as long as `BATCH` samples."""
+    """Join samples of small bricks to batches (n,): counting fewer than `BATCH` samples takes as long as `BATCH`."""
     waiting, held = list[NDArray[Any]](), 0
     for part in parts:
         waiting.append(part)
@@ -316,7 +382,7 @@ def _linear_counts(samples: NDArray[Any], value_range: tuple[float, float], bins
 
 
 def _linear_bins(samples: NDArray[Any], value_range: tuple[float, float], bins: int) -> NDArray[np.intp]:
-    """In which of the equal bins over `value_range` each sample lies; halved first, lest the width overflow."""
+    """Return the bin of each sample, of equal bins over `value_range`; wide ranges are scaled to avoid overflow."""
     low, high = value_range
     if high == low:
         return np.zeros(samples.shape, np.intp)
@@ -330,7 +396,7 @@ def _linear_bins(samples: NDArray[Any], value_range: tuple[float, float], bins: 
 
 
 def _rebinned(counts: Counts, dtype: np.dtype[Any], value_range: tuple[float, float], bins: int) -> Counts:
-    """The linear histogram of a type whose every value was counted."""
+    """Return the linear histogram from the counts of all values."""
     keys = np.flatnonzero(counts)
     histogram = np.zeros(bins, np.int64)
     np.add.at(histogram, _linear_bins(values_of(keys, dtype), value_range, bins), counts[keys])
@@ -338,7 +404,7 @@ def _rebinned(counts: Counts, dtype: np.dtype[Any], value_range: tuple[float, fl
 
 
 def _neighbours(samples: int, q: float) -> tuple[int, int, float]:
-    """The two ranks between which percentile `q` lies, and how far from the first to the second; in exact fractions."""
+    """Return the two ranks around percentile `q`, and the exact position between them."""
     position = Fraction(samples - 1) * Fraction(q) / 100
     below = position.numerator // position.denominator
     return below, ceil(position), float(position - below)
@@ -349,13 +415,13 @@ def _between(values: dict[int, float], below: int, above: int, part: float) -> f
     return low if low == high else low * (1 - part) + high * part
 
 
-def _sparse(counts: Counts) -> tuple[NDArray[np.int64], Counts]:
-    """Most of the counts are 0, and every rank receives those of all."""
+def _sparse(counts: Counts) -> Sparse:
+    """Return the counts that are not 0, with their flat indices; few are not, and every rank receives those of all."""
     where = np.flatnonzero(counts)
     return where, counts.ravel()[where]
 
 
-def _sum_sparse(parts: Sequence[tuple[NDArray[np.int64], Counts]], rows: int) -> Counts:
+def _sum_sparse(parts: Sequence[Sparse], rows: int) -> Counts:
     total = np.zeros(rows * DIGITS, np.int64)
     for where, counts in parts:
         total[where] += counts

@@ -1,9 +1,9 @@
-"""TIFF stacks (.tif, .tiff): microscopy; tifffile reads the pages, one a layer.
+"""TIFF stacks (.tif, .tiff) of microscopy, one page a layer; tifffile reads the pages.
 
 Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit);
-without either, samples lie 1 apart. Uncompressed stacks in one piece are read box by box, others page by page. Of a
-file with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time and
-channels; a series of pictures along T alone is a stack along z, unless a time is named.
+without either, samples lie 1 apart. Uncompressed contiguous stacks are read box by box, others page by page. Of a file
+with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time and channels. A
+series of pictures along T alone is a stack along z, unless a time is named.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LOST_PAGES = re.compile("page offset|failed to reshape|circular")
 
 @dataclass(frozen=True)
 class TiffPages:
-    """A stack with a page a layer, decoded when asked for; `file` stays open as long as the source lives."""
+    """Stack of pages that are decoded when read; `file` stays open as long as the source lives."""
 
     name: str
     grid: Grid
@@ -47,7 +47,7 @@ class TiffPages:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """The samples of the box; see `Source.read`."""
+        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         shape, index = self.slab.shape, self.slab.index
         inside = next(axis for axis in range(len(shape) + 1) if prod(shape[:axis]) == len(self.pages))
@@ -69,12 +69,12 @@ class TiffPages:
         _check_page(page, self.file.filehandle.size, where)
         try:
             return np.asarray(page.asarray())
-        except Exception as error:  # each codec has its own kind
+        except Exception as error:  # codecs raise many kinds
             raise DataError(f"the page cannot be decoded: {error}", where=where) from error
 
 
 def _check_page(page: Any, size: int, where: str) -> None:
-    """Whether the strips or tiles of a page are all there, and can hold it."""
+    """Check that all strips or tiles of a page are there and can hold it."""
     ends = [b + n for b, n in zip(page.dataoffsets, page.databytecounts, strict=False)]
     check_size(size, max(ends, default=0), where)
     parts = int(np.prod(page.chunked, dtype=object))
@@ -85,7 +85,7 @@ def _check_page(page: Any, size: int, where: str) -> None:
 
 
 def open_tiff(path: Path, subset: Subset) -> Source:
-    """A stack of pages, or one picture as a single layer.
+    """Open a stack of pages, or one picture as a single layer.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
 
 
 def _check_pages(file: Any, size: int) -> None:
-    """Follow the chain of pages, which must not come back to itself: tifffile would follow it for ever."""
+    """Check that the chain of pages has no loop, which tifffile would follow without end."""
     layout, handle, seen = file.tiff, file.filehandle, set()
     handle.seek(layout.offsetsize if layout.offsetsize == 8 else 4)
     while True:
@@ -140,7 +140,7 @@ def _check_pages(file: Any, size: int) -> None:
 
 
 def _letters(shape: tuple[int, ...], axes: str, subset: Subset) -> str:
-    """What the axes are, see `select`: samples of a pixel are channels; neither time nor channel is space."""
+    """Return the letters of the axes for `select`: samples of a pixel are channels; time and channels are not space."""
     kept = "".join(axis if n > 1 or axis in "YX" else "Z" for axis, n in zip(axes, shape, strict=True))
     letters = kept.translate(str.maketrans("S", "C"))
     stacks = [axis for axis, n in zip(letters, shape, strict=True) if axis not in "TCYX" and n > 1]
@@ -148,11 +148,9 @@ def _letters(shape: tuple[int, ...], axes: str, subset: Subset) -> str:
 
 
 def _channel_names(file: Any, series: Any) -> tuple[str, ...]:
-    """What the file calls its channels: OME's names, or the colours of pixels."""
+    """Return the names of the channels: OME's, or the colours of pixels."""
     if file.is_ome and file.ome_metadata:
-        from xml.etree import ElementTree
-
-        pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+        pixels = _ome_pixels(file)
         channels = () if pixels is None else pixels.findall("{*}Channel")
         names = tuple(channel.attrib.get("Name", "") for channel in channels)
         return names if all(names) else ()
@@ -161,9 +159,16 @@ def _channel_names(file: Any, series: Any) -> tuple[str, ...]:
     return ()
 
 
+def _ome_pixels(file: Any) -> Any:
+    """Return the Pixels element of OME metadata, or None."""
+    from xml.etree import ElementTree
+
+    return ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+
+
 @contextmanager
 def _lost_pages_raised() -> Iterator[None]:
-    """tifffile logs that pages are lost, and shows those that are left: raise it."""
+    """Context that raises lost pages, which tifffile only logs."""
     lost: list[str] = []
 
     def catch(record: logging.LogRecord) -> bool:
@@ -183,7 +188,7 @@ def _lost_pages_raised() -> Iterator[None]:
 
 
 def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
-    """The series called for, the first if none is, and its number."""
+    """Return the requested series, by default the first, and its number."""
     if array is not None and array not in map(str, range(len(series))):
         listed = ", ".join(f"{i}: {s.axes} {s.shape}" for i, s in enumerate(series))
         raise DataError("no such array", where=str(path), found=array, allowed=listed)
@@ -191,11 +196,9 @@ def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
 
 
 def _spacing_of(file: Any) -> Triple:
-    """World units between samples along x, y, z; what the file leaves out is 1."""
+    """Return the world units between samples along x, y, z; 1 where the file has none."""
     if file.is_ome and file.ome_metadata:
-        from xml.etree import ElementTree
-
-        pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+        pixels = _ome_pixels(file)
         attributes = {} if pixels is None else pixels.attrib
         x, y, z = (_positive(attributes.get(f"PhysicalSize{axis}", 1)) for axis in "XYZ")
         return x, y, z

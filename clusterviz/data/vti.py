@@ -1,8 +1,8 @@
-"""VTK image files (.vti), as ParaView, PyVista and many simulations write them: a small reader of our own.
+"""VTK image files in XML (.vti), as ParaView, PyVista and many simulations write them.
 
-Data inline (ascii, base64) or appended (base64, raw), uncompressed or in blocks packed by zlib, LZ4 or LZMA; any box
-is read by itself, ascii apart. Point data lies on the samples; cell data is point data at the cells' centres. Without a
-name the active scalars are taken, or the only scalar array there is. (The vtk package would do as well, at 566 MB.)
+Data inline (ascii, base64) or appended (base64, raw), uncompressed or in blocks compressed by zlib, LZ4 or LZMA. Boxes
+are read separately, except from ascii. Point data lies on the samples; cell data is point data at the cells' centres.
+Without a name the active scalars are taken, or the only scalar array. (The vtk package could read them too, at 566 MB.)
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BLANKS = b" \t\r\n"
 
 
 def open_vti(path: Path, subset: Subset) -> StridedSource:
-    """One scalar array of a VTK image file.
+    """Open one scalar array of a VTK image file.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def _byte_order(layout: VtiLayout, where: str) -> str:
 
 
 def _grid_of(layout: VtiLayout, on_cells: bool, path: Path) -> Grid:
-    """The samples' grid; the origin belongs to index 0, where the extent need not begin."""
+    """Return the grid of the samples; the origin belongs to index 0, and the extent may begin elsewhere."""
     where, image = str(path), layout.image
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
@@ -99,7 +99,7 @@ def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, 
 def _storage(
     path: Path, size: int, layout: VtiLayout, chosen: VtiArray, stored: np.dtype[Any], count: int, where: str
 ) -> tuple[Storage, int]:
-    """The array's bytes, and the offset of the first sample in them."""
+    """Return the storage of the array's bytes, and the offset of the first sample in it."""
     form = chosen.attributes.get("format", "ascii")
     file = FileBytes([FileRange(path, 0, size)])
     total = count * stored.itemsize
@@ -116,12 +116,12 @@ def _storage(
     storage, offset = unpack(file, begin, text, integer, compressor, total, where)
     if storage is file:
         check_size(size, offset + total, where)
-    storage.read_at(offset + total - 1, 1)  # a truncated file shows here, before a frame is begun
+    storage.read_at(offset + total - 1, 1)  # detects a truncated file before the first frame
     return storage, offset
 
 
 def _begin_of(path: Path, layout: VtiLayout, chosen: VtiArray, form: str, where: str) -> tuple[int, bool]:
-    """Where the array begins in the file, and whether it is base64 text."""
+    """Return the offset of the array in the file, and whether it is base64 text."""
     if form == "binary":
         return _first_character(path, chosen.text_begin), True
     if form != "appended":
@@ -136,7 +136,7 @@ def _begin_of(path: Path, layout: VtiLayout, chosen: VtiArray, form: str, where:
 
 
 def _first_character(path: Path, begin: int) -> int:
-    """Skip the blanks that writers put before inline text."""
+    """Skip the blanks before inline text."""
     with readable(path), path.open("rb") as file:
         file.seek(begin)
         head = file.read(4096)

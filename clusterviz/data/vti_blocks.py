@@ -1,4 +1,4 @@
-"""How .vti files pack an array: base64 text, and blocks that are compressed one by one."""
+"""Encoding of arrays in .vti files: base64 text, and separately compressed blocks."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ PACKINGS = {"vtkZLibDataCompressor": "gzip", "vtkLZ4DataCompressor": "lz4", "vtk
 
 @dataclass(frozen=True)
 class Base64Bytes:
-    """The bytes that base64 text without blanks stands for; four characters hold three of them.
+    """Decoded bytes of base64 text without blanks; four characters hold three bytes.
 
     Attributes
     ----------
     text : the file
-    begin : where in it the text begins
+    begin : offset of the text in it
+    where : the file, for messages
     """
 
     text: Storage
@@ -48,14 +49,15 @@ class Base64Bytes:
 
 
 class BlockBytes:
-    """Blocks of `block_bytes` each (the last may be shorter), compressed one by one; the last one read is kept.
+    """Blocks of `block_bytes` each (the last may be shorter), compressed separately; the last one read is kept.
 
     Parameters
     ----------
-    packed : where the compressed blocks lie
-    begins : the blocks' positions in `packed`, and the end of the last
+    packed : storage of the compressed blocks
+    begins : the blocks' offsets in `packed`, and the end of the last
     block_bytes, total_bytes : uncompressed
     decompress : (packed bytes, bytes expected) -> bytes
+    where : the file, for messages
     """
 
     def __init__(
@@ -88,7 +90,7 @@ class BlockBytes:
         packed = bytes(self._packed.read_at(begin, end - begin))
         try:
             block = self._decompress(packed, expected)
-        except Exception as error:  # each library has its own kind
+        except Exception as error:  # libraries raise many kinds
             raise DataError(f"block {number} is damaged: {error}", where=self._where) from error
         if len(block) != expected:
             raise DataError(
@@ -99,14 +101,14 @@ class BlockBytes:
 
 
 def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
-    """What undoes VTK's compressor `name`.
+    """Return the function that decompresses blocks of VTK's compressor `name`.
 
     Raises
     ------
     DataError
         Unknown, or its library is not installed.
     """
-    # One byte more than expected is enough to tell a block that is too long.
+    # One byte more than expected detects a block that is too long.
     if name == "vtkZLibDataCompressor":
         return lambda packed, expected: zlib.decompressobj().decompress(packed, expected + 1)
     if name == "vtkLZMADataCompressor":
@@ -125,14 +127,14 @@ def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
 def unpack(
     file: Storage, begin: int, text: bool, integer: np.dtype[Any], compressor: str, total: int, where: str
 ) -> tuple[Storage, int]:
-    """The `total` uncompressed bytes of one array, and the offset of the first of them.
+    """Return the storage of an array's `total` uncompressed bytes, and the offset of the first of them.
 
     Parameters
     ----------
-    file, begin : where the array begins, with its own little header
+    file, begin : storage of the file, and offset of the array, which begins with a header
     text : base64, not raw bytes
     integer : dtype of the header's numbers
-    compressor : VTK's name for it; empty for none
+    compressor : VTK's name of it; empty for none
 
     Raises
     ------
@@ -160,14 +162,14 @@ def unpack(
     header_bytes = (3 + blocks) * integer.itemsize
     packed: Storage = file
     first = begin + header_bytes
-    if text:  # the blocks follow as a text of their own
+    if text:  # the blocks are a separate base64 text
         packed, first = Base64Bytes(file, begin + 4 * -(-header_bytes // 3), where), 0
     begins = list(accumulate(packed_sizes, initial=first))
     return BlockBytes(packed, begins, block_bytes, total, decompress, where), 0
 
 
 def _after_header(file: Storage, encoded: Storage, begin: int, text: bool, header_bytes: int) -> tuple[Storage, int]:
-    """Uncompressed data goes on in the header's own text; some writers end that text and begin another."""
+    """Return the storage after the header: the same base64 text, or a new one as some writers make it."""
     characters = 4 * -(-header_bytes // 3)
     if isinstance(encoded, Base64Bytes) and bytes(file.read_at(begin, characters)).endswith(b"="):
         return Base64Bytes(file, begin + characters, encoded.where), 0

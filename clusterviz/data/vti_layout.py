@@ -1,7 +1,7 @@
-"""Where in a .vti file the arrays lie: its XML, read without keeping the data that stands between the tags.
+"""Layout of a .vti file: attributes and arrays of its XML, and the positions of their data.
 
-The parser stops where appended data begins (raw bytes there are no XML) and notes byte positions for inline data, so a
-file of any size costs no memory.
+The parser notes byte positions instead of inline data, and stops at appended data (raw bytes are not XML), so a file of
+any size takes little memory.
 
 References
 ----------
@@ -25,7 +25,7 @@ Attributes = Mapping[str, str]
 
 @dataclass(frozen=True)
 class VtiArray:
-    """One DataArray: `text_begin` to `text_end` is its inline text, in bytes from the start of the file."""
+    """DataArray of a .vti file; its inline text is at bytes `text_begin` to `text_end` of the file."""
 
     name: str
     on_cells: bool
@@ -37,7 +37,7 @@ class VtiArray:
 
 @dataclass
 class VtiLayout:
-    """The attributes of the file, image, piece and appended data, and the arrays in order."""
+    """Attributes of the file, image, pieces and appended data, and the arrays in order."""
 
     file: Attributes = field(default_factory=dict)
     image: Attributes = field(default_factory=dict)
@@ -135,7 +135,7 @@ def scan_vti(path: Path) -> VtiLayout:
 
 
 def _after_underscore(file: Any, tag_begin: int, path: Path) -> int:
-    """The position of the first appended byte: after the underscore that follows the AppendedData tag."""
+    """Return the position of the first appended byte, after the underscore that follows the AppendedData tag."""
     file.seek(tag_begin)
     head = file.read(4096)
     found = head.find(b"_", head.find(b">") + 1)

@@ -1,7 +1,7 @@
 """Legacy VTK files (.vtk) with image data: DATASET STRUCTURED_POINTS, ASCII or BINARY (big endian).
 
 Point data lies on the samples; cell data is point data at the cells' centres. Without a name the first SCALARS are
-taken, or the only array there is; of vectors and tensors, `channel` is one component. Binary data is read box by box.
+taken, or the only array; of vectors and tensors, `channel` is one component. Binary data is read box by box.
 
 References
 ----------
@@ -47,7 +47,7 @@ MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
 
 @dataclass(frozen=True)
 class VtkArray:
-    """One array; `begin` to `end` are its bytes in the file."""
+    """Array of a legacy VTK file, at bytes `begin` to `end`."""
 
     name: str
     on_cells: bool
@@ -60,7 +60,7 @@ class VtkArray:
 
 @dataclass
 class _Scan:
-    """One pass over a file, from keyword to keyword; samples are skipped."""
+    """One pass over the keywords of a file; samples are skipped."""
 
     file: Any
     where: str
@@ -72,7 +72,7 @@ class _Scan:
     tuples: int = 0
 
     def line(self) -> list[str]:
-        """The words of the next line that has any; none at the end of the file."""
+        """Return the words of the next line that is not blank; none at the end of the file."""
         while text := self.file.readline(MAX_LINE):
             words = text.decode("utf-8", "replace").split()
             if words:
@@ -132,7 +132,7 @@ class _Scan:
             raise DataError("too many arrays", where=self.where, allowed=f"at most {MAX_ARRAYS}")
 
     def skip(self, kind: str, count: int) -> None:
-        """Go past `count` numbers, or strings, one a line."""
+        """Skip `count` numbers, or as many strings, one a line."""
         begin = self.file.tell()
         if kind.lower() == "string":
             check_packed(self.size - begin, count, "text", self.where)
@@ -153,7 +153,7 @@ class _Scan:
             count -= len(words)
 
     def skip_string(self) -> None:
-        """Go past a line, or past a binary length and as many bytes: two bits tell how long the length is."""
+        """Skip a line, or a binary string with its length, whose first two bits give the length's size."""
         if not self.binary:
             self.file.readline(MAX_LINE)
             return
@@ -189,7 +189,7 @@ class _Scan:
 
 
 def open_vtk(path: Path, subset: Subset) -> StridedSource:
-    """One array, or one component of one, of a legacy VTK file.
+    """Open one array, or one component of one, of a legacy VTK file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Image data in VTK files, XML or legacy: the arrays, the choice of one, and the grid."""
+"""Image data in VTK files, XML or legacy: choice of an array, and its grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every source must do, whatever its format; each format's test drives these with files that it writes."""
+"""Checks of the contract of a source, which the test of each format runs on its own files."""
 
 from __future__ import annotations
 

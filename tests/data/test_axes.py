@@ -1,4 +1,4 @@
-"""Time steps and channels: every format that has them hands out each one alone, and says how many there are."""
+"""Time steps and channels of every format that has them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""netCDF-4 as the netCDF library writes it: dimension scales, coordinates and the attributes of CF."""
+"""netCDF-4 files of the netCDF library: dimension scales, coordinates and CF attributes."""
 
 from __future__ import annotations
 

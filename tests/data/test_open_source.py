@@ -1,4 +1,4 @@
-"""What every format does alike, and what happens before any of them is asked."""
+"""`open_source`: behaviour common to all formats."""
 
 from __future__ import annotations
 
