@@ -16,18 +16,18 @@ DTYPES = (np.uint8, np.float16, np.float32)
 
 
 def noise(count: int, dtype: type) -> Pixels:
-    """Random bits, so that floats of every kind are among them: denormal, infinite, not a number."""
+    """Return pixels of random bits, which include denormal, infinite and NaN floats."""
     size = np.dtype(dtype).itemsize
     return np.random.default_rng(count).integers(0, 256, (count, 4 * size), np.uint8).view(dtype)
 
 
 def some_of(count: int, dtype: type, keep: NDArray[np.bool_]) -> Pixels:
-    """Random pixels, blank where they are not kept."""
+    """Return random pixels, blank where they are not kept."""
     return np.where(keep[:, None], noise(count, dtype), np.zeros(1, dtype))
 
 
 def images(count: int, dtype: type) -> dict[str, Pixels]:
-    """Pixels of every sort that a codec may meet, in rows of 37 of which the first lacks five pixels."""
+    """Return pixels of many kinds by name, in rows of 37 of which the first lacks five pixels."""
     k, rng = np.arange(count), np.random.default_rng(count)
     row, column = (k + 5) // 37, (k + 5) % 37
     slope = np.empty((count, 4), dtype)

@@ -17,7 +17,7 @@ COUNT = 24 * 10
 
 
 def picture(dtype: type, count: int = COUNT) -> Pixels:
-    """A few zones of a slope, half of it blank."""
+    """Return a picture with gradients, half of it blank."""
     pixels = np.zeros((count, 4), dtype)
     k = np.arange(count)
     inside = ((k + 3) % 24 > 4) & ((k + 3) % 24 < 17) & (k > 30) & (k < count - 40)
@@ -26,7 +26,7 @@ def picture(dtype: type, count: int = COUNT) -> Pixels:
 
 
 def survive(message: Bytes, count: int, dtype: type, rows: Rows) -> bool:
-    """Whether a message is taken; whatever it holds then keeps the promises of `open_message`."""
+    """Return whether a message is accepted; its contents must then satisfy the contract of `open_message`."""
     try:
         pixels, runs = open_message(message, count, np.dtype(dtype), rows)
     except CodecError:

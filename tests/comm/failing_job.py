@@ -13,7 +13,7 @@ from clusterviz.errors import ClustervizError, DataError
 
 
 def fail(channel: Channel, how: str, waiting: str) -> None:
-    """Rank 1 fails; the others wait for a message that never comes, or for its numbers in a window."""
+    """Fail on rank 1 while the others wait for its message, or for its numbers in a window."""
     window = channel.window(100_000)
     window.exchange([channel.rank])
     if how in ("agreed", "bad-input"):
@@ -32,7 +32,7 @@ def fail(channel: Channel, how: str, waiting: str) -> None:
 
 
 def main() -> int:
-    """As a command does it."""
+    """Run the job as a command does."""
     channel = open_channel()
     try:
         with abort_on_failure(channel, 2, "composite"):

@@ -10,7 +10,7 @@ from clusterviz.errors import ClustervizError, DataError, DeviceError, RankError
 
 
 def _errors(ranks: int, fail: dict[int, Exception]) -> list[ClustervizError]:
-    """What each rank raises when some fail in their stage."""
+    """Return what each rank raises when some fail in their stage."""
 
     def run(channel: LoopbackChannel) -> ClustervizError:
         try:
@@ -80,7 +80,7 @@ def test_ctrl_c_is_not_agreed_on() -> None:
 
 
 class _Recorder(LoopbackChannel):
-    """A channel of several ranks that notes what it is aborted with."""
+    """Channel of several ranks that records the status it is aborted with."""
 
     status: int | None = None
 

@@ -14,7 +14,7 @@ ITEMS = 400
 
 
 def check_counters(channel: Channel) -> None:
-    """Ranks take from one queue at once, twice with a reset between; another counter stays as it is."""
+    """Check that ranks take from one counter at once, twice with a reset between; another counter is unchanged."""
     counters = channel.counters(2)
     for turn in range(2):
         taken = []
@@ -47,7 +47,7 @@ def test_a_slow_link_has_counters_too() -> None:
 
 
 def check_queue(channel: Channel, groups: int) -> None:
-    """Each item goes to one group, all of whose members get it, in the same order; twice."""
+    """Check, twice, that each item goes to one group, and to all of its members in the same order."""
     group = channel.rank * groups // channel.size
     queue = WorkQueue(channel, ITEMS, group, groups, groups == channel.size)
     for items in (ITEMS, 7):
@@ -80,7 +80,7 @@ def test_processes_take_from_one_queue(mpi_ranks: int) -> None:
 
 
 def _check_rank_0_need_not_help(channel: MpiChannel) -> None:
-    """While rank 0 sleeps and calls no MPI, the others empty the queue."""
+    """Check that the others empty the queue while rank 0 sleeps without MPI calls."""
     counters = channel.counters(1)
     if channel.rank == 0:
         time.sleep(0.7)

@@ -10,7 +10,7 @@ from clusterviz.comm.mpi import MpiChannel
 
 
 def ask(channel: Channel) -> None:
-    """What is late is not waited for; what is here is told once; sends of one channel do not hold up the other."""
+    """Check `test_some` with late and arrived messages, and that sends of one channel do not delay the other."""
     second = channel.duplicate()
     right, left = (channel.rank + 1) % channel.size, (channel.rank - 1) % channel.size
     buffers = [np.zeros(200_000, np.int64) for _ in range(2)]

@@ -16,7 +16,7 @@ ROUNDS = 40
 
 
 def talk(channel: Channel, sign: int, heard: list[int]) -> None:
-    """Numbers that tell the channels apart, by collective calls and by messages of one tag."""
+    """Exchange numbers that differ between the channels, by collective calls and by messages of one tag."""
     right, left = (channel.rank + 1) % channel.size, (channel.rank - 1) % channel.size
     for number in range(ROUNDS):
         value = sign * (1000 * channel.rank + number)

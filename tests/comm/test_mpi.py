@@ -15,7 +15,7 @@ from clusterviz.errors import RankError
 
 @pytest.mark.mpi(ranks=[2, 3], timeout=60)
 def test_channel_on_real_ranks(mpi_ranks: int) -> None:
-    """One start of MPI serves several checks: starting it costs more than they do."""
+    """One start of MPI serves several checks, because starting takes longer than they do."""
     channel = MpiChannel(chunk_bytes=1000)
     assert channel.size == mpi_ranks
     assert not re.search(
@@ -46,7 +46,7 @@ def _check_collectives(channel: MpiChannel) -> None:
 
 
 def _check_ring(channel: MpiChannel, size: int) -> None:
-    """Each rank sends to the next; chunks, whole multiples of them too, become one message."""
+    """Check messages from each rank to the next, also of whole multiples of a chunk."""
     source, target = (channel.rank - 1) % channel.size, (channel.rank + 1) % channel.size
     buffer = np.zeros(20_000, np.uint8)
     pending = [channel.post_receive(buffer, source, 5)]
@@ -70,7 +70,7 @@ def _check_agreement(channel: MpiChannel) -> None:
 
 
 def _check_too_long(channel: MpiChannel, room: int) -> None:
-    """A message one byte longer than its buffer is told by source and tag, not by MPI's stack; the rest stays."""
+    """Check that a message one byte too long is reported by source and tag, and that others still arrive."""
     if channel.rank == 0:
         channel.isend(np.ones(room + 1, np.uint8), 1, room)
     if channel.rank == 1:

@@ -74,7 +74,7 @@ def test_a_launcher_of_another_mpi_is_noticed(environment: dict[str, str]) -> No
     [(MPICH, True), (MPICH + "MPICH configure: --with-pmix=/usr", False), (OPEN_MPI, False), ("CRAY MPICH", False)],
 )
 def test_mpich_that_would_end_in_its_start_is_refused_before(description: str, is_refused: bool) -> None:
-    """Of a PMIx launcher, also of one process."""
+    """MPICH ends so under a PMIx launcher, also of one process."""
     environment = {"PMIX_RANK": "0", "OMPI_COMM_WORLD_SIZE": "1"}
     check_launcher(description, None, environment | {"PMI_RANK": "0"})
     message = r"Open MPI's mpirun started 1 process, and mpi4py loads MPICH 5\.0\.2, .*: start them with "

@@ -13,7 +13,7 @@ from clusterviz.errors import InputError
 
 
 class Clock:
-    """Time that passes only when somebody sleeps or works."""
+    """Time that passes only by sleep and work."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -30,7 +30,7 @@ def throttled(channel: Channel, clock: Clock, latency_seconds: float = 0.0) -> T
 
 
 def receive(channel: ThrottledChannel, clock: Clock, sizes: Sequence[int], work: float = 0.0) -> list[float]:
-    """When each message from rank 0 was reported, tags by position, with some work after each report."""
+    """Return when each message from rank 0 was reported, with some work after each report."""
     waiting = {tag: channel.post_receive(np.zeros(10_000, np.uint8), 0, tag) for tag in range(len(sizes))}
     times = [0.0] * len(sizes)
     while waiting:
@@ -44,7 +44,7 @@ def receive(channel: ThrottledChannel, clock: Clock, sizes: Sequence[int], work:
 
 
 def times_of(sizes: Sequence[int], latency_seconds: float = 0.0, work: float = 0.0) -> list[float]:
-    """Rank 0 sends all messages before rank 1 asks for any."""
+    """Return the times for messages that rank 0 sends before rank 1 polls."""
 
     def run(channel: LoopbackChannel) -> list[float]:
         clock = Clock()
@@ -74,7 +74,7 @@ def test_the_link_goes_on_while_the_receiver_works() -> None:
 
 
 class Drip:
-    """A channel beneath that has one message more at each look, and answers questions to itself."""
+    """Inner channel that receives one message more at each poll, and messages to its own rank at once."""
 
     rank, size = 1, 2
 

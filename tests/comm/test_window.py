@@ -18,7 +18,7 @@ ROUNDS = 300
 
 
 def check_window(channel: Channel, size: int) -> None:
-    """Every member sees what every member wrote, in every round, whoever dawdles."""
+    """Check that every member sees what all members wrote, in every round, with random delays."""
     window = channel.window(size)
     assert channel.rank == window.members[window.index]
     assert window.members in channel.nodes()
@@ -80,7 +80,7 @@ def test_a_wrong_size_of_a_node_is_told_on_every_rank(monkeypatch: pytest.Monkey
 
 
 def check_refusals(channel: Channel) -> None:
-    """Sizes that cannot be are refused on every rank, and the channel goes on."""
+    """Check that impossible sizes are refused on every rank, and that the channel still works."""
     for size in (-1, -5 if channel.rank else 3) if channel.size > 1 else (-1, -5):
         with pytest.raises(InputError, match="shared window") as caught:
             channel.window(size)

@@ -20,7 +20,7 @@ DTYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 
 
 def values(dtype: str, shape: tuple[int, ...] = SHAPE, seed: int = 1) -> NDArray[Any]:
-    """Random samples with both ends of the type's range among them."""
+    """Return random samples that include both ends of the type's range."""
     native, random = np.dtype(dtype), np.random.default_rng(seed)
     if native.kind == "f":
         array = random.normal(size=shape).astype(native)
@@ -34,7 +34,7 @@ def values(dtype: str, shape: tuple[int, ...] = SHAPE, seed: int = 1) -> NDArray
 
 
 def check_source(source: Source, expected: NDArray[Any], brick: int = 2) -> None:
-    """The whole, single boxes, bricks in order and a step back are all the expected samples, ready for use."""
+    """Check the samples of the whole volume, of single boxes, of bricks in order and of an earlier box."""
     assert source.grid.shape_zyx == expected.shape
     assert source.dtype == expected.dtype.newbyteorder("=")
     layout = BrickLayout(source.grid.shape_zyx, brick)
@@ -66,14 +66,14 @@ def check_box_read(samples: NDArray[Any], source: Source, expected: NDArray[Any]
 
 
 def check_placed(source: Source, world_from_index: NDArray[np.float64]) -> None:
-    """The grid's matrix is the expected one, and its direction holds unit vectors."""
+    """Check the grid's matrix, and that its direction has unit vectors."""
     np.testing.assert_allclose(source.grid.world_from_index, world_from_index, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(source.grid.direction, axis=0), 1, rtol=1e-12)
     assert min(source.grid.spacing) > 0
 
 
 def refused(open_it: Callable[[], object], *parts: str) -> None:
-    """Opening raises a `DataError` whose text holds every one of `parts`."""
+    """Check that opening raises a `DataError` with all of `parts` in its text."""
     with pytest.raises(DataError) as caught:
         open_it()
     for part in parts:
@@ -81,7 +81,7 @@ def refused(open_it: Callable[[], object], *parts: str) -> None:
 
 
 def cut(path: Path, count: int) -> Path:
-    """Take `count` bytes off the end of a file."""
+    """Remove the last `count` bytes of a file."""
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size - count)
     return path

@@ -58,7 +58,7 @@ def test_a_layout_by_hand() -> None:
 
 
 class Recorder(ArraySource):
-    """An array that notes which planes were read."""
+    """Array source that records the boxes that are read."""
 
     def __init__(self, array: NDArray[Any]) -> None:
         super().__init__(array)

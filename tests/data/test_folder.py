@@ -15,7 +15,7 @@ from clusterviz.data.axes import Subset
 
 
 def fill(folder: Path, layers: np.ndarray, extension: str) -> Path:
-    """Slices whose names do not sort as text, the last with a number of two digits."""
+    """Write slices whose names do not sort as text."""
     folder.mkdir()
     for z, layer in enumerate(layers):
         path = folder / f"slice {z + 7}{extension}"

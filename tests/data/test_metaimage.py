@@ -15,7 +15,7 @@ FIELDS = {"NDims": "3", "DimSize": "7 6 5", "ElementType": "MET_SHORT"}
 
 
 def write(path: Path, data: bytes, entry: str = "LOCAL", **fields: str) -> Path:
-    """A file of 5 × 6 × 7 shorts unless `fields` say otherwise; "" leaves a field out."""
+    """Write a file of 5 × 6 × 7 shorts, changed by `fields`; "" removes a field."""
     text = "".join(f"{key} = {value}\n" for key, value in {**FIELDS, **fields}.items() if value)
     path.write_bytes(f"{text}ElementDataFile = {entry}\n".encode() + data)
     return path

@@ -14,7 +14,7 @@ MODES = {"i1": 0, "i2": 1, "f4": 2, "u2": 6, "f2": 12}
 
 
 def header_of(array: np.ndarray, **changes: object) -> bytes:
-    """A header for (sections, rows, columns); `changes` maps w<number from 0> to a word of 4 bytes, int or float."""
+    """Return a header for (sections, rows, columns); `changes` maps w<number from 0> to a 4-byte int or float."""
     order = ">" if array.dtype.byteorder == ">" else "<"
     sections, rows, columns = array.shape
     words: dict[int, int | float] = {0: columns, 1: rows, 2: sections, 3: MODES[array.dtype.newbyteorder("=").str[1:]]}

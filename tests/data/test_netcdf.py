@@ -18,7 +18,7 @@ LINES: Coordinates = {"level": np.array([10.0, 30, 50]), "lat": np.array([4.0, 2
 
 
 def write(path: Path, array: np.ndarray, lines: Coordinates, **attributes: object) -> Path:
-    """One variable, `t`; a line that is a number is a dimension without coordinates."""
+    """Write one variable, `t`; a line that is a number is a dimension without coordinates."""
     with h5py.File(path, "w") as file:
         for name, line in lines.items():
             if isinstance(line, int):

@@ -15,7 +15,7 @@ SHEARED = np.array([[-2, 0.5, 0, 10], [0, 3, 0.1, -20], [0.2, 0, 0.5, 30], [0, 0
 
 
 def write(path: Path, array: np.ndarray, affine: np.ndarray | None = None, version: int = 1, **header: object) -> Path:
-    """`array` is (z, y, x), or (t, z, y, x)."""
+    """Write `array`, which is (z, y, x) or (t, z, y, x)."""
     kind = nibabel.Nifti1Image if version == 1 else nibabel.Nifti2Image
     image = kind(array.T, np.eye(4) if affine is None else affine, dtype=array.dtype)
     for key, value in header.items():

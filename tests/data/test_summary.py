@@ -24,7 +24,7 @@ def summary_of(array: NDArray[Any], brick: int = 3, **options: Any) -> VolumeSum
 
 
 def summaries_of_ranks(array: NDArray[Any], brick: int, ranks: int) -> list[VolumeSummary]:
-    """The bricks dealt in turn to ranks, each a thread."""
+    """Summarise with the bricks assigned round-robin to ranks, each a thread."""
     layout, barrier = BrickLayout(array.shape, brick), threading.Barrier(ranks, timeout=60)
     board: list[Any] = [None] * ranks
     results: list[VolumeSummary | None] = [None] * ranks
@@ -65,7 +65,7 @@ def check_same(one: VolumeSummary, other: VolumeSummary, bricks_too: bool = True
 
 
 def check_against_numpy(array: NDArray[Any], summary: VolumeSummary) -> None:
-    """Percentiles to a rounding error of float64, counts to the sample."""
+    """Check percentiles to a rounding error of float64, and counts exactly."""
     finite = array[np.isfinite(array)]
     scale = max(abs(float(finite.min())), abs(float(finite.max())))
     for q in (0, 100, *PERCENTILES):

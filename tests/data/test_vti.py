@@ -24,7 +24,7 @@ FORMS = ("ascii", "binary", "base64", "raw")  # the last two appended
 
 
 def packed(data: bytes, header: str, compressor: str, text: bool, block: int = 100) -> bytes:
-    """The array with its header, as VTK writes it."""
+    """Return the array with its header, as VTK writes it."""
     encode = base64.b64encode if text else bytes
     compress = COMPRESSORS[compressor]
     if compress is None:
@@ -47,7 +47,7 @@ def write(
     extra: str = "",
     space: str = "\n  ",
 ) -> Path:
-    """A file with `arrays` as point or cell data."""
+    """Write a file with `arrays` as point or cell data."""
     tags, appended = "", b""
     for name, array in arrays.items():
         kind = NAMES[array.dtype.newbyteorder("=").str[1:]]

@@ -16,7 +16,7 @@ HEAD += "DIMENSIONS 7 6 5\nSPACING 2 3 4\nORIGIN 1 2 3\n"
 
 
 def packed(array: np.ndarray, form: str) -> bytes:
-    """Samples as the file holds them; text has nine numbers a line, as VTK writes it."""
+    """Return samples as the file stores them; text has nine numbers a line, as VTK writes it."""
     if form == "BINARY":
         return array.astype(array.dtype.newbyteorder(">")).tobytes() + b"\n"
     words = [repr(number) for number in array.ravel().tolist()]
@@ -24,7 +24,7 @@ def packed(array: np.ndarray, form: str) -> bytes:
 
 
 def write(path: Path, form: str, *parts: str | np.ndarray, head: str = HEAD) -> Path:
-    """A file of header lines and arrays."""
+    """Write a file of header lines and arrays."""
     texts = [part.encode() + b"\n" if isinstance(part, str) else packed(part, form) for part in parts]
     path.write_bytes(head.format(form=form).encode() + b"".join(texts))
     return path

@@ -29,7 +29,7 @@ def picture(height: int = 9, width: int = 7) -> np.ndarray:
 
 @contextmanager
 def disk_full_after(size: int) -> Iterator[None]:
-    """No file may grow beyond `size` bytes: writing fails as on a full disk."""
+    """Limit files to `size` bytes, so that writing fails as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:

@@ -18,7 +18,7 @@ SAMPLES = st.lists(st.one_of(st.none(), st.floats(-1, 1, width=32)), max_size=8)
 
 
 def sample(operator: str, s: float | None) -> np.ndarray:
-    """The pixel of one sample; None is an invalid one."""
+    """Return the pixel of one sample; None is an invalid one."""
     if s is None:
         return np.zeros(4)
     if operator == "over":
@@ -30,7 +30,7 @@ def sample(operator: str, s: float | None) -> np.ndarray:
 
 
 def stretch_by_hand(values: list[float]) -> tuple[float | None, float]:
-    """The largest of the first stretch, or None, and the largest of all."""
+    """Return the largest sample of the first run, or None, and the largest of all."""
     begin = next((k for k, s in enumerate(values) if s >= THRESHOLD), None)
     if begin is None:
         return None, max(values)

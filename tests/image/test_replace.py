@@ -28,7 +28,7 @@ def names(folder: Path) -> list[str]:
 
 @pytest.fixture
 def leftovers(tmp_path: Path) -> Path:
-    """A folder in which a killed process has left a file and a folder, beside others."""
+    """Make a folder with a file and a folder that a killed process left, and others."""
     ended = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
     assert ended.returncode == -signal.SIGKILL
     (tmp_path / ".a.clusterviz-another-machine-12345678.png").touch()
