@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -38,12 +40,15 @@ class Workshop:
     """A clock that packing and opening move: so long a byte, as a codec's name says."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: dict[str, tuple[float, float]]) -> None:
-        self.now, self.used, self._seconds = 0.0, list[str](), seconds
+        self.now, self.used, self.samples, self._seconds = 0.0, list[str](), 0, seconds
         monkeypatch.setattr(auto, "pack", self._pack)
         monkeypatch.setattr(auto, "open_message", self._open)
 
     def _pack(self, pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None = None) -> Bytes:
-        self.used.append(codec)
+        if rows is None and codec != "raw":
+            self.samples += 1
+        else:
+            self.used.append(codec)
         self.now += pixels.nbytes * self._seconds.get(codec, (0, 0))[0]
         return pack(pixels, codec, rows, out)
 
@@ -131,8 +136,39 @@ def test_another_picture_is_noticed(workshop: Workshop) -> None:
     codec = AutoCodec(GIGABIT, clock=workshop.time)
     assert settled(codec, smooth(), 200) != "raw"
     assert settled(codec, noise(), 5) == "raw"
-    # Raw messages tell nothing, so that the way back takes until the next look.
-    assert settled(codec, smooth(), auto.MOST_INTERVAL) != "raw"
+
+
+@pytest.mark.parametrize("kind", [smooth, sparse])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_lz_is_soon_on_again(workshop: Workshop, kind: Callable[[type], Pixels], dtype: type) -> None:
+    """Raw messages tell nothing; samples do, long before the next look."""
+    codec = AutoCodec(GIGABIT, clock=workshop.time)
+    assert settled(codec, noise(dtype), 300) == "raw"
+    assert settled(codec, kind(dtype), auto.LEAST_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
+
+
+def test_samples_take_a_hundredth_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    def packed(seconds_per_byte: float, messages: int) -> Workshop:
+        slow = Workshop(monkeypatch, dict.fromkeys(SECONDS, (1e-8, 0.0)))
+        codec, pixels = AutoCodec(seconds_per_byte, clock=slow.time), noise()
+        for _ in range(messages):
+            codec.pack(pixels, ROWS, 0)
+        return slow
+
+    assert packed(GIGABIT, 200).samples >= 200 // auto.LEAST_INTERVAL - 3
+    share = auto.SAMPLE_SECONDS_SHARE * auto.SQUEEZE_SECONDS_PER_BYTE * 1000 / (1e-8 * auto.SAMPLE_SHARE)
+    looks = 9  # each with a sample
+    assert 0 < packed(auto.SQUEEZE_SECONDS_PER_BYTE, 1000).samples <= share + looks
+
+
+@pytest.mark.parametrize("count", [4096, 100_003])
+def test_samples_are_small_and_from_everywhere(count: int) -> None:
+    pixels = np.repeat(np.arange(count, dtype=np.float32)[:, None], 4, axis=1)
+    sample = auto.sample_of(pixels)[:, 0]
+    assert 0 < len(sample) <= max(auto.STRIPS * auto.LEAST_STRIP, auto.SAMPLE_SHARE * count)
+    assert np.all(np.diff(sample) >= 0)
+    assert sample[0] < count / auto.STRIPS
+    assert sample[-1] >= count * (1 - 1 / auto.STRIPS)
 
 
 def test_streams_are_apart(workshop: Workshop) -> None:
