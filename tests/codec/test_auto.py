@@ -1,4 +1,4 @@
-"""The choice of a codec: by what was measured, never below 64 KB, and looked at again."""
+"""Automatic choice of a codec."""
 
 from __future__ import annotations
 
@@ -112,24 +112,24 @@ def test_small_messages_stay_raw(workshop: Workshop) -> None:
     assert codec.pack(np.zeros((auto.MIN_BYTES // 4, 4), np.uint8), ROWS, 0).nbytes < auto.MIN_BYTES
 
 
-def test_looks_become_rare_but_never_end(workshop: Workshop) -> None:
+def test_trials_become_rare_but_never_end(workshop: Workshop) -> None:
     codec, pixels = AutoCodec(GIGABIT, clock=workshop.time), noise()
     for _ in range(2000):
         codec.pack(pixels, ROWS, 0)
-    looks = [k for k, name in enumerate(workshop.used) if name == "active"]
-    gaps = np.diff(looks).tolist()
+    trials = [k for k, name in enumerate(workshop.used) if name == "active"]
+    gaps = np.diff(trials).tolist()
     candidates = len(auto.CANDIDATES[1])
     assert gaps[:6] == [candidates + messages for messages in (8, 16, 32, 64, 128, 256)]
-    assert set(gaps[6:]) == {candidates + auto.MOST_INTERVAL}
+    assert set(gaps[6:]) == {candidates + auto.MAX_INTERVAL}
 
 
-def test_what_is_far_off_is_tried_at_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expensive_candidates_take_part_in_few_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     workshop = Workshop(monkeypatch, {**SECONDS, "active+lz4": (1e-7, 0)})
     codec = AutoCodec(GIGABIT, clock=workshop.time)
     settled(codec, smooth(), 2000)
     assert codec.codec_of("stream", np.dtype(np.uint8)) == "active+delta+shuffle+lz4"
-    # The first look, and every fourth of those after 8, 24, 56, 120, 248, 504, 760, 1016, 1272, 1528, 1784 messages.
-    assert workshop.used.count("active+lz4") == 1 + 11 // auto.HOPELESS_LOOKS
+    # The first trials, and every fourth of those after 8, 24, 56, 120, 248, 504, 760, 1016, 1272, 1528, 1784 messages.
+    assert workshop.used.count("active+lz4") == 1 + 11 // auto.EXPENSIVE_TRIALS
 
 
 def test_another_picture_is_noticed(workshop: Workshop) -> None:
@@ -141,10 +141,10 @@ def test_another_picture_is_noticed(workshop: Workshop) -> None:
 @pytest.mark.parametrize("kind", [smooth, sparse])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_lz_is_soon_on_again(workshop: Workshop, kind: Callable[[type], Pixels], dtype: type) -> None:
-    """Raw messages tell nothing; samples do, long before the next look."""
+    """Raw messages tell nothing; samples do, long before the next trials."""
     codec = AutoCodec(GIGABIT, clock=workshop.time)
     assert settled(codec, noise(dtype), 300) == "raw"
-    assert settled(codec, kind(dtype), auto.LEAST_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
+    assert settled(codec, kind(dtype), auto.MIN_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
 
 
 def test_samples_take_a_hundredth_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,17 +155,17 @@ def test_samples_take_a_hundredth_of_the_link(monkeypatch: pytest.MonkeyPatch) -
             codec.pack(pixels, ROWS, 0)
         return slow
 
-    assert packed(GIGABIT, 200).samples >= 200 // auto.LEAST_INTERVAL - 3
-    share = auto.SAMPLE_SECONDS_SHARE * auto.SQUEEZE_SECONDS_PER_BYTE * 1000 / (1e-8 * auto.SAMPLE_SHARE)
-    looks = 9  # each with a sample
-    assert 0 < packed(auto.SQUEEZE_SECONDS_PER_BYTE, 1000).samples <= share + looks
+    assert packed(GIGABIT, 200).samples >= 200 // auto.MIN_INTERVAL - 3
+    share = auto.SAMPLE_SECONDS_SHARE * auto.MIN_LZ4_SECONDS_PER_BYTE * 1000 / (1e-8 * auto.SAMPLE_SHARE)
+    trials = 9  # each with a sample
+    assert 0 < packed(auto.MIN_LZ4_SECONDS_PER_BYTE, 1000).samples <= share + trials
 
 
 @pytest.mark.parametrize("count", [4096, 100_003])
 def test_samples_are_small_and_from_everywhere(count: int) -> None:
     pixels = np.repeat(np.arange(count, dtype=np.float32)[:, None], 4, axis=1)
     sample = auto.sample_of(pixels)[:, 0]
-    assert 0 < len(sample) <= max(auto.STRIPS * auto.LEAST_STRIP, auto.SAMPLE_SHARE * count)
+    assert 0 < len(sample) <= max(auto.STRIPS * auto.MIN_STRIP, auto.SAMPLE_SHARE * count)
     assert np.all(np.diff(sample) >= 0)
     assert sample[0] < count / auto.STRIPS
     assert sample[-1] >= count * (1 - 1 / auto.STRIPS)
@@ -205,7 +205,7 @@ def test_one_slow_measurement_chooses_nothing_else(monkeypatch: pytest.MonkeyPat
     chosen = settled(codec, smooth())
     assert "lz4" in chosen
     seconds[chosen] = (1.2e-8, 5e-10)  # more than the raw bytes take; with what was known before, less
-    assert settled(codec, smooth(), auto.LEAST_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
+    assert settled(codec, smooth(), auto.MIN_INTERVAL + len(auto.CANDIDATES[1])) != "raw"
     seconds.update(dict.fromkeys(seconds, (1.2e-8, 5e-10)))
     assert settled(codec, smooth(), 1000) == "raw"  # what lasts is believed
 
