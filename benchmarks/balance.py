@@ -26,12 +26,12 @@ from clusterviz.data.summary import summarise
 from clusterviz.image.replace import replacing
 from clusterviz.partition import (
     Owners,
+    assign_replicas,
     build_tree,
-    eye_place,
     interleave,
     owners_of,
+    ray_origin,
     replicate,
-    responsible,
     visible_groups,
 )
 from clusterviz.plan.plan import Plan, make_plan
@@ -89,7 +89,7 @@ def dynamic(
 ) -> Row:
     """Planes that move. What is expected is the model in all frames, or with `views` the samples of each camera."""
     row, held = Row([], [], [], []), np.where(model > 0, BRICK_BYTES, 0)
-    places = [eye_place(eye, DIRECTION, BRICK) for eye in eyes]
+    places = [ray_origin(eye, DIRECTION, BRICK) for eye in eyes]
     balance = begin(costs[0] + 1e-9 * model if views else model, ranks, held, policy, places[0])
     for cost, eye, place in zip(costs, eyes, places, strict=True):
         expected = cost if views else model
@@ -114,7 +114,7 @@ def rows(
     for copies in (2, 3):
         held = replicate(home, copies)
         name = f"static replicated, {copies} copies"
-        yield name, fixed(lambda last, held=held: responsible(held, np.where(shown, last + 1e-9, 0)), costs, eyes)
+        yield name, fixed(lambda last, held=held: assign_replicas(held, np.where(shown, last + 1e-9, 0)), costs, eyes)
     yield "dynamic, uniform", dynamic(model, costs, eyes, ranks, replace(policy, unit=2))
     refined = replace(policy, unit=8, refined=True)
     yield "dynamic, refined", dynamic(model, costs, eyes, ranks, refined)

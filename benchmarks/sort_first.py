@@ -31,14 +31,14 @@ from clusterviz.partition import Piece
 from clusterviz.partition.screen import (
     COARSE,
     CostMap,
-    Mosaic,
+    ScreenPartition,
     adapt,
     build_cuts,
     coarse_plan,
-    gathered,
+    cost_map_of_blocks,
     interleaved_tiles,
     pattern_tiles,
-    queue_of_tiles,
+    tile_queue,
 )
 from clusterviz.plan.plan import Plan
 from clusterviz.scene import Scene, Volume
@@ -141,22 +141,22 @@ class Counting:
                 share = loop._share
                 assert share is not None
                 assert share.plan is not None
-                cost = gathered(scene.image.size, drawing.work)
+                cost = cost_map_of_blocks(scene.image.size, drawing.work)
                 coarse = coarse_plan(share.plan)
                 pieces = tuple(Piece(piece.rank, piece.box, piece.bricks) for piece in share.pieces)
                 _, counts = drawing.draw(replace(share, plan=coarse, pieces=pieces))
-                yield share.plan, cost, gathered(scene.image.size, drawing.work, COARSE), counts.samples
+                yield share.plan, cost, cost_map_of_blocks(scene.image.size, drawing.work, COARSE), counts.samples
 
 
-def loads(mosaic: Mosaic, cost: CostMap) -> list[float]:
+def loads(mosaic: ScreenPartition, cost: CostMap) -> list[float]:
     """The samples of each group."""
-    return [sum(cost.total(window) for window in windows) for windows in mosaic.windows]
+    return [sum(cost.total(window) for window in windows) for windows in mosaic.rects]
 
 
 def scheduled(plan: Plan, cost: CostMap, ranks: int, side: int) -> list[float]:
     """The samples of each rank, if whoever has least takes the next tile."""
     found = [0.0] * ranks
-    for tile in queue_of_tiles(expected_map(plan), side):
+    for tile in tile_queue(expected_map(plan), side):
         found[int(np.argmin(found))] += cost.total(tile)
     return found
 
@@ -170,11 +170,11 @@ def orbit_table(name: str, size: int, ranks: int, frames: int) -> list[dict[str,
         z, y, x = plan.layout.shape_zyx
         extent = (x - 1.0, y - 1.0, z - 1.0)
         tree = adapt(tree, last) if tree and last else build_cuts(expected_map(plan), weights)
-        size, found = plan.view.size, {"temporal": loads(tree.mosaic(), cost)}
+        size, found = plan.view.size, {"temporal": loads(tree.partition(), cost)}
         found |= {f"interleaved, {n}": loads(interleaved_tiles(size, ranks, n), cost) for n in (64, 32, 16)}
         found |= {f"pattern × {n}": loads(pattern_tiles(plan.view, extent, ranks, 8, n), cost) for n in (1, 3, 5)}
         found |= {"scheduled, 32": scheduled(plan, cost, ranks, 32)}
-        counted = loads(build_cuts(estimate, weights).mosaic(), cost)
+        counted = loads(build_cuts(estimate, weights).partition(), cost)
         found |= {"estimated": [load + extra / ranks for load in counted]}
         for way, samples in found.items():
             busiest.setdefault(way, []).append(max(samples))

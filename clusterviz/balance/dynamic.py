@@ -21,7 +21,7 @@ from clusterviz.balance.rebalance import Wish, rebalance
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
-from clusterviz.partition.fronts import AFAR, Place, front_owners
+from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.search import move_planes, search_tree
 from clusterviz.partition.tree import BspTree, Index
@@ -77,7 +77,7 @@ class Balance:
     wire_bytes: NDArray[np.int64]
 
 
-def first_owners(model: Costs, ranks: int, policy: Policy, eye: Place = AFAR) -> Owners:
+def first_owners(model: Costs, ranks: int, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
     """Who draws what in the first frame; parameters as of `begin`."""
     return front_owners(search_tree(model, ranks), model, eye, _atoms(policy, model.shape))
 
@@ -87,7 +87,7 @@ def begin(
     ranks: int,
     brick_bytes: NDArray[np.int64],
     policy: Policy,
-    eye: Place = AFAR,
+    eye: RayOrigin = PARALLEL_ORIGIN,
     wire_bytes: NDArray[np.int64] | None = None,
 ) -> Balance:
     """Before the first frame: fronts by the model.
@@ -96,7 +96,7 @@ def begin(
     ----------
     model : float64 (bz, by, bx), expected cost of each brick; above 0 where it has something to show
     brick_bytes : int64 (bz, by, bx), what holding a brick takes; 0 for those that have nothing to show
-    eye : as of `eye_place`
+    eye : as of `ray_origin`
     wire_bytes : of the same shape, what sending a brick takes; None: as much
 
     Raises
@@ -126,7 +126,7 @@ def rest(balance: Balance) -> Balance:
     return replace(balance, recalled=np.zeros_like(balance.recalled))
 
 
-def steer(balance: Balance, model: Costs, policy: Policy, eye: Place = AFAR) -> Balance:
+def steer(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Balance:
     """Before a frame of which `model` is expected: put fronts where they should be, plan what can move, hand over.
 
     New flights are those of stage "planned"; what their targets have in their caches may change hands at once.
@@ -147,7 +147,7 @@ def steer(balance: Balance, model: Costs, policy: Policy, eye: Place = AFAR) -> 
     return replace(balance, migration=hand_over(launched, cost), recalled=_recalled(migration, launched))
 
 
-def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: Place) -> Balance:
+def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: RayOrigin) -> Balance:
     """Fronts where they are, turned to the eye; or where the cost is, if that leaves the busiest rank clearly less."""
     atoms, ranks = _atoms(policy, cost.shape), balance.tree.ranks
     target = front_owners(balance.tree, balance.aim, eye, atoms)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.report.statistics import RankFrame
 
 Kind = Literal["samples", "seconds"]
@@ -101,7 +101,7 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
         raise InputError("not a cost a rank", where="costs", found=costs.tolist(), allowed=f"{owners.ranks} of ≥ 0")
     if not 0 <= damping < 1:
         raise InputError("impossible", where="damping", found=damping, allowed="0 or more, below 1")
-    drawn = (model > 0) & (owners.owner != NOBODY)
+    drawn = (model > 0) & (owners.owner != UNASSIGNED)
     frame = Frame(np.where(drawn, owners.owner + 1, 0).astype(np.int64), np.where(drawn, model, 0.0), costs)
     ratio = _ratio(frame, past.factor)
     if ratio is None:

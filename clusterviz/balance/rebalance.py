@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.partition.tree import Index
 
 
@@ -73,7 +73,7 @@ def rebalance(
     InputError
         The budget cannot carry a single brick of those that should move, so nothing would ever move.
     """
-    goes = (present.owner != wish.target.owner) & (present.owner != NOBODY) & (wish.target.owner != NOBODY)
+    goes = (present.owner != wish.target.owner) & (present.owner != UNASSIGNED) & (wish.target.owner != UNASSIGNED)
     bricks = np.argwhere(goes & ~moving if moving is not None else goes)
     if len(bricks) == 0:
         return ()

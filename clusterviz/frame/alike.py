@@ -63,7 +63,7 @@ def check_same(run: Run, told: Mapping[str, Sequence[int]]) -> None:
 def digest_of(pieces: Sequence[Piece]) -> int:
     """A checksum (CRC-32) of pieces: their ranks, bricks and windows, in their order."""
     boxes = [(piece.rank, *piece.box.begin_zyx, *piece.box.end_zyx) for piece in pieces]
-    windows = [(number, *_corners(piece.window)) for number, piece in enumerate(pieces) if piece.window]
+    windows = [(number, *_corners(piece.rect)) for number, piece in enumerate(pieces) if piece.rect]
     found = zlib.crc32(np.array(windows, np.int64).tobytes(), zlib.crc32(np.array(boxes, np.int64).tobytes()))
     for number, piece in enumerate(pieces):
         if piece.bricks is not None:

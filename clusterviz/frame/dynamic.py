@@ -22,7 +22,7 @@ from clusterviz.balance.pace import WHOLE, Pace
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 from clusterviz.frame.holding import Holding
-from clusterviz.partition import NOBODY, Owners, Piece, Place, eye_place, owner_pieces
+from clusterviz.partition import UNASSIGNED, Owners, Piece, RayOrigin, owner_pieces, ray_origin
 from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.render.storage import slot_of
 from clusterviz.report.statistics import RankFrame
@@ -82,7 +82,7 @@ class Dynamic:
         else:
             balance = rest(self._balance)
         self._balance = balance
-        owner = np.where(plan.cost > 0, balance.migration.owners.owner, NOBODY).astype(np.int32)
+        owner = np.where(plan.cost > 0, balance.migration.owners.owner, UNASSIGNED).astype(np.int32)
         owners = Owners(self._ranks, owner)
         self.planned_imbalance = owners.imbalance(predict(balance.measured, model, self._sizes > 0))
         return owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
@@ -183,5 +183,5 @@ class Dynamic:
         return self._budget_bytes or max(int(self._wire.max()), int(share * int(self._wire.sum())))
 
 
-def _eye(plan: Plan) -> Place:
-    return eye_place(plan.view.eye_point, plan.view.forward, plan.layout.brick)
+def _eye(plan: Plan) -> RayOrigin:
+    return ray_origin(plan.view.eye_point, plan.view.forward, plan.layout.brick)

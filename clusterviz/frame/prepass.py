@@ -23,7 +23,7 @@ from clusterviz.frame.share import Share
 from clusterviz.frame.sounding import Sounding
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
-from clusterviz.partition import NOBODY, Owners, Piece, bricks_of, build_tree, leaf_pieces, owner_pieces, owners_of
+from clusterviz.partition import UNASSIGNED, Owners, Piece, bricks_of, build_tree, leaf_pieces, owner_pieces, owners_of
 from clusterviz.partition.screen import COARSE, coarse_plan
 from clusterviz.partition.screen.estimated import LONGER
 from clusterviz.plan.plan import Plan
@@ -113,15 +113,15 @@ def sound(
 def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]]:
     """Sort-last's leaves, each in some boxes, from front to back; and the piece of each brick, −1 for hidden ones."""
     each = max(1, min(MOST_BOXES, BOXES // ranks))
-    owner = np.full(plan.cost.shape, NOBODY, np.int32)
+    owner = np.full(plan.cost.shape, UNASSIGNED, np.int32)
     for leaf in build_tree(plan.cost, ranks).leaves:
         inside = plan.cost[leaf.box.slices]
         if inside.size:
             owner[leaf.box.slices] = leaf.rank * each + owners_of(build_tree(inside, each)).owner
     shown = plan.cost > 0
-    owners = Owners(ranks * each, np.where(shown, owner, NOBODY).astype(np.int32))
+    owners = Owners(ranks * each, np.where(shown, owner, UNASSIGNED).astype(np.int32))
     pieces = owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
-    number = np.full(plan.cost.shape, NOBODY, np.int32)
+    number = np.full(plan.cost.shape, UNASSIGNED, np.int32)
     for at, piece in enumerate(pieces):
         number[tuple(piece.members(shown).T)] = at
     return tuple(replace(piece, rank=piece.rank // each) for piece in pieces), number
@@ -156,7 +156,7 @@ def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -
         ends.append(begin + length)
     tree = build_tree(plan.cost, channel.size)
     leaves = leaf_pieces(tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
-    return tuple(replace(leaf, window=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
+    return tuple(replace(leaf, rect=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
 
 
 def _measured(run: Run, drawing: Drawing, share: Share) -> tuple[float, int]:

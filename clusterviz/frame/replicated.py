@@ -15,7 +15,7 @@ from clusterviz.balance.measure import measure, predict, rank_costs, unmeasured
 from clusterviz.data.source import Index
 from clusterviz.frame.holding import Holding
 from clusterviz.frame.standing import Standing
-from clusterviz.partition import Owners, Piece, Replicas, build_tree, owner_pieces, replicate, responsible
+from clusterviz.partition import Owners, Piece, Replicas, assign_replicas, build_tree, owner_pieces, replicate
 from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
@@ -46,7 +46,7 @@ class Replicated:
         if self._replicas is not before:
             self._measured = unmeasured(self._replicas.home.shape_zyx)
         expected = predict(self._measured, expected_samples(plan), plan.cost > 0)
-        self._owners = responsible(self._replicas, expected)
+        self._owners = assign_replicas(self._replicas, expected)
         return owner_pieces(self._owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 
     def holds(self, rank: int) -> frozenset[Index]:

@@ -94,7 +94,7 @@ def with_pixel(share: Share, accuracy: Accuracy, ranks: int) -> tuple[Share, Acc
     """
     assert share.plan is not None, "only what shows a volume has settings to choose"
     # Images of one window may lie behind each other; where nobody shares the screen, there is a single one.
-    images = max(Counter(piece.window for piece in share.pieces).values(), default=0)
+    images = max(Counter(piece.rect for piece in share.pieces).values(), default=0)
     picked = pixel_of(share.plan, accuracy, images, ranks)
     quality = share.scene.quality.model_copy(update={"pixel": picked.value})
     reasons = {**accuracy.reasons, "pixel": picked.reason}

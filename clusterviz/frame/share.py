@@ -128,7 +128,7 @@ class Share:
         mine = [piece for piece in self.pieces if piece.rank == rank]
         if self.windows is None:
             return mine
-        return (replace(piece, window=window) for window in self.windows() for piece in mine)
+        return (replace(piece, rect=window) for window in self.windows() for piece in mine)
 
 
 @dataclass(frozen=True)

@@ -25,20 +25,20 @@ from clusterviz.errors import InputError
 from clusterviz.frame.holding import Holding
 from clusterviz.frame.tiling import TileSettings, Tiling
 from clusterviz.partition import (
-    NOBODY,
+    UNASSIGNED,
     BspTree,
     Owners,
     Piece,
     build_tree,
-    eye_place,
     front_owners,
     move_planes,
     owner_pieces,
     owners_of,
+    ray_origin,
     search_tree,
 )
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.screen import CostMap, Mosaic, RankGroups, bricks_seen
+from clusterviz.partition.screen import CostMap, RankGroups, ScreenPartition, visible_bricks
 from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.report.statistics import RankFrame
 
@@ -98,17 +98,17 @@ class SharedScreen:
         self._check_memory()
         return self.pieces(plan, mosaic)
 
-    def pieces(self, plan: Plan, mosaic: Mosaic) -> tuple[Piece, ...]:
+    def pieces(self, plan: Plan, mosaic: ScreenPartition) -> tuple[Piece, ...]:
         """The pieces of any windows, of what the last deal gave to the groups."""
         found: list[Piece] = []
-        for members, owners, seen, windows in zip(self._groups, self._owners, self._seen, mosaic.windows, strict=True):
+        for members, owners, seen, windows in zip(self._groups, self._owners, self._seen, mosaic.rects, strict=True):
             own = []
             for piece in _pieces(plan, owners, seen):
                 shown = self._shown[piece.box.slices]
                 # Bricks that show nothing divide no piece.
                 is_box = piece.bricks is None or bool(np.all(piece.bricks == shown))
                 own.append(replace(piece, rank=members[piece.rank], bricks=None if is_box else piece.bricks))
-            found += [replace(piece, window=window) for window in windows for piece in own]
+            found += [replace(piece, rect=window) for window in windows for piece in own]
         return tuple(found)
 
     def holds(self, rank: int) -> frozenset[Index]:
@@ -138,10 +138,10 @@ class SharedScreen:
         """What the last frame cost, or what a pre-pass says of this one."""
         self.tiling.learn(cost)
 
-    def _dealt_out(self, plan: Plan) -> Mosaic:
+    def _dealt_out(self, plan: Plan) -> ScreenPartition:
         """The windows of the groups, what they show, and who draws that."""
         mosaic = self.tiling.mosaic(plan)
-        self._seen = [self._shown if self.tiling.is_static else bricks_seen(plan, each) for each in mosaic.windows]
+        self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in mosaic.rects]
         if self.tiling.is_static or max(map(len, self._groups)) == 1:
             self._deal_once(plan)
         else:
@@ -154,11 +154,11 @@ class SharedScreen:
             self._dealt = plan.cost
             self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self._groups]
 
-    def _follow_cost(self, plan: Plan, mosaic: Mosaic) -> None:
+    def _follow_cost(self, plan: Plan, mosaic: ScreenPartition) -> None:
         """Who draws what in each group, by the cost that is expected of bricks within its windows."""
         self._measured = self._measured or unmeasured(plan.layout.counts_zyx)
         self._models = []
-        for seen, windows in zip(self._seen, mosaic.windows, strict=True):
+        for seen, windows in zip(self._seen, mosaic.rects, strict=True):
             visible = replace(plan, cost=np.where(seen, plan.cost, 0.0))
             models = [expected_samples(visible, window) for window in windows]
             self._models.append(np.sum(models, axis=0) if models else np.zeros_like(plan.cost))
@@ -220,7 +220,7 @@ class SharedScreen:
 
 def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator[tuple[BspTree, Owners]]:
     """Ways to deal the bricks of a group: as before, at fronts, by planes; then the same with other axes."""
-    eye = eye_place(plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    eye = ray_origin(plan.view.eye_point, plan.view.forward, plan.layout.brick)
     moved, other = move_planes(tree, cost), search_tree(cost, before.ranks)
     yield tree, before
     yield tree, front_owners(tree, cost, eye)
@@ -231,7 +231,7 @@ def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator
 
 def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
     """What the members of a group draw, front to back."""
-    drawn = Owners(owners.ranks, np.where(seen, owners.owner, NOBODY).astype(np.int32))
+    drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
     return owner_pieces(drawn, plan.view.eye_point, plan.view.forward, plan.layout.brick)
 
 

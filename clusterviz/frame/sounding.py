@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from clusterviz.balance.expected import expected_samples
 from clusterviz.image.region import Rect
 from clusterviz.partition import BspTree, build_tree, owners_of
-from clusterviz.partition.screen import CostMap, RankGroups, bricks_seen, build_cuts, gathered
+from clusterviz.partition.screen import CostMap, RankGroups, build_cuts, cost_map_of_blocks, visible_bricks
 from clusterviz.plan.plan import Plan
 
 FOLLOWED = 16  # groups whose members are looked at one by one, the dearest; the members of others count as even
@@ -60,7 +60,7 @@ def samples_of_ranks(sounding: Sounding, plan: Plan, groups: RankGroups) -> NDAr
         tree = build_tree(plan.cost, len(found))
         return np.array([each.cost.sum() for each in _maps(sounding, plan, tree)])
     everything = _map(sounding, plan, np.ones(len(sounding.samples), np.float32))
-    windows = build_cuts(everything, tuple(map(len, groups))).windows()
+    windows = build_cuts(everything, tuple(map(len, groups))).rects()
     expected = expected_samples(plan)
     costs = [everything.total(window) for window in windows]
     dearest = set(np.argsort(costs)[::-1][:FOLLOWED].tolist())
@@ -68,7 +68,7 @@ def samples_of_ranks(sounding: Sounding, plan: Plan, groups: RankGroups) -> NDAr
         if len(members) == 1 or group not in dearest or not window.pixels:
             found[list(members)] = costs[group] / len(members)
             continue
-        tree = build_tree(np.where(bricks_seen(plan, [window]), expected, 0.0), len(members))
+        tree = build_tree(np.where(visible_bricks(plan, [window]), expected, 0.0), len(members))
         found[list(members)] = [each.total(window) for each in _maps(sounding, plan, tree)]
     return found
 
@@ -98,7 +98,7 @@ def _map(sounding: Sounding, plan: Plan, share: Floats) -> CostMap:
     left = _left(samples, depth, sounding.limit).sum(axis=0, dtype=np.float64)
     height, width = left.shape
     # Samples are those of the whole picture already.
-    counted = gathered(plan.view.size, [(Rect(0, 0, width, height), left)], sounding.scale, 1)
+    counted = cost_map_of_blocks(plan.view.size, [(Rect(0, 0, width, height), left)], sounding.scale, 1)
     return CostMap(counted.size, counted.cost / sounding.scale**2)
 
 

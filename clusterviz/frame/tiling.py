@@ -8,16 +8,16 @@ from clusterviz.balance.expected import expected_samples
 from clusterviz.image.region import Rect
 from clusterviz.partition.screen import (
     CostMap,
-    Mosaic,
+    ScreenPartition,
     ScreenTree,
     adapt,
     brick_rects,
     build_cuts,
     carried,
+    cost_map_of_rects,
     interleaved_tiles,
     pattern_tiles,
-    queue_of_tiles,
-    spread,
+    tile_queue,
 )
 from clusterviz.plan.plan import Plan
 
@@ -62,7 +62,7 @@ class Tiling:
         """Whether any group may have to draw anything."""
         return self.settings.strategy in STATIC
 
-    def mosaic(self, plan: Plan) -> Mosaic:
+    def mosaic(self, plan: Plan) -> ScreenPartition:
         """Who draws which part of a frame; where tiles are taken from a queue, who would without one."""
         name, side, groups = self.settings.strategy, self.settings.side, len(self._weights)
         if name in ("interleaved", "scheduled"):
@@ -79,11 +79,11 @@ class Tiling:
                 self._before = self._tree
                 self._tree = adapt(self._tree, carried(self._last, self._expected, expected))
             self._expected, self._last = expected, None
-        return self._tree.mosaic()
+        return self._tree.partition()
 
     def queue(self, plan: Plan) -> tuple[Rect, ...]:
         """The tiles of a frame in the order in which they are taken."""
-        return queue_of_tiles(expected_map(plan), self.settings.side)
+        return tile_queue(expected_map(plan), self.settings.side)
 
     def learn(self, cost: CostMap) -> None:
         """What the last frame cost, or what a pre-pass says of this one."""
@@ -105,4 +105,4 @@ class Tiling:
 def expected_map(plan: Plan) -> CostMap:
     """What parts of the screen should cost before anything was drawn: samples of bricks, where these are seen."""
     bricks, rects = brick_rects(plan)
-    return spread(plan.view.size, rects, expected_samples(plan)[tuple(bricks.T)])
+    return cost_map_of_rects(plan.view.size, rects, expected_samples(plan)[tuple(bricks.T)])

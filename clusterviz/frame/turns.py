@@ -15,8 +15,15 @@ from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.image.region import Rect
-from clusterviz.partition.screen import COARSE, CostMap, Mosaic, coarse_mosaic, coarse_plan, gathered
-from clusterviz.partition.screen.mosaic import tile_counts
+from clusterviz.partition.screen import (
+    COARSE,
+    CostMap,
+    ScreenPartition,
+    coarse_partition,
+    coarse_plan,
+    cost_map_of_blocks,
+)
+from clusterviz.partition.screen.tiles import tile_counts
 from clusterviz.report.statistics import RankFrame
 
 
@@ -41,7 +48,7 @@ class Turns:
         if strategy == "scheduled":
             return self._with_queue(share)
         coarse = coarse_plan(share.plan)
-        windows = coarse_mosaic(self._screen.tiling.mosaic(share.plan))
+        windows = coarse_partition(self._screen.tiling.mosaic(share.plan))
         pieces = self._screen.pieces(coarse, windows)
         _, counts = self._drawing.draw(replace(share, plan=coarse, pieces=pieces))
         self._samples_estimate = counts.samples
@@ -72,7 +79,7 @@ class Turns:
         """What all ranks counted when they drew last."""
         with self._run.together("render", "exchange"):
             told = self._run.channel.allgather([each for each in self._drawing.work if each[1].any()])
-        return gathered(share.scene.image.size, [each for counted in told for each in counted], scale)
+        return cost_map_of_blocks(share.scene.image.size, [each for counted in told for each in counted], scale)
 
     def _with_queue(self, share: Share) -> Share:
         """Tiles that are taken while they are drawn."""
@@ -93,5 +100,5 @@ class Turns:
         def windows() -> Iterator[Rect]:
             return (tiles[number] for number in queue.take(len(tiles)))
 
-        whole = Mosaic(share.plan.view.size, ((Rect(0, 0, *share.plan.view.size),),) * len(groups))
+        whole = ScreenPartition(share.plan.view.size, ((Rect(0, 0, *share.plan.view.size),),) * len(groups))
         return replace(share, pieces=self._screen.pieces(share.plan, whole), windows=windows)

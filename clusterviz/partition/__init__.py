@@ -1,17 +1,15 @@
-"""The partition room: which rank holds which bricks, and in which order their pictures lie over each other. Pure.
+"""Partition of the bricks among the ranks, and the visibility order of their images. Pure functions.
 
-- tree.py     planes, and one rank's share at each leaf
-- bsp.py      costs per brick to a tree, one leaf a rank
-- order.py    a tree and an eye to the ranks from front to back
-- assign.py   a rank to its bricks
-- drawing.py  a tree as text
-- search.py   the tree that balances best, and planes that move
-- edges.py    where planes may pass, and what moves as one
-- fronts.py   planes that divide the layer of bricks which they pass
-- owners.py   each brick's rank, for distributions that are no tree
-- groups.py   any distribution in groups from front to back
-- pieces.py   a frame as partial images from front to back
-- interleave.py, replicate.py   distributions that are no tree
+- tree.py     BSP trees with one leaf per rank, and trees as text
+- bsp.py      BSP tree by recursive bisection of a cost per brick
+- search.py   best-balanced BSP tree by bounded search, and planes that move
+- order.py    visibility order of the leaves of a tree
+- edges.py    positions at which planes may cut
+- fronts.py   partition at fronts, which divide a layer of bricks
+- owners.py   the rank of each brick
+- groups.py   groups of bricks in visibility order, for any assignment
+- pieces.py   the partial images of a frame, in visibility order
+- interleave.py, replicate.py   assignments that are not a tree
 
 Arrays and boxes count bricks along (z, y, x); positions and directions are (x, y, z) in index space, where sample i
 lies at i, a cell is [i, i + 1], and the plane before brick b lies at b · brick_cells.
@@ -19,52 +17,50 @@ lies at i, a cell is [i, i + 1], and the plane before brick b lies at b · brick
 
 from __future__ import annotations
 
-from clusterviz.partition.assign import bricks_of
 from clusterviz.partition.bsp import build_tree
-from clusterviz.partition.drawing import draw
 from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
-from clusterviz.partition.fronts import AFAR, Place, eye_place, front_owners
-from clusterviz.partition.groups import Group, order_of, visible_groups
+from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
+from clusterviz.partition.groups import BrickGroup, ranks_of, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.order import front_to_back
-from clusterviz.partition.owners import NOBODY, Owners, owners_of
+from clusterviz.partition.owners import UNASSIGNED, Owners, bricks_of, owners_of
 from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces, owner_pieces
-from clusterviz.partition.replicate import Replicas, replicate, responsible
+from clusterviz.partition.replicate import Replicas, assign_replicas, replicate
 from clusterviz.partition.search import busiest, move_planes, search_tree
-from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
+from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split, draw
 
 __all__ = [
-    "AFAR",
-    "NOBODY",
+    "PARALLEL_ORIGIN",
+    "UNASSIGNED",
     "BrickBox",
+    "BrickGroup",
     "BspTree",
     "Edges",
-    "Group",
     "Leaf",
     "Node",
     "Owners",
     "Piece",
-    "Place",
+    "RayOrigin",
     "Replicas",
     "Split",
+    "assign_replicas",
     "bounding_box",
     "bricks_of",
     "build_tree",
     "busiest",
     "draw",
-    "eye_place",
     "front_owners",
     "front_to_back",
     "group_pieces",
     "interleave",
     "leaf_pieces",
     "move_planes",
-    "order_of",
     "owner_pieces",
     "owners_of",
+    "ranks_of",
+    "ray_origin",
     "refined_edges",
     "replicate",
-    "responsible",
     "search_tree",
     "uniform_edges",
     "units",

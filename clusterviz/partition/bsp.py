@@ -1,7 +1,7 @@
-"""Who holds what: a binary space partition over whole bricks, one leaf a rank, balanced by a cost per brick.
+"""Binary space partition over whole bricks by recursive bisection, balanced by a cost per brick.
 
-Planes between bricks make every rank's share a box, so that partial images can be ordered from any eye and a rank holds
-one piece of the volume. A pure function of the costs: every rank builds the same tree. See also `order`, `drawing`.
+The bricks of each rank form a box, so that partial images can be ordered for any eye. The tree is a pure function of
+the costs: every rank builds the same.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from clusterviz.errors import InputError
 from clusterviz.partition.tree import BrickBox, BspTree, Index, Leaf, Node, Split
 
 Costs = NDArray[np.float64]
-SAME_COST = 1e-9  # relative; sums taken along different axes differ by rounding, which must not choose the plane
+SAME_COST = 1e-9  # relative; sums along different axes differ by rounding, which must not decide the plane
 
 
 def build_tree(cost: Costs, ranks: int) -> BspTree:
@@ -24,16 +24,16 @@ def build_tree(cost: Costs, ranks: int) -> BspTree:
 
     A node of n ranks gives ⌊n/2⌋ of them to the side below its plane and the rest to the other. The plane is chosen by
 
-    1. the least cost of the busiest rank that is still possible: on each side the cost of a rank, where no more ranks
-       count than there are bricks that cost something, and never below the dearest brick;
-    2. the fewest ranks that surely get nothing;
-    3. the least cost of a rank on the dearer side;
+    1. the smallest lower bound of the largest cost of a rank: on each side the mean cost of a rank, counting no more
+       ranks than bricks with a cost, and at least the cost of the most expensive brick;
+    2. the fewest ranks without bricks;
+    3. the smallest mean cost of a rank on the costlier side;
     4. the longest axis, the plane nearest the middle, z before y before x.
 
     Parameters
     ----------
-    cost : float64 (bz, by, bx), finite, not negative: what a brick costs; 0 for one that is not drawn
-    ranks : how many leaves; above the number of bricks some leaves are empty
+    cost : float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn
+    ranks : number of leaves; above the number of bricks some leaves are empty
 
     Returns
     -------
@@ -76,7 +76,7 @@ def _grow(cost: Costs, box: BrickBox, first_rank: int, ranks: int) -> Node:
 
 
 def trim(cost: Costs, box: BrickBox) -> BrickBox:
-    """The bounding box of the bricks that cost something."""
+    """Return the bounding box of the bricks with a cost above 0."""
     filled = np.argwhere(cost[box.slices] > 0)
     if len(filled) == 0:
         return BrickBox((0, 0, 0), (0, 0, 0))
@@ -85,16 +85,16 @@ def trim(cost: Costs, box: BrickBox) -> BrickBox:
 
 
 def replaced(index: Index, axis: int, value: int) -> Index:
-    """An index with another number along one axis."""
+    """Return an index with another number along one axis."""
     z, y, x = (value if a == axis else old for a, old in enumerate(index))
     return z, y, x
 
 
 @dataclass(frozen=True)
 class _Plane:
-    """A place to cut a box: `plane` of its `size` layers of bricks along `axis` lie below.
+    """Plane that cuts a box: `plane` of its `size` layers of bricks along `axis` lie below.
 
-    `load` is the cost of a rank on the dearer side, could bricks be divided; `idle` counts ranks that surely get none.
+    `load` is the mean cost of a rank on the costlier side; `idle` is the number of ranks without bricks.
     """
 
     axis: int
@@ -105,7 +105,7 @@ class _Plane:
 
 
 def _best_plane(cost: Costs, low_ranks: int, high_ranks: int) -> tuple[int, int]:
-    """(axis, bricks below the plane) within a box; one brick or none cannot be cut: all of it lies below."""
+    """Return (axis, layers below the plane) of the best plane in a box; a box that cannot be cut lies below."""
     planes = [plane for axis in range(3) for plane in _planes(cost, axis, low_ranks, high_ranks)]
     if not planes:
         return 0, cost.shape[0]
@@ -118,7 +118,7 @@ def _best_plane(cost: Costs, low_ranks: int, high_ranks: int) -> tuple[int, int]
 
 
 def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator[_Plane]:
-    """All planes across an axis, by running sums over the layers."""
+    """Return all planes across an axis, by running sums over the layers."""
     others = tuple(other for other in range(3) if other != axis)
     layer_costs, layer_bricks = cost.sum(axis=others), np.count_nonzero(cost, axis=others)
     low_costs, high_costs = np.cumsum(layer_costs), np.cumsum(layer_costs[::-1])[::-1]
@@ -130,6 +130,6 @@ def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator
 
 
 def _least(planes: list[_Plane], measure: Callable[[_Plane], float]) -> list[_Plane]:
-    """Those with the smallest measure, up to rounding."""
+    """Return the planes with the smallest measure, up to rounding."""
     limit = min(map(measure, planes)) * (1 + SAME_COST)
     return [plane for plane in planes if measure(plane) <= limit]

@@ -1,8 +1,8 @@
-"""Where planes may pass: the borders between the bricks that move as one, alike everywhere or finer where it matters.
+"""Positions at which planes may cut: borders between units of bricks that move together, uniform or refined.
 
-A renderer stores small bricks of one size. What moves from rank to rank, and what planes pass between, are boxes of
-such bricks: the units. Many units balance well, and cost many messages; units that are small only near the planes of a
-tree balance as well with few (thesis, figure 5.10).
+A renderer stores small bricks of one size. Units are boxes of such bricks; ranks exchange whole units, and planes pass
+between them. Many units balance well and cost many messages. Units that are small only near the planes of a tree
+balance as well with few messages (thesis, figure 5.10).
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Fronts: planes that divide the layer of bricks which they pass, so that costs come out even to a single brick.
+"""Fronts: partition surfaces that divide a layer of bricks, so that costs are balanced to a single brick.
 
-Whole layers are a coarse grain: a plane that moves by one brick carries all of a layer. A front goes through its layer
-row by row, and through its last row brick by brick, so it moves by a few bricks where a plane moves by hundreds. Such a
-step would cost images, as rays could leave a rank's bricks and come back; but the part of a layer, and of a row, that
-is nearer to the eye goes to the side that is nearer, and then they do not.
+A plane that moves by one brick transfers a whole layer. A front divides its layer by rows, and its last row by bricks,
+so it can move by a few bricks. A step in the front could make rays leave a rank's bricks and return, which needs more
+images. To avoid that, the part of a layer or row that is nearer to the eye goes to the nearer side.
 """
 
 from __future__ import annotations
@@ -20,14 +19,14 @@ from clusterviz.partition.order import Vector
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BspTree, Leaf, Node, leaves_below
 
-Place = tuple[float, float, float]
-"""Where rays come from, along (z, y, x) in bricks; ±inf of parallel rays."""
-AFAR: Place = (-np.inf, -np.inf, -np.inf)
-"""The origin of parallel rays that run upwards along all axes."""
+RayOrigin = tuple[float, float, float]
+"""Origin of the rays along (z, y, x) in bricks; ±inf for parallel rays."""
+PARALLEL_ORIGIN: RayOrigin = (-np.inf, -np.inf, -np.inf)
+"""Origin of parallel rays with positive direction along all axes."""
 
 
-def eye_place(eye_index: Vector | None, direction_index: Vector, brick_cells: int) -> Place:
-    """Where a camera's rays come from; parameters as of `front_to_back`."""
+def ray_origin(eye_index: Vector | None, direction_index: Vector, brick_cells: int) -> RayOrigin:
+    """Return the origin of a camera's rays; parameters as in `front_to_back`."""
     if eye_index is None:
         z, y, x = (-np.inf if towards >= 0 else np.inf for towards in direction_index[::-1])
     else:
@@ -35,33 +34,33 @@ def eye_place(eye_index: Vector | None, direction_index: Vector, brick_cells: in
     return z, y, x
 
 
-def front_owners(tree: BspTree, cost: Costs, eye: Place = AFAR, edges: Edges | None = None) -> Owners:
-    """Divide the bricks as the nodes of a tree do, by their axes and ranks, at fronts instead of planes.
+def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN, edges: Edges | None = None) -> Owners:
+    """Divide the bricks by the axes and ranks of a tree's nodes, at fronts instead of planes.
 
-    When to use: costs are known well, and whole layers are dear. When not: every rank has to have a box.
+    When to use: costs are known well, and whole layers are expensive. When not: every rank needs a box.
 
     Parameters
     ----------
-    tree : its axes and ranks count, and where its planes are does not
-    cost : float64 (bz, by, bx); bricks without a cost go where their place is
-    eye : from which images shall be few; their order is right from everywhere
-    edges : between units of bricks that stay whole; single bricks where None
+    tree : tree whose axes and ranks are used; its planes are not
+    cost : float64 (bz, by, bx); bricks without a cost are assigned by their position
+    eye : ray origin for which the number of images is small; their order is right for every origin
+    edges : borders of units of bricks that stay together; single bricks if None
 
     Returns
     -------
-    owners : of every brick, by the numbers of the tree's leaves. At each node the cost of either side is within that of
-        half a unit of what its ranks' share is. From an eye that is past the volume's borders along all axes, as that
-        of parallel rays, whole ranks can be ordered; from others some take a few images more
+    owners : rank of every brick. At each node the cost of either side differs from its ranks' share by at most half the
+        cost of a unit. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
+        ranks can be ordered; from others some ranks need a few more images
 
     Raises
     ------
     InputError
-        The cost is over other bricks than the tree.
+        The cost and the tree have different shapes.
 
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6:
-    that a complete front of bricks is transferred is the drawback which non-uniform bricks lessen there.
+    the transfer of complete fronts of bricks is the drawback that non-uniform bricks reduce there.
     """
     if cost.shape != tree.shape_zyx:
         raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
@@ -77,7 +76,7 @@ def front_owners(tree: BspTree, cost: Costs, eye: Place = AFAR, edges: Edges | N
 class _Bricks:
     """All bricks in array order.
 
-    `unit` is int64 (3, bricks), the unit of each along (z, y, x), `middle` where the units of an axis are, in bricks.
+    `unit` is int64 (3, bricks), the unit of each along (z, y, x), `middle` the centres of each axis' units, in bricks.
     """
 
     unit: NDArray[np.int64]
@@ -85,18 +84,18 @@ class _Bricks:
     middle: tuple[Costs, Costs, Costs]
 
     def across(self, axis: int) -> list[int]:
-        """The other axes, the one with more units first."""
+        """Return the other axes, the one with more units first."""
         return sorted((side for side in range(3) if side != axis), key=lambda side: -len(self.middle[side]))
 
 
 def _line(bricks: int, edges: tuple[int, ...]) -> tuple[NDArray[np.int64], Costs]:
-    """The unit of each brick along an axis, and the middle of each unit."""
+    """Return the unit of each brick along an axis, and the centre of each unit."""
     borders = np.array([0, *edges, bricks])
     return np.searchsorted(borders[1:-1], np.arange(bricks), side="right"), (borders[1:] + borders[:-1]) / 2
 
 
-def _divide(bricks: _Bricks, inside: NDArray[np.int64], node: Node, eye: Place, owner: NDArray[np.int32]) -> None:
-    """Give the bricks `inside` a node to the leaves below it."""
+def _divide(bricks: _Bricks, inside: NDArray[np.int64], node: Node, eye: RayOrigin, owner: NDArray[np.int32]) -> None:
+    """Assign the bricks `inside` a node to the leaves below it."""
     if isinstance(node, Leaf):
         owner[inside] = node.rank
         return
@@ -106,8 +105,8 @@ def _divide(bricks: _Bricks, inside: NDArray[np.int64], node: Node, eye: Place, 
     _divide(bricks, inside[~below], node.high, eye, owner)
 
 
-def _below(bricks: _Bricks, inside: NDArray[np.int64], axis: int, share: float, eye: Place) -> NDArray[np.bool_]:
-    """Which bricks are below the front: layers of units, then rows of the next layer, then units of the next row."""
+def _below(bricks: _Bricks, inside: NDArray[np.int64], axis: int, share: float, eye: RayOrigin) -> NDArray[np.bool_]:
+    """Return the bricks below the front: layers of units, then rows of the next layer, then units of the next row."""
     below, left = np.zeros(len(inside), bool), np.arange(len(inside))
     wanted = share * float(bricks.cost[inside].sum())
     low_is_near, sides = True, [axis, *bricks.across(axis)]

@@ -1,9 +1,8 @@
-"""Visibility order for any assignment: the bricks in groups that can be drawn whole, one behind the other.
+"""Visibility order for any assignment: groups of bricks, each drawn as one image, from front to back.
 
-A tree of planes gives an order of ranks only while every rank holds a box. Interleaved and replicated bricks never do,
-and bricks that move from rank to rank do not while they move. What holds for all of them: along a ray from the eye, the
-brick's index along each axis only ever grows in distance from the eye's own. So a brick can be drawn as soon as all
-between it and the eye, in that sense, are.
+A BSP tree orders the ranks only if the bricks of every rank form a box. Those of interleaved, replicated and migrating
+distributions do not. For all of them, the distance of the brick index from the eye's brick grows monotonically along a
+ray on each axis. So a brick can be drawn as soon as all bricks between it and the eye, in that sense, have been drawn.
 """
 
 from __future__ import annotations
@@ -17,20 +16,20 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.order import Vector
-from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.partition.tree import Index
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """One partial image.
+class BrickGroup:
+    """Bricks of one partial image.
 
     Attributes
     ----------
-    rank : who draws it
-    bricks : int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and comes back
+    rank : rank that draws it
+    bricks : int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and returns
     """
 
     rank: int
@@ -39,19 +38,19 @@ class Group:
 
 def visible_groups(
     owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int
-) -> tuple[Group, ...]:
-    """All bricks that somebody draws, in groups from front to back.
+) -> tuple[BrickGroup, ...]:
+    """Return all assigned bricks in groups from front to back.
 
     Parameters
     ----------
-    owners : who draws what; bricks of `NOBODY` are passed through
-    eye_index, direction_index, brick_cells : as of `front_to_back`
+    owners : rank of each brick; bricks that are `UNASSIGNED` are ignored
+    eye_index, direction_index, brick_cells : as in `front_to_back`
 
     Returns
     -------
-    groups : every drawn brick in one of them; no ray visits a later group before an earlier one. Where whole ranks can
-        be ordered, as those of a tree can, a group a rank; else few, not always the fewest. `order_of` makes of them
-        what a compositor asks for; a rank's images are its groups in this order, and ranks may have none.
+    groups : every assigned brick is in one of them; no ray visits a later group before an earlier one. If whole ranks
+        can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
+        images are its groups in this order; ranks may have none. `ranks_of` gives the order for the compositor.
 
     Raises
     ------
@@ -61,8 +60,8 @@ def visible_groups(
     Notes
     -----
     A ray's coordinates are monotone, so the order holds for perspective and parallel rays, from outside and inside. It
-    asks more than each single ray does: two bricks that no ray meets both count as ordered too where one is farther
-    from the eye along every axis. Layers of bricks with the same owners are one layer here, so trees cost microseconds.
+    is stricter than necessary: two bricks are ordered if one is farther from the eye along every axis, even if no ray
+    meets both. Adjacent layers of bricks with the same owners are merged, so that trees take microseconds.
     """
     if not all(map(math.isfinite, (*direction_index, *(eye_index or ())))):
         raise InputError("not finite", where="camera", found=f"eye {eye_index}, direction {direction_index}")
@@ -73,16 +72,16 @@ def visible_groups(
     small = owners.owner[np.ix_(*[np.flatnonzero(np.diff(key, prepend=-1)) for key in keys])]
     z, y, x = (int(key[at]) for key, at in zip(keys, eye, strict=True))
     number, ranks = _grow_groups(small, owners.ranks, (z, y, x))
-    return tuple(map(Group, ranks, _members(number[np.ix_(*keys)], len(ranks))))
+    return tuple(map(BrickGroup, ranks, _members(number[np.ix_(*keys)], len(ranks))))
 
 
-def order_of(groups: tuple[Group, ...]) -> list[int]:
-    """The ranks of the images from front to back, one entry an image."""
+def ranks_of(groups: tuple[BrickGroup, ...]) -> list[int]:
+    """Return the rank of each group, from front to back."""
     return [group.rank for group in groups]
 
 
 def _eye_brick(shape: tuple[int, ...], eye: Vector | None, direction: Vector, brick_cells: int) -> Index:
-    """The brick layer along each axis from which rays only move away; parallel rays come in at an end."""
+    """Return the brick layer of the eye along each axis, clamped to the volume; an end layer for parallel rays."""
 
     def layer(axis: int) -> int:
         last, towards = shape[axis] - 1, direction[2 - axis]
@@ -94,7 +93,7 @@ def _eye_brick(shape: tuple[int, ...], eye: Vector | None, direction: Vector, br
 
 
 def _merged_layers(owner: NDArray[np.int32], axis: int, eye: int) -> NDArray[np.int64]:
-    """A number for each layer across an axis: neighbours with the same owners share it, but for the eye's own."""
+    """Return a number for each layer across an axis; neighbours with the same owners share it, except the eye's."""
     layers = np.moveaxis(owner, axis, 0).reshape(owner.shape[axis], -1)
     differs = np.any(layers[1:] != layers[:-1], axis=1)
     for border in (eye - 1, eye):
@@ -104,41 +103,41 @@ def _merged_layers(owner: NDArray[np.int32], axis: int, eye: int) -> NDArray[np.
 
 
 def _grow_groups(owner: NDArray[np.int32], ranks: int, eye: Index) -> tuple[NDArray[np.int64], list[int]]:
-    """The number of each brick's group, -1 where nobody draws, and the groups' ranks; whole ranks come first."""
+    """Return the group of each brick (-1 if unassigned), and the rank of each group."""
     number = np.full(owner.shape, -1, np.int64)
     left = owner.copy()
     order: list[int] = []
-    held = np.bincount(owner[owner != NOBODY], minlength=ranks)
+    held = np.bincount(owner[owner != UNASSIGNED], minlength=ranks)
     while held.any():
         clear = _unobstructed(left, ranks, eye)
         drawable = np.bincount(left[clear], minlength=ranks)
-        # The whole ranks first, as in sorting a graph: that costs no group elsewhere. None of them obstructs another.
+        # Ranks that can be drawn as a whole first, as in a topological sort: none of them obstructs another.
         whole = np.flatnonzero((drawable == held) & (held > 0))
         chosen = whole if whole.size else np.array([np.argmax(drawable)])
         group = np.full(ranks, -1)
         group[chosen] = len(order) + np.arange(chosen.size)
         members = clear & (group[left] >= 0)
         number[members] = group[left[members]]
-        left[members] = NOBODY
+        left[members] = UNASSIGNED
         held[chosen] -= drawable[chosen]
         order += chosen.tolist()
     return number, order
 
 
 def _unobstructed(owner: NDArray[np.int32], ranks: int, eye: Index) -> Bools:
-    """Bricks that their rank can draw now: between them and the eye are none but its own."""
-    lowest, highest = np.where(owner == NOBODY, ranks, owner), owner.copy()
+    """Return the bricks that can be drawn now: between them and the eye are only bricks of their own rank."""
+    lowest, highest = np.where(owner == UNASSIGNED, ranks, owner), owner.copy()
     for axis, at in enumerate(eye):
         for side in (slice(at, None), slice(at, None, -1)):
             part = (*[slice(None)] * axis, side)
             np.minimum.accumulate(lowest[part], axis=axis, out=lowest[part])
             np.maximum.accumulate(highest[part], axis=axis, out=highest[part])
-    clear: Bools = (lowest == highest) & (owner != NOBODY)
+    clear: Bools = (lowest == highest) & (owner != UNASSIGNED)
     return clear
 
 
 def _members(number: NDArray[np.int64], groups: int) -> list[NDArray[np.int64]]:
-    """The bricks (m, 3) of each group, in array order."""
+    """Return the bricks (m, 3) of each group, in array order."""
     flat = number.ravel()
     ordered = np.argsort(flat, kind="stable")
     begins = np.searchsorted(flat[ordered], np.arange(groups + 1))

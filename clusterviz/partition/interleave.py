@@ -1,4 +1,4 @@
-"""Bricks dealt round robin in space: neighbours go to different ranks, so that a dear region is dear for all alike."""
+"""Static interleaved distribution: neighbouring bricks on different ranks, so that all share expensive regions."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import numpy as np
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.owners import NOBODY, Owners
+from clusterviz.partition.owners import UNASSIGNED, Owners
 
 
 def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
-    """The static interleaved distribution.
+    """Return the static interleaved distribution.
 
-    When to use: the cost is not known and moves, and data must not. When not: every block of bricks is an image of its
-    own to composite, nearly whatever the camera.
+    When to use: the cost is not known or changes, and data must not move. When not: nearly every block of bricks is a
+    separate image to composite.
 
     Parameters
     ----------
-    cost : float64 (bz, by, bx): bricks that cost nothing are nobody's, and are not counted in dealing
-    ranks : to whom, 1 or more
-    block : bricks along the side of what is dealt: larger ones make fewer images, and balance less well
+    cost : float64 (bz, by, bx); bricks of cost 0 are not assigned
+    ranks : number of ranks, 1 or more
+    block : side of the assigned blocks, in bricks; larger blocks make fewer images, and balance less well
 
     Returns
     -------
-    owners : blocks with a cost, in the order of a Z curve, to ranks in turn; no rank has over one more than another
+    owners : blocks with a cost, assigned round robin along a Z curve; numbers of blocks differ by at most one
 
     Raises
     ------
@@ -41,7 +41,7 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
     drawn = np.argwhere(cost > 0)
     keys = _z_curve(drawn // block)
     _, turn = np.unique(keys, return_inverse=True)
-    owner = np.full(cost.shape, NOBODY, np.int32)
+    owner = np.full(cost.shape, UNASSIGNED, np.int32)
     owner[tuple(drawn.T)] = turn.reshape(-1) % ranks
     return Owners(ranks, owner)
 
@@ -49,7 +49,7 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
 def _z_curve(
     places: np.ndarray[tuple[int, ...], np.dtype[np.int64]],
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
-    """The place of each block along the curve: the bits of its three indices in turn."""
+    """Return the position of each block along the Z curve: the interleaved bits of its three indices."""
     keys = np.zeros(len(places), np.int64)
     for bit in range(21):
         for axis in range(3):

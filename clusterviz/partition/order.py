@@ -1,8 +1,8 @@
-"""Which rank is in front: the leaves of the tree, sorted along every ray of a camera at once.
+"""Visibility order of a BSP tree's leaves, the same for all rays of a camera.
 
-Every plane of a BSP tree separates its two sides, so no ray from the eye visits the far side before the near one.
-Index space is an affine image of the world, which keeps planes and the order along rays: what is decided there is right
-for rotated, sheared and mirrored grids too.
+Every plane of a BSP tree separates its two sides, so no ray from the eye visits the far side before the near one. Index
+space is an affine image of the world, which preserves planes and the order along rays. The order is therefore also
+right for rotated, sheared and mirrored grids.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vect
 
     Parameters
     ----------
-    tree : whose plane b lies at b · `brick_cells` in index space
+    tree : BSP tree; plane b lies at b · `brick_cells` in index space
     eye_index : (x, y, z) position of the eye in index space (sample i lies at i), or None for parallel projection;
         may lie inside the volume or on a plane
-    direction_index : (x, y, z) the view direction in index space, of any length: the way the rays run in parallel
-        projection; in perspective it matters only where the eye lies on a plane, where either order is right
+    direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
+        lies on a plane, where either order is right
     brick_cells : cells along the side of a brick
 
     Returns
@@ -54,7 +54,7 @@ def _visit(node: Node, eye: Vector | None, direction: Vector, brick_cells: int, 
         ranks.append(node.rank)
         return
     axis_xyz = 2 - node.axis_zyx
-    # How far the rays have yet to go, upwards, to reach the plane: 0 from an eye on it, and in parallel projection.
+    # Signed distance from the eye to the plane: 0 for an eye on it, and in parallel projection.
     ahead = 0.0 if eye is None else node.plane * brick_cells - eye[axis_xyz]
     low_first = ahead > 0 or (ahead == 0 and direction[axis_xyz] >= 0)
     for side in (node.low, node.high) if low_first else (node.high, node.low):

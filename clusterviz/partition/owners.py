@@ -1,4 +1,4 @@
-"""Who draws each brick, as a value: what every distribution comes down to, whether it is a tree or not."""
+"""Owners: the rank that draws each brick, for any distribution."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
+from clusterviz.partition.bsp import Costs
 from clusterviz.partition.tree import BspTree
 
-NOBODY = -1
+UNASSIGNED = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Owners:
-    """Each brick's one drawing rank; a partition by its form, whatever stands in it.
+    """The rank that draws each brick.
 
     Attributes
     ----------
-    ranks : how many there are, with bricks or without
-    owner : int32 (bz, by, bx), 0 … ranks − 1, or `NOBODY` for a brick that is not drawn
+    ranks : number of ranks, with or without bricks
+    owner : int32 (bz, by, bx), 0 … ranks − 1, or `UNASSIGNED` for a brick that is not drawn
 
     Raises
     ------
@@ -35,34 +36,61 @@ class Owners:
         if self.owner.ndim != 3 or self.owner.size == 0:
             raise InputError("not an array over bricks", where="owner", found=f"shape {self.owner.shape}")
         low, high = int(self.owner.min()), int(self.owner.max())
-        if low < NOBODY or high >= self.ranks:
+        if low < UNASSIGNED or high >= self.ranks:
             raise InputError("no such rank", where="owner", found=f"{low} … {high}", allowed=f"−1 … {self.ranks - 1}")
 
     def bricks(self, rank: int) -> NDArray[np.int64]:
-        """A rank's bricks, int64 (m, 3), indices (z, y, x) in array order."""
+        """Return a rank's bricks, int64 (m, 3), indices (z, y, x) in array order."""
         return np.argwhere(self.owner == rank)
 
     def loads(self, cost: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Each rank's sum of a cost per brick, float64 (ranks,)."""
-        drawn = self.owner != NOBODY
+        """Return each rank's sum of a cost per brick, float64 (ranks,)."""
+        drawn = self.owner != UNASSIGNED
         return np.asarray(np.bincount(self.owner[drawn], cost[drawn], minlength=self.ranks), np.float64)
 
     def sums(self, amount: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Each rank's sum of a whole number per brick, such as its bytes; int64 (ranks,)."""
+        """Return each rank's sum of an integer per brick, such as its bytes; int64 (ranks,)."""
         found = np.zeros(self.ranks, np.int64)
-        drawn = self.owner != NOBODY
+        drawn = self.owner != UNASSIGNED
         np.add.at(found, self.owner[drawn], amount[drawn])
         return found
 
     def imbalance(self, cost: NDArray[np.float64]) -> float:
-        """Largest over mean load; 1 where nothing costs anything."""
+        """Return the largest over the mean load; 1 if all costs are 0."""
         loads = self.loads(cost)
         return float(loads.max() / loads.mean()) if loads.sum() > 0 else 1.0
 
 
 def owners_of(tree: BspTree) -> Owners:
-    """The static coherent distribution: every brick, one that costs nothing too, is its leaf's."""
+    """Return the owners of the static coherent distribution: each brick belongs to its leaf, whatever it costs."""
     owner = np.empty(tree.shape_zyx, np.int32)
     for leaf in tree.leaves:
         owner[leaf.box.slices] = leaf.rank
     return Owners(tree.ranks, owner)
+
+
+def bricks_of(tree: BspTree, rank: int, cost: Costs) -> NDArray[np.int64]:
+    """Return the bricks that a rank loads and draws: those of its leaf with a cost above 0.
+
+    Parameters
+    ----------
+    tree : built from `cost`, or from other costs over the same bricks
+    rank : rank of the tree
+    cost : float64 (bz, by, bx)
+
+    Returns
+    -------
+    bricks : int64 (m, 3), indices (z, y, x), in array order, which is the order on disk
+
+    Raises
+    ------
+    InputError
+        The tree has no such rank, or is over another number of bricks.
+    """
+    if not 0 <= rank < tree.ranks:
+        raise InputError("not in the tree", where="rank", found=rank, allowed=f"0 … {tree.ranks - 1}")
+    if cost.shape != tree.shape_zyx:
+        raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
+    box = tree.leaves[rank].box
+    bricks: NDArray[np.int64] = np.argwhere(cost[box.slices] > 0) + np.array(box.begin_zyx, np.int64)
+    return bricks

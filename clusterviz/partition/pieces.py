@@ -1,7 +1,7 @@
-"""Pieces: a frame as partial images from front to back, whatever the distribution.
+"""Pieces: the partial images of a frame from front to back, for any distribution.
 
 Every rank lists the same pieces; each becomes one partial image of one rank. A slab is drawn by the piece that owns the
-brick at its midpoint, in the pixels of its window, so pictures are equal whatever the pieces.
+brick at its midpoint, in the pixels of its rectangle, so the picture does not depend on the pieces.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.region import Rect
 from clusterviz.partition.bsp import Costs, trim
-from clusterviz.partition.groups import Group, visible_groups
+from clusterviz.partition.groups import BrickGroup, visible_groups
 from clusterviz.partition.order import Vector, front_to_back
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BrickBox, BspTree
@@ -22,27 +22,27 @@ from clusterviz.partition.tree import BrickBox, BspTree
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One partial image.
+    """Bricks and pixels of one partial image.
 
     Attributes
     ----------
-    rank : who draws it
-    box : the bounding box of its bricks
-    bricks : bool (bz, by, bx) of the box, which of them are its own; None: all
-    window : the pixels to which it is cut; None: the whole picture
+    rank : rank that draws it
+    box : bounding box of its bricks
+    bricks : bool (bz, by, bx) over the box, its own bricks; None: all
+    rect : pixels to which it is clipped; None: the whole picture
     """
 
     rank: int
     box: BrickBox
     bricks: NDArray[np.bool_] | None = None
-    window: Rect | None = None
+    rect: Rect | None = None
 
     def shows_bricks_of(self, other: Piece) -> bool:
-        """Whether another piece is the same but for its window, as those of a shared screen are."""
+        """Return whether another piece has the same bricks, as the pieces of a shared screen do."""
         return self.box == other.box and self.bricks is other.bricks
 
     def members(self, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Those of its bricks that are shown, int64 (m, 3), indices (z, y, x); `shown` is bool over all bricks."""
+        """Return its bricks that are shown, int64 (m, 3), indices (z, y, x); `shown` is bool over all bricks."""
         inside = shown[self.box.slices]
         return np.argwhere(inside if self.bricks is None else inside & self.bricks) + self.box.begin_zyx
 
@@ -50,13 +50,13 @@ class Piece:
 def leaf_pieces(
     tree: BspTree, cost: Costs, eye_index: Vector | None, direction_index: Vector, brick_cells: int
 ) -> tuple[Piece, ...]:
-    """A piece for each leaf that costs something, from front to back.
+    """Return a piece for each leaf with a cost above 0, from front to back.
 
     Parameters
     ----------
     tree : one leaf a rank
-    cost : float64 (bz, by, bx); may be other costs than those from which the tree was built
-    eye_index, direction_index, brick_cells : as of `front_to_back`
+    cost : float64 (bz, by, bx); may differ from the costs from which the tree was built
+    eye_index, direction_index, brick_cells : as in `front_to_back`
     """
     order = front_to_back(tree, eye_index, direction_index, brick_cells)
     boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]
@@ -66,12 +66,12 @@ def leaf_pieces(
 def owner_pieces(
     owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int
 ) -> tuple[Piece, ...]:
-    """The pieces of any assignment, from front to back; parameters as of `visible_groups`."""
+    """Return the pieces of any assignment, from front to back; parameters as in `visible_groups`."""
     return group_pieces(visible_groups(owners, eye_index, direction_index, brick_cells))
 
 
-def group_pieces(groups: Sequence[Group]) -> tuple[Piece, ...]:
-    """A piece for each group of `visible_groups`, in its order."""
+def group_pieces(groups: Sequence[BrickGroup]) -> tuple[Piece, ...]:
+    """Return a piece for each group of `visible_groups`, in the same order."""
     pieces = []
     for group in groups:
         box = bounding_box(group.bricks)
@@ -82,6 +82,6 @@ def group_pieces(groups: Sequence[Group]) -> tuple[Piece, ...]:
 
 
 def bounding_box(bricks: NDArray[np.int64]) -> BrickBox:
-    """The smallest box that holds bricks, int64 (m, 3), m at least 1."""
+    """Return the bounding box of bricks, int64 (m, 3), m at least 1."""
     (z, y, x), (z_last, y_last, x_last) = bricks.min(axis=0).tolist(), bricks.max(axis=0).tolist()
     return BrickBox((z, y, x), (z_last + 1, y_last + 1, x_last + 1))

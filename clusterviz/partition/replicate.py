@@ -1,4 +1,4 @@
-"""Every brick on several ranks, one of which draws it: work moves from rank to rank, and data do not."""
+"""Replicated distribution: every brick is held by several ranks, one of which draws it, so that no data moves."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.owners import NOBODY, Owners, owners_of
+from clusterviz.partition.owners import UNASSIGNED, Owners, owners_of
 from clusterviz.partition.tree import BspTree
 
-SWEEPS = 200  # over the shares of a ring; near its end 64 ranks change by less than 1e-3 a sweep
+SWEEPS = 200  # at most; near the end the shares of 64 ranks change by less than 1e-3 a sweep
 
 
 @dataclass(frozen=True, eq=False)
 class Replicas:
-    """Who holds what, for good.
+    """Static assignment of bricks to several ranks each.
 
     Attributes
     ----------
-    home : a tree's leaves: bricks of one leaf are held alike
-    holders : int64 (leaves, k): the ranks that hold a leaf's bricks, its own first
+    home : tree whose leaves are replicated as a whole
+    holders : int64 (leaves, k), ranks that hold a leaf's bricks, its own first
     """
 
     home: BspTree
     holders: NDArray[np.int64]
 
     def holds(self, rank: int) -> NDArray[np.bool_]:
-        """The bricks that a rank holds, bool (bz, by, bx)."""
+        """Return the bricks that a rank holds, bool (bz, by, bx)."""
         held: NDArray[np.bool_] = np.any(self.holders == rank, axis=1)[owners_of(self.home).owner]
         return held
 
     def sums(self, amount: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Each rank's sum over the bricks that it holds, int64 (ranks,)."""
+        """Return each rank's sum over the bricks that it holds, int64 (ranks,)."""
         leaves = np.array([amount[leaf.box.slices].sum() for leaf in self.home.leaves], np.int64)
         found = np.zeros(self.home.ranks, np.int64)
         np.add.at(found, self.holders, leaves[:, None])
@@ -42,10 +42,10 @@ class Replicas:
 
 
 def replicate(home: BspTree, copies: int) -> Replicas:
-    """The static replicated distribution: leaf r's bricks on the ranks r, r + 1, … r + copies − 1, round the ring.
+    """Return the static replicated distribution: the bricks of leaf r on the ranks r, …, r + copies − 1 of a ring.
 
-    When to use: the memory of all ranks together holds the data `copies` times. Leaves with neighbouring numbers are
-    neighbours in space, and the ring lets work flow through all ranks, each of which keeps a part of its own leaf.
+    When to use: the memory of all ranks together can hold the data `copies` times. Leaves with neighbouring numbers are
+    neighbours in space, and the ring lets work move between all ranks, each of which keeps a part of its own leaf.
 
     Raises
     ------
@@ -63,19 +63,19 @@ def replicate(home: BspTree, copies: int) -> Replicas:
     return Replicas(home, ring % home.ranks)
 
 
-def responsible(replicas: Replicas, cost: Costs) -> Owners:
-    """Who draws each brick in a frame: only its holders do, and the busiest rank has as little as shares allow.
+def assign_replicas(replicas: Replicas, cost: Costs) -> Owners:
+    """Assign each brick of a frame to one of its holders, so that the largest load is as small as possible.
 
-    Each leaf is cut across its longest axis into as many parts as it has holders, so that they stay few groups.
+    Each leaf is cut across its longest axis into as many parts as it has holders, so that there are few groups.
 
     Parameters
     ----------
-    cost : float64 (bz, by, bx), expected in this frame; bricks of 0 are nobody's
+    cost : float64 (bz, by, bx), expected cost in this frame; bricks of cost 0 are not assigned
     """
     leaves = replicas.home.leaves
     totals = np.array([cost[leaf.box.slices].sum() for leaf in leaves])
     shares = even_shares(totals, replicas.holders)
-    owner = np.full(cost.shape, NOBODY, np.int32)
+    owner = np.full(cost.shape, UNASSIGNED, np.int32)
     for leaf, share in zip(leaves, shares, strict=True):
         part = cost[leaf.box.slices]
         bricks = np.argwhere(part > 0)
@@ -83,7 +83,7 @@ def responsible(replicas: Replicas, cost: Costs) -> Owners:
             continue
         longest = int(np.argmax(np.ptp(bricks, axis=0)))
         others = [axis for axis in range(3) if axis != longest]
-        # Along the axis, then to and fro in its layers: each part is layers and at most two pieces of one.
+        # Along the axis, then within its layers: each part is whole layers and at most two partial ones.
         bricks = bricks[np.lexsort((bricks[:, others[1]], bricks[:, others[0]], bricks[:, longest]))]
         costs = part[tuple(bricks.T)]
         middles = np.cumsum(costs) - costs / 2
@@ -93,10 +93,10 @@ def responsible(replicas: Replicas, cost: Costs) -> Owners:
 
 
 def even_shares(totals: NDArray[np.float64], holders: NDArray[np.int64]) -> NDArray[np.float64]:
-    """How much of each leaf's cost each of its holders takes, so that loads are as even as holders allow.
+    """Divide each leaf's cost among its holders, so that loads are as even as the holders allow.
 
-    Leaf by leaf, its cost is poured again onto its holders as into connected vessels, until nothing flows. The sum of
-    squares of the loads is convex and falls in each step.
+    Each leaf's cost in turn is divided anew so that the loads of its holders become equal, until nothing changes. The
+    sum of squares of the loads is convex and decreases in each step.
 
     Returns
     -------
@@ -109,17 +109,17 @@ def even_shares(totals: NDArray[np.float64], holders: NDArray[np.int64]) -> NDAr
         before = shares.copy()
         for leaf, ranks in enumerate(holders):
             loads[ranks] -= shares[leaf]
-            shares[leaf] = _poured(totals[leaf], loads[ranks])
+            shares[leaf] = _fill_levels(totals[leaf], loads[ranks])
             loads[ranks] += shares[leaf]
         if np.abs(shares - before).max() <= 1e-6 * totals.max(initial=0.0):
             break
     return shares
 
 
-def _poured(amount: float, levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What each vessel takes of an amount so that the filled ones stand equally high."""
+def _fill_levels(amount: float, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the parts of an amount that raise the lowest levels to one height (water filling)."""
     by_level = np.sort(levels)
     heights = (amount + np.cumsum(by_level)) / np.arange(1, len(levels) + 1)
-    # The highest surface that is over every vessel it fills.
+    # The largest number of levels that lie below the height of their filling.
     filled = np.flatnonzero(heights >= by_level)[-1] if amount > 0 else 0
     return np.maximum(0.0, heights[filled] - levels) if amount > 0 else np.zeros_like(levels)

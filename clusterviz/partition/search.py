@@ -1,7 +1,8 @@
-"""The tree that balances best: cuts of every axis and every division of ranks tried, and planes moved without new cuts.
+"""Bounded search for the best-balanced BSP tree, and moving the planes of a given tree.
 
-`build_tree` halves the ranks at each node by the one plane that looks best. Few layers of bricks, or a cost in one
-corner, leave it with ranks of unlike cost. Where few ranks remain, trying other cuts is cheap and finds better ones.
+`build_tree` halves the ranks at each node by the locally best plane. With few layers of bricks, or a cost in one
+corner, the ranks then have unequal costs. If few ranks remain, trying other axes and divisions is cheap and finds
+better trees.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ from clusterviz.partition.bsp import SAME_COST, Costs, build_tree, replaced, tri
 from clusterviz.partition.edges import Edges, uniform_edges
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
 
-FEW_RANKS = 8  # up to which all divisions of ranks are tried
-GOOD_ENOUGH = 1.005  # busiest over mean rank of a node: better ones are not looked for
-TRIALS = 4  # cuts of a node of few ranks that are followed to their leaves
+FEW_RANKS = 8  # up to this number of ranks all divisions are tried
+GOOD_ENOUGH = 1.005  # largest over mean cost of a node's ranks at which the search stops
+TRIALS = 4  # cuts of a node of few ranks that are searched to the leaves
 
 
 @dataclass(frozen=True, eq=False)
 class CostTable:
-    """Sums of costs over any box of bricks at once.
+    """Summed-volume table of the costs of bricks.
 
     Attributes
     ----------
     cost : float64 (bz, by, bx)
-    corner : float64 (bz + 1, by + 1, bx + 1): the sum over all bricks before each corner
-    edges : where planes may pass
+    corner : float64 (bz + 1, by + 1, bx + 1), sums over all bricks before each corner
+    edges : positions at which planes may cut
     """
 
     cost: Costs
@@ -38,16 +39,16 @@ class CostTable:
     edges: Edges
 
     def total(self, box: BrickBox) -> float:
-        """The cost of a box."""
+        """Return the cost of a box."""
         return float(self.below(box, 0, np.array([box.end_zyx[0]]))[0])
 
     def planes(self, box: BrickBox, axis: int) -> NDArray[np.int64]:
-        """Where planes may cut a box."""
+        """Return the positions at which planes may cut a box."""
         edge = np.asarray(self.edges[axis], np.int64)
         return edge[(edge > box.begin_zyx[axis]) & (edge < box.end_zyx[axis])]
 
     def below(self, box: BrickBox, axis: int, planes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The cost of the parts of a box before planes across an axis."""
+        """Return the cost of the parts of a box before planes across an axis."""
         begin, end = box.begin_zyx, box.end_zyx
         first, second = (other for other in range(3) if other != axis)
         lines = np.moveaxis(self.corner, axis, 0)
@@ -63,7 +64,7 @@ class CostTable:
 
 @dataclass(frozen=True)
 class _Cut:
-    """One way to cut a box: `low_ranks` of its ranks before `plane`; `load` is the mean of the dearer side."""
+    """Cut of a box: `low_ranks` of its ranks lie before `plane`; `load` is the mean cost on the costlier side."""
 
     load: float
     length: int
@@ -73,26 +74,26 @@ class _Cut:
 
 
 def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
-    """Divide the bricks among the ranks, with the cost of the busiest as small as a bounded search finds it.
+    """Divide the bricks among the ranks, minimizing the largest cost of a rank by a bounded search.
 
-    A node of more than `FEW_RANKS` ranks is halved where its halves are most even. Below, the best cut of each axis and
-    each division of the ranks counts; the `TRIALS` most even ones are followed to their leaves, unless a bound shows
-    that they cannot win.
+    A node of more than `FEW_RANKS` ranks is halved where its halves are most even. With fewer ranks, the best cut of
+    each axis and each division of the ranks is a candidate; the `TRIALS` most even ones are searched to the leaves,
+    unless a bound excludes them.
 
     Parameters
     ----------
-    cost, ranks : as of `build_tree`
-    edges : where planes may pass; between any two bricks where None
+    cost, ranks : as in `build_tree`
+    edges : positions at which planes may cut; between any two bricks if None
 
     Returns
     -------
-    tree : the same on every rank for the same costs. The busiest rank never has more than in the plain tree of
-        `build_tree`, where planes may pass anywhere
+    tree : the same on every rank for the same costs. If planes may cut anywhere, the largest cost is at most that of
+        `build_tree`
 
     Raises
     ------
     InputError
-        As `build_tree`.
+        See `build_tree`.
     """
     plain = build_tree(cost, ranks)
     if not cost.any():
@@ -105,18 +106,18 @@ def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
 
 
 def move_planes(tree: BspTree, cost: Costs, edges: Edges | None = None, still: float = 0.0) -> BspTree:
-    """The same cuts with planes where costs are most even now, from the root on down.
+    """Move the planes of a tree to where the costs are most even now, from the root down.
 
     Parameters
     ----------
-    tree : of the last frame
-    cost, edges : as of `search_tree`
-    still : a plane stays if the dearer side has at most this share more than at the best place (hysteresis)
+    tree : tree of the last frame
+    cost, edges : as in `search_tree`
+    still : hysteresis: a plane stays if the costlier side has at most this fraction more than at the best position
 
     Raises
     ------
     InputError
-        The cost is over other bricks than the tree.
+        The cost and the tree have different shapes.
 
     References
     ----------
@@ -131,19 +132,19 @@ def move_planes(tree: BspTree, cost: Costs, edges: Edges | None = None, still: f
 
 
 def busiest(node: Node) -> float:
-    """The largest cost of a leaf."""
+    """Return the largest cost of a leaf."""
     return node.cost if isinstance(node, Leaf) else max(busiest(node.low), busiest(node.high))
 
 
 def cost_table(cost: Costs, edges: Edges) -> CostTable:
-    """Prefix sums of a cost per brick."""
+    """Return the prefix sums of a cost per brick."""
     corner = np.zeros(tuple(n + 1 for n in cost.shape))
     corner[1:, 1:, 1:] = cost.cumsum(0).cumsum(1).cumsum(2)
     return CostTable(cost, corner, edges)
 
 
 def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:
-    """The best tree of a box, or None if its busiest leaf cannot stay below a limit."""
+    """Return the best tree of a box, or None if its largest cost is not below a limit."""
     if ranks == 1:
         leaf = _leaf(table, box, first_rank)
         return leaf if leaf.cost < limit else None
@@ -165,7 +166,7 @@ def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: f
 
 
 def _cuts(table: CostTable, box: BrickBox, ranks: int) -> Iterator[_Cut]:
-    """The most even plane of each axis and division of ranks; a box that no plane cuts goes to the first half whole."""
+    """Return the most even plane of each axis and division of ranks; a box without planes goes to the low side."""
     divisions = range(1, ranks) if ranks <= FEW_RANKS else (ranks // 2,)
     total, cuttable = table.total(box), False
     for axis in range(3):
@@ -183,7 +184,7 @@ def _cuts(table: CostTable, box: BrickBox, ranks: int) -> Iterator[_Cut]:
 
 
 def _moved(table: CostTable, node: Node, box: BrickBox, still: float) -> Node:
-    """A node over a box whose borders may have moved."""
+    """Return a node for a box whose borders may have moved."""
     if isinstance(node, Leaf):
         return _leaf(table, box, node.rank)
     axis, planes = node.axis_zyx, table.planes(box, node.axis_zyx)

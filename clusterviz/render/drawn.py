@@ -70,4 +70,4 @@ def footprint(plan: Plan, piece: Piece) -> Rect:
     begin = tuple(float(b * brick) for b in box.begin_zyx[::-1])
     end = tuple(float(min(e * brick, c)) for e, c in zip(box.end_zyx[::-1], cells[::-1], strict=True))
     rect = plan.view.footprint(begin, end)  # type: ignore[arg-type]
-    return rect if piece.window is None else rect.intersect(piece.window)
+    return rect if piece.rect is None else rect.intersect(piece.rect)

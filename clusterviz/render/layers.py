@@ -26,7 +26,7 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if count < 2 or not plan.march.residual or plan.look.operator != "over" or piece.window is not None:
+    if count < 2 or not plan.march.residual or plan.look.operator != "over" or piece.rect is not None:
         return [piece] if len(members) else []
     box, brick = bounding_box(members), plan.layout.brick
     present = np.zeros(box.shape_zyx)

@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.partition import NOBODY, Owners, bounding_box, visible_groups
+from clusterviz.partition import UNASSIGNED, Owners, bounding_box, visible_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.render.chunks import chunks_of
 from clusterviz.render.residence import Residence
@@ -107,7 +107,7 @@ class BrickPool:
             return
         where = {index: number for number, residence in enumerate(self._residences) for index in residence.slots}
         box = bounding_box(bricks)
-        owner = np.full(box.shape_zyx, NOBODY, np.int32)
+        owner = np.full(box.shape_zyx, UNASSIGNED, np.int32)
         owner[tuple((bricks - box.begin_zyx).T)] = [where[z, y, x] for z, y, x in bricks.tolist()]
         x, y, z = (float(e - b * plan.layout.brick) for e, b in zip(plan.view.eye, box.begin_zyx[::-1], strict=True))
         eye = plan.view.eye_point and (x, y, z)

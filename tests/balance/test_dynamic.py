@@ -11,7 +11,7 @@ import pytest
 from clusterviz.balance.dynamic import Balance, Policy, begin, land, learn, steer
 from clusterviz.balance.migration import dispatch, switch
 from clusterviz.errors import InputError
-from clusterviz.partition import eye_place, visible_groups
+from clusterviz.partition import ray_origin, visible_groups
 
 BRICKS = (32, 32, 32)
 BYTES = np.full(BRICKS, 100)
@@ -74,11 +74,11 @@ def test_frames_before_which_nothing_moves_recall_nothing() -> None:
 def test_visibility_groups_are_one_a_rank_once_all_has_arrived(policy: Policy) -> None:
     """From an eye that is past the borders along all axes."""
     eye = (-900.0, 700.0, 500.0)
-    balance = begin(np.ones(BRICKS), 7, BYTES, policy, eye_place(eye, (1, 0, 0), 8))
+    balance = begin(np.ones(BRICKS), 7, BYTES, policy, ray_origin(eye, (1, 0, 0), 8))
     cost, budget = corner((0.1, 0.15, 0.2)), replace(policy, budget_bytes=10**9)
     for _ in range(3):
         balance = learn(balance, np.ones(BRICKS), balance.migration.owners.loads(cost), policy)
-        balance = steer(balance, np.ones(BRICKS), budget, eye_place(eye, (1, 0, 0), 8))
+        balance = steer(balance, np.ones(BRICKS), budget, ray_origin(eye, (1, 0, 0), 8))
         flying = [flight.brick for flight in balance.migration.flights if flight.stage == "planned"]
         balance = land(replace(balance, migration=dispatch(balance.migration, flying)), flying)
     balance = replace(balance, migration=switch(balance.migration))

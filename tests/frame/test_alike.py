@@ -29,8 +29,8 @@ OTHERS = (
     (PIECES[0], replace(PIECES[1], bricks=~OWN), PIECES[2]),
     (PIECES[0], replace(PIECES[1], bricks=None), PIECES[2]),
     (replace(PIECES[0], bricks=OWN), replace(PIECES[1], bricks=None), PIECES[2]),
-    (*PIECES[:2], replace(PIECES[2], window=Rect(0, 0, 4, 5))),
-    (*PIECES[:2], replace(PIECES[2], window=None)),
+    (*PIECES[:2], replace(PIECES[2], rect=Rect(0, 0, 4, 5))),
+    (*PIECES[:2], replace(PIECES[2], rect=None)),
 )
 
 

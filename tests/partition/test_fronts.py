@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import InputError
 from clusterviz.partition import (
-    AFAR,
+    PARALLEL_ORIGIN,
     BspTree,
     Split,
     build_tree,
-    eye_place,
     front_owners,
     owners_of,
+    ray_origin,
     uniform_edges,
     units,
     visible_groups,
@@ -70,7 +70,7 @@ def test_an_eye_past_the_borders_along_all_axes_sees_one_image_a_rank(
 @given(seeds, st.integers(1, 8), st.tuples(*[st.sampled_from([-1.0, -0.2, 0.3, 1.0])] * 3))
 def test_parallel_rays_see_one_image_a_rank(seed: int, ranks: int, direction: tuple[float, float, float]) -> None:
     tree, cost = dealt(seed, ranks)
-    owners = front_owners(tree, cost, eye_place(None, direction, BRICK))
+    owners = front_owners(tree, cost, ray_origin(None, direction, BRICK))
     groups = visible_groups(owners, None, direction, BRICK)
     assert sorted(group.rank for group in groups) == sorted(set(owners.owner.flat))
 
@@ -96,4 +96,4 @@ def test_fronts_balance_what_whole_layers_cannot() -> None:
 
 def test_other_bricks_than_the_trees_are_refused() -> None:
     with pytest.raises(InputError, match=r"not over the tree's bricks"):
-        front_owners(build_tree(np.ones((1, 1, 2)), 2), np.ones((1, 1, 3)), AFAR)
+        front_owners(build_tree(np.ones((1, 1, 2)), 2), np.ones((1, 1, 3)), PARALLEL_ORIGIN)

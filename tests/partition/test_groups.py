@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import InputError
 from clusterviz.partition import (
-    NOBODY,
-    Group,
+    UNASSIGNED,
+    BrickGroup,
     Owners,
+    assign_replicas,
     build_tree,
     interleave,
-    order_of,
     owners_of,
+    ranks_of,
     replicate,
-    responsible,
     visible_groups,
 )
 
@@ -39,7 +39,7 @@ def scattered(seed: int) -> Owners:
     """Bricks of random ranks, some of nobody; boxes of one rank among them."""
     rng = np.random.default_rng(seed)
     ranks = int(rng.integers(1, 6))
-    owner = rng.integers(NOBODY, ranks, rng.integers(1, 6, 3)).astype(np.int32)
+    owner = rng.integers(UNASSIGNED, ranks, rng.integers(1, 6, 3)).astype(np.int32)
     z, y, x = (int(n) for n in rng.integers(0, owner.shape))
     owner[z:, :y, x:] = rng.integers(ranks)
     return Owners(ranks, owner)
@@ -58,7 +58,7 @@ def visited(owners: Owners, start: np.ndarray, direction: np.ndarray, forwards: 
     return [tuple(place[::-1].tolist()) for place in places if ((place >= 0) & (place < shape)).all()]
 
 
-def numbered(owners: Owners, groups: tuple[Group, ...]) -> np.ndarray:
+def numbered(owners: Owners, groups: tuple[BrickGroup, ...]) -> np.ndarray:
     """Each brick's group; every drawn brick in exactly one, of its owner."""
     number = np.full(owners.owner.shape, -1)
     for index, group in enumerate(groups):
@@ -67,7 +67,7 @@ def numbered(owners: Owners, groups: tuple[Group, ...]) -> np.ndarray:
         assert (number[at] == -1).all()
         assert (owners.owner[at] == group.rank).all()
         number[at] = index
-    assert ((number >= 0) == (owners.owner != NOBODY)).all()
+    assert ((number >= 0) == (owners.owner != UNASSIGNED)).all()
     return number
 
 
@@ -104,7 +104,7 @@ def test_the_rays_of_this_test_do_meet_several_bricks() -> None:
 def test_a_tree_takes_one_group_a_rank(seed: int, eye: Vector, ranks: int) -> None:
     rng = np.random.default_rng(seed)
     owners = owners_of(build_tree(rng.random(rng.integers(1, 6, 3)), ranks))
-    order = order_of(visible_groups(owners, eye, (1, 0, 0), BRICK))
+    order = ranks_of(visible_groups(owners, eye, (1, 0, 0), BRICK))
     assert sorted(order) == sorted(set(owners.owner.flat))
 
 
@@ -115,21 +115,21 @@ def test_distributions_that_are_no_tree_are_in_order_too(seed: int, eye: Vector,
     cost = np.floor(rng.random(rng.integers(1, 6, 3)) * 4)
     size = np.array(cost.shape[::-1]) * BRICK
     home = build_tree(cost, ranks)
-    for owners in (interleave(cost, ranks), responsible(replicate(home, min(copies, ranks)), cost)):
+    for owners in (interleave(cost, ranks), assign_replicas(replicate(home, min(copies, ranks)), cost)):
         number = numbered(owners, visible_groups(owners, eye, (0, 0, 1), BRICK))
         for _ in range(RAYS):
             assert_in_order(number, visited(owners, np.array(eye), rng.random(3) * size - eye, forwards=True))
 
 
 def test_bricks_of_nobody_are_passed_through() -> None:
-    owners = Owners(2, np.array([[[0, NOBODY, 0, 1, NOBODY, 0]]], np.int32))
+    owners = Owners(2, np.array([[[0, UNASSIGNED, 0, 1, UNASSIGNED, 0]]], np.int32))
     groups = visible_groups(owners, (-5, 0, 0), (1, 0, 0), BRICK)
     assert [group.bricks[:, 2].tolist() for group in groups] == [[0, 2], [3], [5]]
-    assert order_of(visible_groups(owners, None, (-1, 0, 0), BRICK)) == [0, 1, 0]
+    assert ranks_of(visible_groups(owners, None, (-1, 0, 0), BRICK)) == [0, 1, 0]
 
 
 def test_nothing_to_draw_is_no_group() -> None:
-    assert visible_groups(Owners(3, np.full((2, 1, 1), NOBODY, np.int32)), None, (0, 0, 1), BRICK) == ()
+    assert visible_groups(Owners(3, np.full((2, 1, 1), UNASSIGNED, np.int32)), None, (0, 0, 1), BRICK) == ()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.errors import InputError
-from clusterviz.partition import NOBODY, interleave
+from clusterviz.partition import UNASSIGNED, interleave
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9))
@@ -18,7 +18,7 @@ def test_counts_differ_by_one_brick_at_most(seed: int, ranks: int) -> None:
     owners = interleave(cost, ranks)
     counts = np.bincount(owners.owner[cost > 0], minlength=ranks)
     assert np.ptp(counts) <= 1
-    assert ((owners.owner == NOBODY) == (cost == 0)).all()
+    assert ((owners.owner == UNASSIGNED) == (cost == 0)).all()
 
 
 def test_a_block_is_dealt_whole() -> None:

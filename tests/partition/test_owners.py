@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from clusterviz.errors import InputError
-from clusterviz.partition import NOBODY, Owners, bricks_of, build_tree, owners_of
+from clusterviz.partition import UNASSIGNED, Owners, bricks_of, build_tree, owners_of
 
 
 def test_loads_count_each_drawn_brick_once() -> None:
-    owners = Owners(3, np.array([[[0, 1, NOBODY, 0]]], np.int32))
+    owners = Owners(3, np.array([[[0, 1, UNASSIGNED, 0]]], np.int32))
     cost = np.array([[[1.0, 2.0, 50.0, 4.0]]])
     assert owners.loads(cost).tolist() == [5, 2, 0]
     assert owners.imbalance(cost) == pytest.approx(5 / (7 / 3))

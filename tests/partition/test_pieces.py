@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clusterviz.partition import (
-    NOBODY,
+    UNASSIGNED,
     BrickBox,
     Owners,
     build_tree,
@@ -23,7 +23,7 @@ def test_groups_become_pieces_of_their_bricks() -> None:
     groups = visible_groups(Owners(3, owner), EYE, FORWARD, BRICK)
     pieces = group_pieces(groups)
     assert [piece.rank for piece in pieces] == [group.rank for group in groups]
-    drawn = np.full(owner.shape, NOBODY)
+    drawn = np.full(owner.shape, UNASSIGNED)
     for piece, group in zip(pieces, groups, strict=True):
         members = piece.members(np.ones(owner.shape, bool))
         np.testing.assert_array_equal(members, group.bricks)

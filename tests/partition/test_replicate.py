@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.errors import InputError
-from clusterviz.partition import NOBODY, build_tree, replicate, responsible
+from clusterviz.partition import UNASSIGNED, assign_replicas, build_tree, replicate
 from clusterviz.partition.replicate import even_shares
 
 
@@ -18,8 +18,8 @@ def test_every_brick_is_drawn_by_a_holder(seed: int, ranks: int, copies: int) ->
     shape = rng.integers(1, 6, 3)
     replicas = replicate(build_tree(np.ones(shape), ranks), min(copies, ranks))
     cost = np.floor(rng.random(shape) * 3)
-    owners = responsible(replicas, cost)
-    assert ((owners.owner == NOBODY) == (cost == 0)).all()
+    owners = assign_replicas(replicas, cost)
+    assert ((owners.owner == UNASSIGNED) == (cost == 0)).all()
     for rank in range(ranks):
         assert not ((owners.owner == rank) & ~replicas.holds(rank)).any()
 
@@ -45,7 +45,7 @@ def test_copies_balance_a_dear_corner() -> None:
     cost = np.ones((8, 8, 8))
     cost[:4, :4, :4] = 10
     home = build_tree(np.ones((8, 8, 8)), 4)
-    imbalance = [responsible(replicate(home, copies), cost).imbalance(cost) for copies in (1, 2, 4)]
+    imbalance = [assign_replicas(replicate(home, copies), cost).imbalance(cost) for copies in (1, 2, 4)]
     assert imbalance[0] > 1.7
     assert imbalance[1] < 0.75 * imbalance[0]
     assert imbalance[2] < 1.1

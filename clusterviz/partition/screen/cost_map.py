@@ -1,4 +1,4 @@
-"""What parts of the picture cost: a number for each cell of a grid over the screen, measured or expected."""
+"""Cost map: measured or expected cost of each cell of a grid over the screen."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
-from clusterviz.partition.screen.mosaic import Size, tile_counts
+from clusterviz.partition.screen.tiles import Size, tile_counts
 
 CELL = 16  # pixels along the side of a cell
-BLOCK = 8  # pixels along the side of what casters count together
+BLOCK = 8  # pixels along the side of a block for which casters count samples
 Costs = NDArray[np.float64]
 Counts = NDArray[np.uint32]
 
 
 @dataclass(frozen=True, eq=False)
 class CostMap:
-    """Costs over the screen.
+    """Cost of the cells of a grid over the screen.
 
     Attributes
     ----------
     size : (width, height) of the picture
-    cost : float64 (rows, columns), of squares of `CELL` pixels, those at the far sides cut; inside, it counts as even
+    cost : float64 (rows, columns), cost of squares of `CELL` pixels (cut at the far sides), uniform inside each
     """
 
     size: Size
@@ -36,7 +36,7 @@ class CostMap:
             raise InputError("not over the picture", where="cost map", found=self.cost.shape, allowed=self.size)
 
     def profile(self, rect: Rect, axis: int) -> Costs:
-        """The cost of a rectangle before each of its pixels along an axis (0: rows), and in all: float64 (n + 1,)."""
+        """Return the cumulative cost of a rectangle along an axis (0: rows), float64 (n + 1,)."""
         rows = _shares(rect.y_begin, rect.y_end, self.size[1], len(self.cost))
         columns = _shares(rect.x_begin, rect.x_end, self.size[0], self.cost.shape[1])
         per_cell = (self.cost @ columns) if axis == 0 else (rows @ self.cost)
@@ -47,22 +47,22 @@ class CostMap:
         return profile
 
     def total(self, rect: Rect) -> float:
-        """The cost of a rectangle."""
+        """Return the cost of a rectangle."""
         return float(self.profile(rect, 0)[-1])
 
 
 def blank_map(size: Size) -> CostMap:
-    """Nothing costs anything."""
+    """Return a cost map of zeros."""
     return CostMap(size, np.zeros(tile_counts(size, CELL)))
 
 
-def spread(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
-    """Costs of rectangles, each spread evenly over its own.
+def cost_map_of_rects(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
+    """Return the cost map of rectangles, the cost of each distributed evenly over it.
 
     Parameters
     ----------
-    rects : int64 (n, 4): x_begin, y_begin, x_end, y_end; costs of empty ones are left out
-    costs : float64 (n,)
+    rects : int64 (n, 4), x_begin, y_begin, x_end, y_end; empty ones are ignored
+    costs : float64 (n,), cost of each rectangle
 
     Notes
     -----
@@ -74,23 +74,23 @@ def spread(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
     left, top = rects[:, 0] // CELL, rects[:, 1] // CELL
     right, bottom = -(-rects[:, 2] // CELL), -(-rects[:, 3] // CELL)
     density = costs / ((right - left) * (bottom - top))
-    # Each rectangle is four corners of a running sum.
+    # Each rectangle is four corners of a cumulative sum.
     corners = np.zeros((rows + 1, columns + 1))
     for y, x, sign in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
         np.add.at(corners, (y, x), sign * density)
     return CostMap(size, np.maximum(0.0, corners.cumsum(0).cumsum(1)[:rows, :columns]))
 
 
-def gathered(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale: int = 1, side: int = BLOCK) -> CostMap:
-    """Counts of square blocks of pixels, as a caster gives them.
+def cost_map_of_blocks(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale: int = 1, side: int = BLOCK) -> CostMap:
+    """Return the cost map of a caster's counts of square blocks of pixels.
 
     Parameters
     ----------
-    size : of the picture
+    size : (width, height) of the picture
     blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of its blocks from the
-        rectangle's corner on; several may count in one place
-    scale : pixels of the picture along the side of a coarse one; both pictures have one centre
-    side : of a block, in pixels of the coarse picture
+        rectangle's corner on; counts of overlapping blocks are added
+    scale : pixels of the picture along the side of a coarse pixel; both pictures have the same centre
+    side : side of a block, in pixels of the coarse picture
     """
     cost = np.zeros(tile_counts(size, CELL))
     for rect, counts in blocks:
@@ -101,9 +101,9 @@ def gathered(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale: int = 1, 
 
 
 def _overlaps(begin: int, end: int, blocks: int, whole: int, scale: int, side: int) -> Costs:
-    """Which share of each block of an interval of the coarse picture lies in each cell: float64 (blocks, cells)."""
+    """Return the fraction of each block of an interval of the coarse picture in each cell: float64 (blocks, cells)."""
     coarse = np.minimum(begin + side * np.arange(blocks + 1), end)
-    # Both pictures have one centre; what a coarse one has beyond the borders counts at them.
+    # Both pictures have the same centre; coarse pixels beyond the borders count at the borders.
     fine = np.clip(scale * coarse + (whole - scale * -(-whole // scale)) / 2, 0, whole)
     edges = np.minimum(np.arange(tile_counts((whole, 1), CELL)[1] + 1) * CELL, whole)
     first, last = fine[:-1, None], np.maximum(fine[1:, None], fine[:-1, None] + 1e-9)
@@ -113,7 +113,7 @@ def _overlaps(begin: int, end: int, blocks: int, whole: int, scale: int, side: i
 
 
 def _shares(begin: int, end: int, whole: int, cells: int) -> Costs:
-    """Which share of each cell an interval covers."""
+    """Return the fraction of each cell that an interval covers."""
     edges = np.minimum(np.arange(cells + 1) * CELL, whole)
     covered = np.minimum(edges[1:], end) - np.maximum(edges[:-1], begin)
     shares: Costs = np.maximum(0, covered) / np.diff(edges)

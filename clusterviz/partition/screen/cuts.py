@@ -1,4 +1,4 @@
-"""A binary space partition of the screen: cuts along rows and columns, one window a group, even in cost."""
+"""Binary space partition of the screen: cuts along rows and columns, one rectangle per group, even in cost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from clusterviz.errors import InputError
 from clusterviz.image.region import Rect
 from clusterviz.partition.screen.cost_map import CostMap, Costs
-from clusterviz.partition.screen.mosaic import Mosaic, Size
+from clusterviz.partition.screen.tiles import ScreenPartition, Size
 
 LONG_SIDE = 1.05  # a cut across the short side has to be better than one across the long side by this factor
 
@@ -43,20 +43,20 @@ class ScreenTree:
     weights: tuple[int, ...]
     root: ScreenNode
 
-    def windows(self) -> tuple[Rect, ...]:
+    def rects(self) -> tuple[Rect, ...]:
         """The rectangle of each group, some perhaps empty; all together hold every pixel once."""
         found: dict[int, Rect] = {}
         _collect(self.root, Rect(0, 0, *self.size), found)
         return tuple(found[group] for group in range(len(self.weights)))
 
-    def mosaic(self) -> Mosaic:
+    def partition(self) -> ScreenPartition:
         """The same for those who draw."""
-        return Mosaic(self.size, tuple((window,) if window.pixels else () for window in self.windows()))
+        return ScreenPartition(self.size, tuple((rect,) if rect.pixels else () for rect in self.rects()))
 
     def busiest(self, cost: CostMap) -> float:
         """The largest cost of a group for each of its ranks."""
-        windows = zip(self.windows(), self.weights, strict=True)
-        return max(cost.total(window) / weight for window, weight in windows)
+        rects = zip(self.rects(), self.weights, strict=True)
+        return max(cost.total(rect) / weight for rect, weight in rects)
 
 
 def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:

@@ -1,9 +1,9 @@
-"""Cost estimation: a coarse pre-pass counts samples, and the screen is cut by what it found.
+"""Cost estimation by a coarse pre-pass that counts samples, by which the screen is then cut.
 
-When to use: the camera jumps, or a single frame is dear: nothing of the last frame is needed. When not: frames follow
-each other closely, as the last one then says the same for nothing. The pre-pass draws one ray for `COARSE`² pixels
-with slabs `LONGER` times as long, so it takes about one sample for `COARSE`² · `LONGER`; the groups share it, and tell
-each other what they counted.
+When to use: the camera jumps, or a single frame is expensive; the last frame is not needed. When not: frames that
+differ little, for which the last frame gives the same at no cost. The pre-pass draws one ray for `COARSE`² pixels with
+slabs `LONGER` times as long, so it takes about one sample for `COARSE`² · `LONGER`. The groups share the pre-pass and
+exchange their counts.
 
 References
 ----------
@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from clusterviz.image.region import Rect
-from clusterviz.partition.screen.mosaic import Mosaic
+from clusterviz.partition.screen.tiles import ScreenPartition
 from clusterviz.plan.plan import Plan
 
 COARSE = 4
@@ -25,10 +25,10 @@ LONGER = 4
 
 
 def coarse_plan(plan: Plan, scale: int = COARSE) -> Plan:
-    """The plan of the pre-pass: a picture of the same view, `scale` times smaller, with longer slabs.
+    """Return the plan of the pre-pass: a picture of the same view, `scale` times smaller, with longer slabs.
 
-    The transfer function stays that of short slabs, so transmittance falls to its root only: rays that end early end at
-    the root of what may be left.
+    The transfer function stays that of short slabs, so transmittance falls only to its root; the threshold of early ray
+    termination becomes its root, too.
     """
     view, march = plan.view, plan.march
     width, height = (-(-side // scale) for side in view.size)
@@ -39,26 +39,24 @@ def coarse_plan(plan: Plan, scale: int = COARSE) -> Plan:
     )
 
 
-def coarse_mosaic(mosaic: Mosaic) -> Mosaic:
-    """Who draws which part of the pre-pass, where each draws nearly what it sees in the picture itself."""
-    width, height = (-(-side // COARSE) for side in mosaic.size)
+def coarse_partition(partition: ScreenPartition) -> ScreenPartition:
+    """Return the partition of the pre-pass, in which each group draws nearly its part of the picture."""
+    width, height = (-(-side // COARSE) for side in partition.size)
 
     def shrunk(edge: int, whole: int, coarse: int) -> int:
-        # The borders of the picture are borders, and both pictures have one centre.
+        # Borders of the picture stay borders, and both pictures have the same centre.
         fine = (whole - COARSE * coarse) / 2
         return coarse if edge >= whole else max(0, min(coarse, round((edge - fine) / COARSE))) if edge else 0
 
-    def window(rect: Rect) -> Rect:
+    def rect(rect: Rect) -> Rect:
         (x, right), (y, bottom) = (
             (shrunk(begin, whole, coarse), shrunk(end, whole, coarse))
             for begin, end, whole, coarse in (
-                (rect.x_begin, rect.x_end, mosaic.size[0], width),
-                (rect.y_begin, rect.y_end, mosaic.size[1], height),
+                (rect.x_begin, rect.x_end, partition.size[0], width),
+                (rect.y_begin, rect.y_end, partition.size[1], height),
             )
         )
         return Rect(x, y, right, bottom)
 
-    windows = tuple(
-        tuple(small for small in map(window, each) if small.width and small.height) for each in mosaic.windows
-    )
-    return Mosaic((width, height), windows)
+    rects = tuple(tuple(small for small in map(rect, each) if small.width and small.height) for each in partition.rects)
+    return ScreenPartition((width, height), rects)

@@ -1,4 +1,4 @@
-"""Interleaved tiles: the screen's tiles dealt round robin, so that a dear region is dear for all alike."""
+"""Static interleaved tiling: tiles assigned round robin, so that all groups share expensive regions."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from math import gcd
 import numpy as np
 
 from clusterviz.errors import InputError
-from clusterviz.partition.screen.mosaic import Mosaic, Size, mosaic_of, tile_counts
+from clusterviz.partition.screen.tiles import ScreenPartition, Size, partition_of_tiles, tile_counts
 
-GOLDEN = 0.381966  # of the groups, by which a row of tiles is shifted against the one before
+GOLDEN = 0.381966  # fraction of the groups by which a row of tiles is shifted against the one before
 
 
-def interleaved_tiles(size: Size, groups: int, side: int) -> Mosaic:
-    """The static interleaved tiling.
+def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
+    """Return the static interleaved tiling.
 
-    When to use: always possible, costs nothing, and even if tiles are many and small. When not: small tiles draw more
-    rectangles, and each group sees nearly all data.
+    When to use: always possible at no cost; balanced if tiles are many and small. When not: small tiles make many
+    rectangles, and each group needs nearly all data.
 
     Parameters
     ----------
     size : (width, height) of the picture
-    groups : who share it, 1 or more
-    side : of a tile, in pixels
+    groups : number of groups, 1 or more
+    side : side of a tile, in pixels
 
     Returns
     -------
@@ -45,4 +45,4 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> Mosaic:
     rows, columns = tile_counts(size, side)
     shift = next(n for n in range(max(1, round(GOLDEN * groups)), groups + 2) if gcd(n, groups) == 1)
     owner = (np.arange(columns) + shift * np.arange(rows)[:, None]) % groups
-    return mosaic_of(owner, size, side, groups)
+    return partition_of_tiles(owner, size, side, groups)

@@ -1,8 +1,8 @@
-"""The object-space pattern: the volume's front faces are cut into equal parts for the groups, and that is repeated.
+"""Static object-space tiling: a repeated pattern of groups on the faces of the volume.
 
-A pattern that is painted on the volume turns with it, so nothing is dealt to where the volume is not, and near parts of
-a perspective picture get the larger shares of the screen. What a ray finds where it enters says who draws it. Rays are
-asked tile by tile, since windows are rectangles: small tiles follow the painted lines closely.
+The pattern rotates with the volume, so that no group is assigned to empty parts of the screen, and near parts of a
+perspective picture have more pixels per group. A ray belongs to the group at its entry point. The pattern is sampled
+once per tile, so small tiles follow its borders closely.
 """
 
 from __future__ import annotations
@@ -12,27 +12,29 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.screen.interleaved import interleaved_tiles
-from clusterviz.partition.screen.mosaic import Mosaic, mosaic_of, tile_counts
+from clusterviz.partition.screen.tiles import ScreenPartition, partition_of_tiles, tile_counts
 from clusterviz.plan.view import View
 
 Points = NDArray[np.float64]
-# Where in a tile rays are asked, the first that meets the volume deciding.
+# Positions in a tile at which rays are traced; the first that meets the volume decides.
 PLACES = ((0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 0.5), (1.0, 0.5))
 
 
-def pattern_tiles(view: View, extent: tuple[float, float, float], groups: int, side: int, repetitions: int) -> Mosaic:
-    """The static object-space tiling.
+def pattern_tiles(
+    view: View, extent: tuple[float, float, float], groups: int, side: int, repetitions: int
+) -> ScreenPartition:
+    """Return the static object-space tiling.
 
     When to use: no cost is known, and the volume fills little of the picture, or is seen from near. When not: with few
-    repetitions it is as uneven as the volume is; with many it is as interleaved tiles are.
+    repetitions it is as uneven as the volume; with many it equals interleaved tiles.
 
     Parameters
     ----------
     view : the camera
-    extent : the volume's last sample in x, y, z
-    groups : who share the screen, 1 or more
-    side : of the tiles at which the pattern is looked up, in pixels
-    repetitions : of the pattern along each side of a face, 1 or more
+    extent : last sample of the volume in x, y, z
+    groups : number of groups, 1 or more
+    side : side of a tile, in pixels
+    repetitions : repetitions of the pattern along each side of a face, 1 or more
 
     Returns
     -------
@@ -61,13 +63,13 @@ def pattern_tiles(view: View, extent: tuple[float, float, float], groups: int, s
         pixels = begins + (ends - begins) * np.array([across, down]) - 0.5
         owner.ravel()[left] = _painted(*_entries(view, pixels, extent), groups, repetitions)
     apart = interleaved_tiles(view.size, groups, side).owner()[::side, ::side]
-    return mosaic_of(np.where(owner < 0, apart, owner), view.size, side, groups)
+    return partition_of_tiles(np.where(owner < 0, apart, owner), view.size, side, groups)
 
 
 def _entries(view: View, pixels: Points, extent: tuple[float, float, float]) -> tuple[NDArray[np.int64], Points]:
-    """Through which face each ray enters the volume, by its axis, −1 where it misses; and where (n, 3), in 0 … 1.
+    """Return the axis of the face through which each ray enters (−1 for a miss), and the point (n, 3), in 0 … 1.
 
-    Rays that begin inside enter nowhere, and are told by the face through which they leave.
+    For rays that begin inside, the face through which they leave is used.
     """
     offsets = (pixels - (np.array(view.size) - 1) / 2) * view.pixel * np.array([1, -1])
     aside = offsets @ np.array([view.right, view.up])
@@ -88,7 +90,7 @@ def _entries(view: View, pixels: Points, extent: tuple[float, float, float]) -> 
 
 
 def _painted(axis: NDArray[np.int64], points: Points, groups: int, repetitions: int) -> NDArray[np.int64]:
-    """The group painted at points of faces: columns of nearly equal numbers of groups, as wide as these are many."""
+    """Return the group at points of faces: columns of nearly equal numbers of groups, of proportional width."""
     columns = max(1, round(groups**0.5))
     counts = np.diff(np.arange(columns + 1) * groups // columns)
     ends = np.cumsum(counts)

@@ -1,8 +1,8 @@
-"""Scheduled tiles: whoever is free takes the next tile from a queue.
+"""Work queue of screen tiles: an idle rank takes the next tile.
 
-When to use: nothing is known of the cost, or ranks differ in speed; it is even to within one tile. When not: groups
-must hold what any tile may see, and the network must count quickly. Dear tiles go first, so that the last ones taken,
-during which the others wait, are cheap.
+When to use: the cost is not known, or ranks differ in speed; the balance is exact to one tile. When not: groups must
+hold the data of all tiles, and the network needs fast atomic counters. Expensive tiles come first, so that the last
+ones, for which the other ranks wait, are cheap.
 
 References
 ----------
@@ -16,20 +16,20 @@ import numpy as np
 
 from clusterviz.image.region import Rect
 from clusterviz.partition.screen.cost_map import CostMap
-from clusterviz.partition.screen.mosaic import tile_counts, tile_rect
+from clusterviz.partition.screen.tiles import tile_counts, tile_rect
 
 
-def queue_of_tiles(expected: CostMap, side: int) -> tuple[Rect, ...]:
-    """The picture's tiles in the order in which they are taken, the same on every rank.
+def tile_queue(expected: CostMap, side: int) -> tuple[Rect, ...]:
+    """Return the tiles of the picture in the order in which they are taken, the same on every rank.
 
     Parameters
     ----------
-    expected : what parts of the picture should cost; tiles without any cost are left out
-    side : of a tile, in pixels
+    expected : expected cost; tiles without any cost are left out
+    side : side of a tile, in pixels
 
     Returns
     -------
-    tiles : the dearest first; of equal ones the upper, then the left
+    tiles : the most expensive first; of equal ones the upper, then the left
     """
     rows, columns = tile_counts(expected.size, side)
     tiles = [tile_rect(expected.size, side, row, column) for row in range(rows) for column in range(columns)]

@@ -15,18 +15,18 @@ from clusterviz.image.region import Rect
 from clusterviz.partition.screen import (
     COARSE,
     CostMap,
-    Mosaic,
+    ScreenPartition,
     adapt,
     blank_map,
     build_cuts,
     carried,
-    coarse_mosaic,
-    gathered,
+    coarse_partition,
+    cost_map_of_blocks,
+    cost_map_of_rects,
     interleaved_tiles,
     pattern_tiles,
-    queue_of_tiles,
     rank_groups,
-    spread,
+    tile_queue,
 )
 from clusterviz.partition.screen.cost_map import CELL
 from clusterviz.plan.view import View, make_view
@@ -46,16 +46,16 @@ def random_map(size: tuple[int, int], seed: int, empty: float = 0.5) -> CostMap:
     return CostMap(size, np.where(random.random(cost.shape) < empty, 0.0, cost))
 
 
-def cuts(size: tuple[int, int], groups: int, side: int) -> Mosaic:
-    return build_cuts(random_map(size, side), tuple(1 + number % 3 for number in range(groups))).mosaic()
+def cuts(size: tuple[int, int], groups: int, side: int) -> ScreenPartition:
+    return build_cuts(random_map(size, side), tuple(1 + number % 3 for number in range(groups))).partition()
 
 
-def moved_cuts(size: tuple[int, int], groups: int, side: int) -> Mosaic:
+def moved_cuts(size: tuple[int, int], groups: int, side: int) -> ScreenPartition:
     tree = build_cuts(random_map(size, side), (1,) * groups)
-    return adapt(tree, random_map(size, side + 1)).mosaic()
+    return adapt(tree, random_map(size, side + 1)).partition()
 
 
-STRATEGIES: dict[str, Callable[[tuple[int, int], int, int], Mosaic]] = {
+STRATEGIES: dict[str, Callable[[tuple[int, int], int, int], ScreenPartition]] = {
     "interleaved": interleaved_tiles,
     "pattern": lambda size, groups, side: pattern_tiles(view_of(size), EXTENT, groups, side, 2),
     "cuts": cuts,
@@ -63,13 +63,13 @@ STRATEGIES: dict[str, Callable[[tuple[int, int], int, int], Mosaic]] = {
 }
 
 
-def check_mosaic(mosaic: Mosaic, size: tuple[int, int], groups: int) -> None:
+def check_mosaic(partition: ScreenPartition, size: tuple[int, int], groups: int) -> None:
     """Every pixel has one group, and windows lie in the picture."""
-    assert mosaic.size == size
-    assert mosaic.groups == groups
-    assert sum(window.pixels for windows in mosaic.windows for window in windows) == size[0] * size[1]
-    assert all(window.intersect(Rect(0, 0, *size)) == window for windows in mosaic.windows for window in windows)
-    assert mosaic.owner().min() >= 0
+    assert partition.size == size
+    assert partition.groups == groups
+    assert sum(window.pixels for windows in partition.rects for window in windows) == size[0] * size[1]
+    assert all(window.intersect(Rect(0, 0, *size)) == window for windows in partition.rects for window in windows)
+    assert partition.owner().min() >= 0
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
@@ -78,9 +78,9 @@ def check_mosaic(mosaic: Mosaic, size: tuple[int, int], groups: int) -> None:
     size=st.tuples(st.integers(1, 90), st.integers(1, 70)), groups=st.integers(1, 9), side=st.sampled_from([1, 8, 13])
 )
 def test_every_pixel_is_drawn_once(name: str, size: tuple[int, int], groups: int, side: int) -> None:
-    mosaic = STRATEGIES[name](size, groups, side)
-    check_mosaic(mosaic, size, groups)
-    check_mosaic(coarse_mosaic(mosaic), (-(-size[0] // COARSE), -(-size[1] // COARSE)), groups)
+    partition = STRATEGIES[name](size, groups, side)
+    check_mosaic(partition, size, groups)
+    check_mosaic(coarse_partition(partition), (-(-size[0] // COARSE), -(-size[1] // COARSE)), groups)
 
 
 @pytest.mark.parametrize("groups", range(1, 13))
@@ -184,7 +184,7 @@ def test_a_map_tells_the_cost_of_any_rectangle() -> None:
 
 def test_spread_costs_keep_their_sum_and_their_place() -> None:
     rects = np.array([[0, 0, 16, 16], [10, 20, 50, 40], [3, 3, 3, 9], [60, 40, 70, 45]])
-    found = spread((70, 45), rects, np.array([2.0, 3.0, 7.0, 5.0]))
+    found = cost_map_of_rects((70, 45), rects, np.array([2.0, 3.0, 7.0, 5.0]))
     assert found.cost.sum() == pytest.approx(10.0)
     assert found.cost[0, 0] == 2.0
     assert found.total(Rect(64, 32, 70, 45)) > 0
@@ -194,10 +194,10 @@ def test_spread_costs_keep_their_sum_and_their_place() -> None:
 def test_counts_of_blocks_come_to_where_they_were_counted() -> None:
     """Of a coarse picture too, whose edges do not fall on the fine one's."""
     counts = np.array([[5, 0, 1], [0, 7, 0]], np.uint32)
-    found = gathered((640, 480), [(Rect(100, 200, 124, 216), counts)])
+    found = cost_map_of_blocks((640, 480), [(Rect(100, 200, 124, 216), counts)])
     assert found.cost.sum() == 13
     assert found.total(Rect(96, 192, 128, 224)) == pytest.approx(13)
-    coarse = gathered((99, 77), [(Rect(0, 0, 25, 20), np.ones((20, 25), np.uint32))], COARSE, 1)
+    coarse = cost_map_of_blocks((99, 77), [(Rect(0, 0, 25, 20), np.ones((20, 25), np.uint32))], COARSE, 1)
     assert coarse.cost.sum() == 20 * 25 * COARSE**2
     inner = coarse.cost[1:-2, 1:-2]
     assert inner.min() == inner.max() == (CELL // COARSE) ** 2 * COARSE**2
@@ -205,7 +205,7 @@ def test_counts_of_blocks_come_to_where_they_were_counted() -> None:
 
 def test_the_queue_has_every_tile_that_costs_something_dearest_first() -> None:
     cost = random_map((150, 100), 4, 0.7)
-    tiles = queue_of_tiles(cost, 32)
+    tiles = tile_queue(cost, 32)
     costs = [cost.total(tile) for tile in tiles]
     assert costs == sorted(costs, reverse=True)
     assert min(costs) > 0

@@ -1,4 +1,4 @@
-"""Which bricks a part of the screen may show: what a rank needs in order to draw its windows."""
+"""Bricks that are visible in parts of the screen."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Bools = NDArray[np.bool_]
 
 
 def brick_rects(plan: Plan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The bricks that have something to show, and the pixels whose rays may meet each.
+    """Return the bricks that are not empty, and the pixels whose rays may meet each.
 
     Returns
     -------
@@ -27,14 +27,14 @@ def brick_rects(plan: Plan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return bricks, plan.view.footprints(begin[:, ::-1], end[:, ::-1])
 
 
-def bricks_seen(plan: Plan, windows: Sequence[Rect]) -> Bools:
-    """Which bricks any ray of these windows may meet, of those that have something to show: bool (bz, by, bx)."""
-    bricks, rects = brick_rects(plan)
+def visible_bricks(plan: Plan, rects: Sequence[Rect]) -> Bools:
+    """Return the bricks, not empty, that rays of these rectangles may meet: bool (bz, by, bx)."""
+    bricks, footprints = brick_rects(plan)
     seen = np.zeros(len(bricks), bool)
-    for window in windows:
+    for rect in rects:
         seen |= (
-            (np.maximum(rects[:, 0], window.x_begin) < np.minimum(rects[:, 2], window.x_end))
-            & (np.maximum(rects[:, 1], window.y_begin) < np.minimum(rects[:, 3], window.y_end))
+            (np.maximum(footprints[:, 0], rect.x_begin) < np.minimum(footprints[:, 2], rect.x_end))
+            & (np.maximum(footprints[:, 1], rect.y_begin) < np.minimum(footprints[:, 3], rect.y_end))
         )  # fmt: skip
     found = np.zeros(plan.cost.shape, bool)
     found[tuple(bricks[seen].T)] = True

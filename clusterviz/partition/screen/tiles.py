@@ -1,0 +1,125 @@
+"""Partition of the screen among groups of ranks: the rectangles of each group, and tiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+
+Size = tuple[int, int]
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ScreenPartition:
+    """Assignment of the picture's pixels to groups of ranks.
+
+    Attributes
+    ----------
+    size : (width, height) of the picture
+    rects : rectangles of each group; together they contain every pixel once. A group may have none
+    """
+
+    size: Size
+    rects: tuple[tuple[Rect, ...], ...]
+
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+        return len(self.rects)
+
+    def owner(self) -> NDArray[np.int32]:
+        """Return the group of each pixel, int32 (height, width)."""
+        found = np.full(self.size[::-1], -1, np.int32)
+        for group, rects in enumerate(self.rects):
+            for rect in rects:
+                found[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end] = group
+        return found
+
+
+def tile_counts(size: Size, side: int) -> tuple[int, int]:
+    """Return the (rows, columns) of square tiles that cover a picture.
+
+    Raises
+    ------
+    InputError
+        A side below 1.
+    """
+    if side < 1:
+        raise InputError("no tile", where="side", found=side, allowed="1 or more")
+    return -(-size[1] // side), -(-size[0] // side)
+
+
+def tile_rect(size: Size, side: int, row: int, column: int) -> Rect:
+    """Return the pixels of one tile; the last of a row or column may have fewer."""
+    x, y = column * side, row * side
+    return Rect(x, y, min(x + side, size[0]), min(y + side, size[1]))
+
+
+def partition_of_tiles(owner: Numbers, size: Size, side: int, groups: int) -> ScreenPartition:
+    """Return the partition of a picture given by tiles; adjacent tiles of one group are joined into rectangles.
+
+    Parameters
+    ----------
+    owner : int64 (rows, columns), group of each tile
+    size : (width, height) of the picture
+    side : side of a tile, in pixels
+    groups : number of groups
+
+    Raises
+    ------
+    InputError
+        The number of tiles is not that of the picture, or a group does not exist.
+    """
+    if owner.shape != tile_counts(size, side):
+        raise InputError("not the picture's tiles", where="owner", found=owner.shape, allowed=tile_counts(size, side))
+    if owner.min() < 0 or owner.max() >= groups:
+        raise InputError("no such group", where="owner", found=f"{owner.min()} … {owner.max()}", allowed=groups)
+    rects: list[list[Rect]] = [[] for _ in range(groups)]
+    above: dict[tuple[int, int, int], int] = {}
+    for row, line in enumerate(owner.tolist()):
+        runs = _runs(line)
+        here: dict[tuple[int, int, int], int] = {}
+        for run in runs:
+            begin, end, group = run
+            rect = Rect(begin * side, row * side, min(end * side, size[0]), min((row + 1) * side, size[1]))
+            if run in above:
+                here[run] = above[run]
+                rects[group][here[run]] = rects[group][here[run]].unite(rect)
+            else:
+                here[run] = len(rects[group])
+                rects[group].append(rect)
+        above = here
+    return ScreenPartition(size, tuple(map(tuple, rects)))
+
+
+def _runs(line: list[int]) -> list[tuple[int, int, int]]:
+    """Return (begin, end, value) of each run of equal values."""
+    runs, begin = [], 0
+    for value, same in groupby(line):
+        end = begin + sum(1 for _ in same)
+        runs.append((begin, end, value))
+        begin = end
+    return runs
+
+
+RankGroups = tuple[tuple[int, ...], ...]
+
+
+def rank_groups(ranks: int, groups: int) -> RankGroups:
+    """Return groups of neighbouring ranks, which are likely to share a node; sizes differ by at most one.
+
+    Raises
+    ------
+    InputError
+        Fewer groups than 1, or more than ranks.
+    """
+    if not 1 <= groups <= ranks:
+        raise InputError("groups without ranks", where="cluster.groups", found=groups, allowed=f"1 … {ranks}")
+    edges = [number * ranks // groups for number in range(groups + 1)]
+    return tuple(tuple(range(begin, end)) for begin, end in pairwise(edges))
