@@ -28,7 +28,7 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import render_frame
-from clusterviz.report.pages.tradeoff.truth import find_truth
+from clusterviz.report.pages.tradeoff.ground_truth import find_ground_truth
 from clusterviz.scene import Scene
 from clusterviz.scene.settings import with_settings
 
@@ -79,7 +79,7 @@ def measure(volume: str, path: Path, function: str, options: argparse.Namespace)
     scene = with_settings(scene, {"opacity": FUNCTIONS[function]})
     scene = render_frame(scene, LoopbackChannel()).scene
     exact = with_settings(scene, {"classification": "pre-integrated"})
-    truth = find_truth(exact, ours, options.budget)
+    truth = find_ground_truth(exact, ours, options.budget)
     black = truth.picture[..., :3]
     with tempfile.TemporaryDirectory() as folder:
         drawn = dict(pictures(scene, Path(folder), options.python))

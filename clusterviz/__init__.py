@@ -5,27 +5,7 @@
     if image is not None:
         image.save("head.png")
 
-The map of the house, in the order in which a frame passes through it (docs/flow.md walks along):
-
-    scene -> plan -> partition -> render -> composite -> image
-
-    cli/          the commands, one file each
-    frame.py      the loop: the only file that calls the stages
-    errors.py     every failure a user can meet
-    scene/        what to show: frozen values, YAML in and out
-    data/         where voxels live: one file a format, bricks, summaries
-    plan/         one frame's decisions as one frozen value
-    partition/    who holds what, and in which order it is seen
-    render/       one rank's partial image
-    composite/    many partial images, one picture: one file an algorithm
-    image/        pixels: regions, files, comparing
-    report/       what happened: statistics
-    codec/        pixels to bytes and back
-    comm/         how ranks talk; the only room that knows MPI
-    gl/           OpenGL without a screen
-    reference/    the witness: float64 NumPy twins of the fast paths
-
-Importing the package costs milliseconds; what a name needs is imported when it is first used.
+Importing the package takes milliseconds; the modules behind a name are imported when it is first used.
 """
 
 from __future__ import annotations
@@ -65,9 +45,9 @@ __all__ = [
 ]
 
 REACHED = perf_counter()
-"""When Python came here: what lies before it is the interpreter's own start."""
+"""Time of the import of this package, at the end of the interpreter's start-up."""
 
-_HOMES = {
+_MODULES = {
     "Camera": "clusterviz.scene",
     "Grid": "clusterviz.data.grid",
     "Image": "clusterviz.image.picture",
@@ -79,7 +59,8 @@ _HOMES = {
     "write_image": "clusterviz.image",
 }
 
-# A room has the name of the function below. Python binds a package's name when it is first imported: now, so not later.
+# The package `clusterviz.render` is imported before the function of the same name is defined, so that a later import
+# does not replace the function.
 import_module("clusterviz.render")
 
 
@@ -90,31 +71,35 @@ def render(
     comm: Any = None,
     **settings: Unpack[Settings],
 ) -> Image | None:
-    """Render one picture, on all ranks together, or in this process alone where there is no mpirun.
+    """Render a picture on all ranks of an MPI job, or in this process.
 
     Parameters
     ----------
-    scene : a Scene, the path of a scene file or of a data file, or an array: any integer or float type, (z, y, x).
-        Under mpirun every rank gives the same. Anything with `name`, `grid`, `dtype` and `read` is taken as data too
-        (see `clusterviz.data.source`): each rank then reads its own boxes only. A list of arrays and data: as many
-        volumes in one picture.
-    grid : spacing, origin and direction of an array; by default its samples lie 1 apart; of several, a list
-    comm : the mpi4py communicator of the ranks; by default all processes of the job
-    **settings : any key of a scene by its last name: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5,
-        position=(5, 0, 0), background="black", brick=32; `clusterviz schema` lists them. What is said of a volume is
-        said of the first; of another by its whole key, as in **{"volumes.1.cmap": "hot"}. A section as a whole is a
-        dict or a value: camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0))
+    scene : Scene, path, array, data source, or list of these
+        A scene, the path of a scene file or data file, or an array (z, y, x) of any integer or float type. An
+        object with `name`, `grid`, `dtype` and `read` is a data source (see `clusterviz.data.source`); each rank reads
+        its own boxes. A list of arrays and data sources gives one volume each. All ranks pass the same scene.
+    grid : Grid or list of Grid, optional
+        Spacing, origin and direction of an array, or a list for several; the default spacing is 1.
+    comm : mpi4py.MPI.Comm, optional
+        Communicator of the ranks; by default all processes of the job.
+    **settings
+        Scene keys by their last names: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5, position=(5, 0, 0),
+        background="black", brick=32; `clusterviz schema` lists them. Keys of a volume apply to the first one; other
+        volumes need the full path, as in **{"volumes.1.cmap": "hot"}. A section is a dict or a value:
+        camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)).
 
     Returns
     -------
-    image : on rank 0, None on the others: an array, float32 (h, w, 4), premultiplied, before the background, with
-        `show()` and `save("picture.png")`, which put it over the scene's background
+    image : Image or None
+        On rank 0 an array, float32 (h, w, 4), premultiplied, without the background; None on other ranks. `show()` and
+        `save("picture.png")` blend it over the scene's background.
 
     Raises
     ------
     clusterviz.errors.ClustervizError
-        On every rank alike; SceneError, DataError, DeviceError, or RankError where one rank alone failed. A failure
-        amid messages, which other ranks cannot know of, ends the job instead.
+        On every rank: SceneError, DataError, DeviceError, or RankError if a single rank failed. A failure of a single
+        rank during communication ends the job instead.
     """
     from clusterviz.comm import agree, limit_threads, open_channel
     from clusterviz.comm.mpi import MpiChannel
@@ -144,7 +129,7 @@ def render(
 
 
 def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Source] | None]:
-    """What to show, and where its voxels are where no file holds them."""
+    """Return the scene of an argument of `render`, and the data source if it is not a file."""
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume, open_scene
@@ -167,7 +152,7 @@ def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Sourc
 
 
 def _several(given: Sequence[Any], grids: Any) -> tuple[Scene, list[Source]]:
-    """The scene of several arrays and other data, with a grid or None for each."""
+    """Return the scene of several arrays and data sources, and the sources."""
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene
 
@@ -187,9 +172,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("clusterviz")
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'clusterviz' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    value = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -25,12 +25,12 @@ from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.errors import ClustervizError, SceneError
-from clusterviz.report.pages.folder import check_folder, replacing_folder
-from clusterviz.report.pages.scale.balance import DEGREES, FRAMES
-from clusterviz.report.pages.scale.forecast import Expected, Machine, Rates, find_rates, forecast, rank_numbers
+from clusterviz.report.pages.output import check_folder, replacing_folder
+from clusterviz.report.pages.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
 from clusterviz.report.pages.scale.measure import Image, Measured, measure, measured_from_json
 from clusterviz.report.pages.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
-from clusterviz.report.pages.scale.survey import Found, run_survey, steps_of
+from clusterviz.report.pages.scale.points import DEGREES, FRAMES
+from clusterviz.report.pages.scale.survey import SurveyResult, run_survey, steps_of
 from clusterviz.report.pages.tradeoff.page import check_libraries
 from clusterviz.scene import Cluster, Scene, open_scene
 
@@ -99,10 +99,10 @@ def threads_per_rank(counts: Sequence[int]) -> str:
     return str(cores // max((count for count in counts if count <= cores), default=cores))
 
 
-def make_report(name: str, scene: Scene, frames: int, threads: str, found: Found, machine: Machine) -> Report:
+def make_report(name: str, scene: Scene, frames: int, threads: str, found: SurveyResult, machine: Machine) -> Report:
     """Return the report: measurements, forecasts and the description of the machine."""
     points = (*found.strong, *found.weak)
-    rates = find_rates(points)
+    rates = fit_rates(points)
     return Report(
         name=name,
         scene=scene,
@@ -111,8 +111,8 @@ def make_report(name: str, scene: Scene, frames: int, threads: str, found: Found
         found=found,
         rates=rates,
         machine=machine,
-        strong=forecast(rates, machine, scene.cluster, False, rank_numbers()),
-        weak=forecast(rates, machine, scene.cluster, True, rank_numbers()) if found.weak else [],
+        strong=forecast(rates, machine, scene.cluster, False, rank_counts()),
+        weak=forecast(rates, machine, scene.cluster, True, rank_counts()) if found.weak else [],
         others=_elsewhere(rates, machine, scene.cluster),
         environment=_environment(max(point.ranks for point in points)),
     )
@@ -127,12 +127,12 @@ def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
     return Machine(default_network(1), default_network(2), each)
 
 
-def _elsewhere(rates: Rates, machine: Machine, cluster: Cluster) -> dict[str, list[Expected]]:
+def _elsewhere(rates: Rates, machine: Machine, cluster: Cluster) -> dict[str, list[PredictedFrame]]:
     """Return forecasts for the other networks of several nodes that come with the package."""
     others = [open_network(name) for name in shipped_networks()]
     others = [other for other in others if other.nodes > 1 and other.name != machine.far.name]
     return {
-        other.name: forecast(rates, Machine(other, other, machine.ranks_per_node), cluster, False, rank_numbers())
+        other.name: forecast(rates, Machine(other, other, machine.ranks_per_node), cluster, False, rank_counts())
         for other in others
     }
 

@@ -42,8 +42,7 @@ from clusterviz.frame.share import Bricks, DrawnFrame, Share
 from clusterviz.frame.small_picture import SmallPicture
 from clusterviz.plan.changes import changed_settings
 from clusterviz.render.choice import on_processor
-from clusterviz.report.accuracy import Accuracy
-from clusterviz.report.changes import Change
+from clusterviz.report.decisions import Accuracy, Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene

@@ -11,7 +11,7 @@ from clusterviz.frame.holding import Holding
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.frame.tiling import TileSettings
 from clusterviz.partition.screen import rank_groups
-from clusterviz.report.sharing import Forecast, Sharing
+from clusterviz.report.decisions import Forecast, Sharing
 from clusterviz.scene.values import Cluster, Scene
 
 

@@ -19,8 +19,7 @@ from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened
 from clusterviz.frame.share import Share
 from clusterviz.plan.plan import Plan
-from clusterviz.report.accuracy import Accuracy
-from clusterviz.report.sharing import Forecast
+from clusterviz.report.decisions import Accuracy, Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene

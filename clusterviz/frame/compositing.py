@@ -29,7 +29,7 @@ from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
 from clusterviz.render.projection import finish_projection
-from clusterviz.report.changes import Change
+from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.report.trace import composition_spans
 

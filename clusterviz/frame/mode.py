@@ -24,7 +24,7 @@ from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.render.drawn import footprint
-from clusterviz.report.sharing import Forecast
+from clusterviz.report.decisions import Forecast
 
 LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
 DOUBT = 0.05  # of the time of drawing: so well is known what a sample takes on an idle machine

@@ -21,7 +21,7 @@ from clusterviz.frame.small_picture import Draw
 from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
 from clusterviz.plan.leftover import Picked, pick_pixel
 from clusterviz.plan.plan import Plan
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.decisions import Accuracy
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
 

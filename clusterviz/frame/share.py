@@ -16,9 +16,7 @@ from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.report.accuracy import Accuracy
-from clusterviz.report.changes import Change
-from clusterviz.report.sharing import Sharing
+from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import VolumeInfo
 from clusterviz.scene.values import Scene

@@ -1,5 +1,1 @@
-"""The report room: what happened, as values.
-
-- statistics.py  seconds, bytes and counts of a frame
-- machine.py     what each rank has to work with
-"""
+"""Reports as values: statistics, decisions and traces of frames, and descriptions of machines."""

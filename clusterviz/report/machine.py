@@ -1,4 +1,4 @@
-"""What a rank has to work with: its node, device, OpenGL, threads and memory, as values to be sent and printed."""
+"""Description of a rank's machine: node, cores, threads, OpenGL device and memory."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class OpenGL:
-    """A context's own word about itself.
+    """OpenGL context of a rank.
 
     Attributes
     ----------
-    renderer, vendor, version : the driver's strings
-    max_3d_texture : samples along one side of the largest 3-D texture
-    max_2d_texture : pixels along one side of the largest 2-D texture
-    max_storage_bytes : the largest shader storage block
+    renderer, vendor, version : strings of the driver
+    max_3d_texture : largest side of a 3-D texture, samples
+    max_2d_texture : largest side of a 2-D texture, pixels
+    max_storage_bytes : size of the largest shader storage block
     """
 
     renderer: str
@@ -30,7 +30,7 @@ class OpenGL:
 
 @dataclass(frozen=True)
 class Memory:
-    """Main memory in bytes that this process may use, and how much of it is free now; 0 where that is not known."""
+    """Main memory usable by this process, and its free part, in bytes; 0 if unknown."""
 
     total_bytes: int
     available_bytes: int
@@ -38,19 +38,19 @@ class Memory:
 
 @dataclass(frozen=True)
 class RankMachine:
-    """One rank's machine.
+    """Machine of one rank.
 
     Attributes
     ----------
-    rank, host, local_rank, local_size : where the rank runs
-    cores : cores that are its share
-    processor : what draws without OpenGL
-    threads : what each thread variable says: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, …
-    egl_devices : what EGL lists, in its own order
-    egl_device : index of the chosen one, None where none could be chosen
-    opengl : None where no context could be made
-    problem : why there is no context, "" where there is one
-    memory : of the node, or of the share that the scheduler grants
+    rank, host, local_rank, local_size : placement of the rank
+    cores : number of cores assigned to the rank
+    processor : name of the CPU
+    threads : thread variable -> value: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, …
+    egl_devices : names of the EGL devices, in EGL's order
+    egl_device : index of the device chosen; None if none can be
+    opengl : the OpenGL context; None if none can be made
+    problem : the reason for no context, or ""
+    memory : memory of the node, or the limit set by the scheduler
     """
 
     rank: int
@@ -69,14 +69,14 @@ class RankMachine:
 
 @dataclass(frozen=True)
 class MachineReport:
-    """All ranks' machines, and what they share.
+    """Machines of all ranks, and the software they share.
 
     Attributes
     ----------
     clusterviz, python, mpi_library, launcher : versions and names
     size, nodes : number of ranks and of nodes
-    warning : why the launcher and MPI do not fit together, "" where they do
-    ranks : one entry a rank
+    warning : the mismatch between launcher and MPI library, or ""
+    ranks : index = rank
     """
 
     clusterviz: str
@@ -90,11 +90,11 @@ class MachineReport:
 
 
 def memory(root: Path = Path("/")) -> Memory:
-    """This node's memory, cut to the control group's limit where a scheduler or container sets one.
+    """Return this node's memory, or the control group's limit set by a scheduler or container.
 
     Parameters
     ----------
-    root : where `proc` and `sys` are mounted
+    root : folder in which `proc` and `sys` are mounted
     """
     total, available = _node_memory(root)
     limit, used = _group_memory(root)
@@ -104,7 +104,7 @@ def memory(root: Path = Path("/")) -> Memory:
 
 
 def _node_memory(root: Path) -> tuple[int, int]:
-    """Total and available bytes of the node: Linux's own account, else POSIX's total."""
+    """Return total and available bytes of the node, from /proc or else the total from POSIX."""
     try:
         lines = (root / "proc/meminfo").read_text().splitlines()
     except OSError:
@@ -114,7 +114,7 @@ def _node_memory(root: Path) -> tuple[int, int]:
 
 
 def _group_memory(root: Path) -> tuple[int | None, int]:
-    """Limit and use in bytes of the process's control group (version 2); no limit where it is not told."""
+    """Return limit and usage in bytes of the process's control group (version 2); None without a limit."""
     try:
         group = (root / "proc/self/cgroup").read_text().strip().rpartition("::")[2].lstrip("/")
         folder = root / "sys/fs/cgroup" / group

@@ -1,4 +1,4 @@
-"""What a frame cost: plain numbers of each rank, brought together on one."""
+"""Statistics of frames: seconds, bytes and counts of each rank, gathered on rank 0."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
-from clusterviz.report.accuracy import Accuracy
-from clusterviz.report.changes import Change
+from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.leaping import Leaping, together
-from clusterviz.report.sharing import Sharing
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -20,13 +18,13 @@ STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "
 
 @dataclass
 class Clock:
-    """Seconds of each stage on one rank; stages that repeat add up.
+    """Timer of the stages on one rank; repeated stages add up.
 
     Attributes
     ----------
-    seconds : by stage
-    spans : when each was, for a trace; None where nobody wants to know
-    row : of the trace, as in `Span`
+    seconds : stage -> seconds
+    spans : spans for a trace; None without a trace
+    row : row of the trace, as in `Span`
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -35,7 +33,7 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str, shown: str = "") -> Iterator[None]:
-        """Measure the body; a trace shows it under another name, where there is one."""
+        """Time the body as a stage; `shown` is its name in a trace."""
         started = perf_counter()
         try:
             yield
@@ -45,42 +43,41 @@ class Clock:
             self.note(Span(shown or name, name, started, ended))
 
     def note(self, *spans: Span) -> None:
-        """Keep spans for the trace, if there will be one."""
+        """Add spans to the trace, if there is one."""
         if self.spans is not None:
             self.spans.extend(replace(span, row=self.row) for span in spans)
 
     def add_span(self, name: str, began: float, seconds: float) -> float:
-        """Count seconds that were measured elsewhere, from a known time on; when they ended."""
+        """Add a stage of known begin and duration; return its end."""
         self.add(name, seconds)
         self.note(Span(name, name, began, began + seconds))
         return began + seconds
 
     def add(self, name: str, seconds: float) -> None:
-        """Count seconds that were measured elsewhere."""
+        """Add seconds to a stage."""
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 @dataclass(frozen=True)
 class RankFrame:
-    """One frame on one rank.
+    """Statistics of one frame on one rank.
 
     Attributes
     ----------
-    seconds : by stage, and `total`
-    bricks, bricks_drawn : held, and drawn
-    bricks_occluded : not drawn, since all rays ended in front of them
-    voxels : samples held in memory, overlap included
-    voxel_bytes : memory that they take where they are drawn: OpenGL's, free room for bricks to come included, or the
-        processor's
-    samples : field samples that rays took
-    samples_estimate : of these, in a pre-pass that is not shown
-    cpu_seconds : processor time of drawing, of all threads of the process
-    bytes_raw, bytes_sent, messages_sent : of compositing, the final gather apart
-    peak_memory_bytes : the largest resident size of the process so far
-    renderer : OpenGL's name of what drew
-    leaping : what the last frame was good for; None where quality.leaping is false
-    compositing : what was chosen, predicted and measured, stage by stage and peer by peer
-    balance : what was sent and received to even out the ranks, in how many seconds, where the distribution is dynamic
+    seconds : stage -> seconds, and `total`
+    bricks, bricks_drawn : number of bricks held, and drawn
+    bricks_occluded : number of bricks not drawn since all rays ended in front of them
+    voxels : voxels held in memory, including ghost voxels
+    voxel_bytes : memory of the voxels on the device that draws, including reserved memory
+    samples : field samples of all rays
+    samples_estimate : samples of these in a pre-pass
+    cpu_seconds : CPU time of drawing, all threads
+    bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
+    peak_memory_bytes : peak resident size of the process
+    renderer : name of the renderer, as in OpenGL
+    leaping : statistics of frame coherence; None if quality.leaping is false
+    compositing : algorithm, prediction and measurements, by stage and peer
+    balance : bytes and seconds of load balancing in a dynamic distribution
     """
 
     seconds: dict[str, float]
@@ -104,16 +101,16 @@ class RankFrame:
 
 @dataclass(frozen=True)
 class FrameStatistics:
-    """One frame on all ranks.
+    """Statistics of one frame on all ranks.
 
     Attributes
     ----------
     per_rank : index = rank
-    number : of the frame in its animation
-    accuracy : what was chosen to hold a bound on the error; None where none was asked for
-    sharing : by the ranks: mode and groups, and what they were chosen by; None where nobody said
-    changes : settings that were asked for and are not used as given
-    warnings : why the picture, or a volume in it, is not seen
+    number : number of the frame in its animation
+    accuracy : settings chosen for an error bound; None without a bound
+    sharing : mode and groups, and the predictions for the choice; None if not recorded
+    changes : settings that are not used as given
+    warnings : warnings about volumes that are not visible
     """
 
     per_rank: tuple[RankFrame, ...]
@@ -125,23 +122,23 @@ class FrameStatistics:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """The slowest rank's seconds of each stage, and of the whole."""
+        """Seconds of each stage, and `total`, on the slowest rank."""
         names = dict.fromkeys(name for rank in self.per_rank for name in rank.seconds)
         return {name: max(rank.seconds.get(name, 0.0) for rank in self.per_rank) for name in names}
 
     @property
     def renderer(self) -> str:
-        """OpenGL's name of what drew; "" where nothing did."""
+        """Name of the renderer, or "" if nothing was drawn."""
         return next((rank.renderer for rank in self.per_rank if rank.renderer), "")
 
     @property
     def leaping(self) -> Leaping | None:
-        """What the last frame was good for, on all ranks; None where quality.leaping is false."""
+        """Statistics of frame coherence on all ranks; None if quality.leaping is false."""
         return together(rank.leaping for rank in self.per_rank)
 
     @property
     def imbalance(self) -> float:
-        """Largest over mean seconds of rendering; 1 where nothing was drawn."""
+        """Largest over mean seconds of rendering; 1 if nothing was drawn."""
         cost = [rank.seconds.get("render", 0.0) for rank in self.per_rank]
         return max(cost) * len(cost) / sum(cost) if sum(cost) > 0 else 1.0
 
@@ -166,7 +163,7 @@ class FrameStatistics:
         }
 
     def as_json(self) -> dict[str, Any]:
-        """The frame as it stands in a statistics file."""
+        """Return the frame's entry in a statistics file."""
         return {
             "number": self.number,
             "warnings": list(self.warnings),
@@ -184,13 +181,13 @@ class FrameStatistics:
 def statistics_file(
     scene: dict[str, Any], frames: Sequence[FrameStatistics], startup: dict[str, float]
 ) -> dict[str, Any]:
-    """What `--stats` writes.
+    """Return the contents of a `--stats` file.
 
     Parameters
     ----------
-    scene : completed, as JSON holds it
-    frames : those that were drawn; none where an animation was whole already
-    startup : seconds from the start of the process to the first frame, by part
+    scene : the completed scene as JSON values
+    frames : statistics of the frames drawn
+    startup : part of the start-up -> seconds
     """
     return {
         "ranks": len(frames[0].per_rank) if frames else 0,
@@ -203,5 +200,5 @@ def statistics_file(
 
 
 def peak_memory_bytes() -> int:
-    """The largest resident size of this process so far."""
+    """Return the peak resident size of this process."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,8 +1,8 @@
-"""Traces: what every rank did and when, as one file that Perfetto and chrome://tracing show, one row a rank's thread.
+"""Traces: spans of all ranks in a file for Perfetto and chrome://tracing, one row for each thread of a rank.
 
-Each rank notes spans by its own clock. Clocks of different nodes differ, so rank 0 asks every rank for its time and
-halves the round trip; the smallest of several round trips bounds the error. This is done before and after the work, and
-what a clock has drifted between the two is spread over it.
+Each rank records spans by its own clock. Rank 0 measures the offset of every rank's clock as half a round trip; the
+smallest of several round trips bounds the error. Offsets are measured before and after the work, and drift is
+interpolated linearly.
 
 References
 ----------
@@ -25,20 +25,20 @@ from numpy.typing import NDArray
 from clusterviz.image.replace import replacing
 
 ROUNDS = 8
-"""Round trips to each rank; the fastest counts."""
+"""Number of round trips to each rank; the fastest is used."""
 TAG = 30_011
 
 
 @dataclass(frozen=True)
 class Span:
-    """Something that one rank did.
+    """Interval of work on one rank.
 
     Attributes
     ----------
-    name, category : what is shown, and by what it can be filtered
+    name, category : the name shown, and the category for filters
     begin, end : seconds of this rank's `perf_counter`
-    args : shown when the span is chosen
-    row : of the rank's thread that did it; "" for the first
+    args : details shown for the selected span
+    row : name of the thread; "" for the main thread
     """
 
     name: str
@@ -51,13 +51,13 @@ class Span:
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """How far a rank's clock is ahead of rank 0's.
+    """Offset of a rank's clock from rank 0's.
 
     Attributes
     ----------
-    at : this rank's time when it was measured
-    seconds : ahead
-    round_trip : seconds; the offset is wrong by half of it at most
+    at : this rank's time of the measurement, seconds
+    seconds : offset; positive if this rank's clock is ahead
+    round_trip : seconds; the error of the offset is at most half of it
     """
 
     at: float
@@ -66,7 +66,7 @@ class ClockOffset:
 
 
 class Link(Protocol):
-    """What measuring clocks needs of a channel to the other ranks."""
+    """Channel operations that clock measurement needs."""
 
     @property
     def rank(self) -> int: ...
@@ -84,7 +84,7 @@ class Link(Protocol):
 
 
 def measure_offset(channel: Link, rounds: int = ROUNDS) -> ClockOffset:
-    """This rank's clock against rank 0's; collective."""
+    """Measure the offset of this rank's clock from rank 0's; collective."""
     if channel.rank > 0:
         mine = np.zeros(3)
         for _ in range(rounds):
@@ -118,27 +118,28 @@ def _receive(channel: Link, numbers: NDArray[np.float64], source: int) -> None:
 
 @dataclass(frozen=True)
 class RankTrace:
-    """All that one rank noted, and its clock before and after."""
+    """Spans of one rank, and its clock offsets before and after the work."""
 
     spans: tuple[Span, ...]
     before: ClockOffset
     after: ClockOffset
 
     def on_clock_of_rank_0(self, time: float) -> float:
-        """A time of this rank by rank 0's clock."""
+        """Convert a time of this rank to rank 0's clock."""
         lasted = self.after.at - self.before.at
         share = (time - self.before.at) / lasted if lasted > 0 else 0.0
         return time - self.before.seconds - share * (self.after.seconds - self.before.seconds)
 
 
 def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) -> Iterator[Span]:
-    """The spans of one composition inside [begin, end], from what it counted.
+    """Yield the spans of one composition in [begin, end], from its counters.
 
-    Its stages are known by their lengths: they are laid one behind the other, and so are packing, waiting and blending
-    within each, although these take turns.
+    Only durations are known: stages are placed one after the other, and so are packing, waiting and blending within a
+    stage, although these alternate.
 
     Parameters
     ----------
+    begin, end : seconds of this rank's clock
     compositing : as in `RankFrame.compositing`
     """
     if not compositing:
@@ -164,7 +165,7 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
 
 
 def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
-    """What `--trace` writes.
+    """Return the contents of a `--trace` file.
 
     Parameters
     ----------
@@ -181,7 +182,7 @@ def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
         for tid, row in enumerate(rows):
             shown = {"name": f"rank {number} {row}".strip()}
             events.append({**named, "tid": tid, "name": "thread_name", "args": shown})
-        # Where two begin together, the longer one is the outer one.
+        # Of two spans with equal begin, the longer one is the outer one.
         spans = sorted(rank.spans, key=lambda span: (span.begin, -span.end))
         events.extend(_event(number, rows.index(span.row), span, rank, origin) for span in spans)
     offsets = [
@@ -207,7 +208,7 @@ def _event(number: int, row: int, span: Span, rank: RankTrace, origin: float) ->
 
 
 def write_trace(path: Path, ranks: Sequence[RankTrace]) -> None:
-    """Write the trace of all ranks; whole or not at all.
+    """Write the trace of all ranks; the file appears whole or not at all.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from clusterviz.cli import scale
 from clusterviz.cli.scale import threads_per_rank
 from clusterviz.comm.placement import THREAD_VARIABLES
 from clusterviz.errors import ClustervizError
-from clusterviz.report.pages.scale.measure import Measured, Seat
+from clusterviz.report.pages.scale.measure import Measured, RankResources
 from clusterviz.report.statistics import STAGES, RankFrame
 from clusterviz.scene import Scene
 
@@ -100,10 +100,10 @@ def measured(ranks: int, step: float, seconds: float) -> Measured:
     stages = dict.fromkeys(STAGES, 0.0) | {"render": seconds / ranks, "total": seconds / ranks + 0.01, "cpu": seconds}
     frame = [RankFrame(dict(stages), bricks=1, samples=1200 // ranks, peak_memory_bytes=100) for _ in range(ranks)]
     once = [dict.fromkeys(("plan", "load", "context", "shaders"), 0.1)] * ranks
-    seats = [Seat("here", tuple(range(4)), None)] * ranks
+    resources = [RankResources("here", tuple(range(4)), None)] * ranks
     rects = [(0, 0, 32, 24)] * ranks
     return Measured(
-        [frame], once, 0.1, seats, list(range(ranks)), rects, "serial", [[]] * ranks, (32, 24), step, 16
+        [frame], once, 0.1, resources, list(range(ranks)), rects, "serial", [[]] * ranks, (32, 24), step, 16
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Run, render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.decisions import Accuracy
 from clusterviz.scene import Scene, scene_of_data
 
 RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"

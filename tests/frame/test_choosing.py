@@ -20,7 +20,7 @@ from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.shared_screen import SharedScreen
 from clusterviz.image import compare
 from clusterviz.plan.leftover import Picked
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.decisions import Accuracy
 from clusterviz.scene.complete import complete_scene
 
 ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)

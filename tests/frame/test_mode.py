@@ -23,7 +23,7 @@ from clusterviz.frame.sounding import Sounding, drawing_seconds, samples_of_rank
 from clusterviz.image import PartialImage
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
-from clusterviz.report.sharing import Forecast
+from clusterviz.report.decisions import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complete import complete_scene

@@ -10,7 +10,7 @@ import pytest
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.calibration import FOLLOWED
-from clusterviz.report.accuracy import Accuracy
+from clusterviz.report.decisions import Accuracy
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.settings import with_settings

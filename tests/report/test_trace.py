@@ -1,4 +1,4 @@
-"""Traces: one row a rank, spans that lie in each other, and clocks that agree."""
+"""Traces: rows, nested spans, and synchronised clocks."""
 
 from __future__ import annotations
 

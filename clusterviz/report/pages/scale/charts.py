@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from clusterviz.report.pages.scale.balance import Balance
-from clusterviz.report.pages.scale.forecast import Expected
-from clusterviz.report.pages.scale.points import Point
-from clusterviz.report.pages.scale.survey import Found
-from clusterviz.report.pages.svg import make_figure, svg_of
+from clusterviz.report.pages.output import make_figure, svg_of
+from clusterviz.report.pages.scale.forecast import PredictedFrame
+from clusterviz.report.pages.scale.points import Balance, Point
+from clusterviz.report.pages.scale.survey import SurveyResult
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
 STRONG_COLOUR, WEAK_COLOUR, IDEAL = "#0072B2", "#D55E00", "#999999"
@@ -25,7 +24,7 @@ STAGE_COLOURS = {
 """The stages of a frame; what is done once a job is in the table."""
 
 
-def frame_chart(found: Found) -> str:
+def frame_chart(found: SurveyResult) -> str:
     """Seconds of a frame and efficiency against ranks; SVG text."""
     figure = make_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2)
@@ -50,7 +49,7 @@ def frame_chart(found: Found) -> str:
     return svg_of(figure)
 
 
-def stage_chart(found: Found) -> str:
+def stage_chart(found: SurveyResult) -> str:
     """What a frame is made of, a bar a point; SVG text."""
     groups = [(name, points) for name, points in (("strong", found.strong), ("weak", found.weak)) if points]
     figure = make_figure(9.5, 0.9 + 0.34 * max(len(points) for _, points in groups))
@@ -72,7 +71,7 @@ def stage_chart(found: Found) -> str:
     return svg_of(figure)
 
 
-def balance_chart(found: Found) -> str:
+def balance_chart(found: SurveyResult) -> str:
     """Imbalance and memory against ranks; SVG text."""
     figure = make_figure(9.5, 3.3)
     left, right = figure.subplots(1, 2)
@@ -111,7 +110,10 @@ def orbit_chart(balance: Sequence[Balance]) -> str:
 
 
 def forecast_chart(
-    found: Found, strong: Sequence[Expected], weak: Sequence[Expected], others: Mapping[str, Sequence[Expected]]
+    found: SurveyResult,
+    strong: Sequence[PredictedFrame],
+    weak: Sequence[PredictedFrame],
+    others: Mapping[str, Sequence[PredictedFrame]],
 ) -> str:
     """Predicted curves with the measured points on them; SVG text.
 

@@ -29,11 +29,11 @@ from clusterviz.composite.schedules.algorithms import candidates
 from clusterviz.report.pages.scale.points import STRONG, Point
 from clusterviz.scene import Cluster
 
-MOST_RANKS = 65_536
-SHRINKS = 2 / 3
+MAX_RANKS = 65_536
+COVER_EXPONENT = 2 / 3
 """The exponent of a brick's share of the screen."""
-ABOUT = 1.05
-TELLING = 4.0
+NEAR_OPTIMAL = 1.05
+MIN_SAMPLE_RATIO = 4.0
 """Samples of the fitted ranks must differ so many times for a fixed time of each rank to be told from noise."""
 
 
@@ -61,7 +61,7 @@ class Rates:
 
 
 @dataclass(frozen=True)
-class Expected:
+class PredictedFrame:
     """A frame on so many ranks: seconds of drawing and reading back on the slowest rank, and of compositing."""
 
     ranks: int
@@ -95,7 +95,7 @@ class Machine:
         return replace(self.near if ranks <= self.ranks_per_node else self.far, cores=0)
 
 
-def find_rates(points: Sequence[Point]) -> Rates:
+def fit_rates(points: Sequence[Point]) -> Rates:
     """The rates, of at least one point; those of ranks that take turns only where there are no others."""
     own = [point for point in points if not point.crowded]
     asked = own or list(points)
@@ -114,24 +114,26 @@ def find_rates(points: Sequence[Point]) -> Rates:
 
 def _line(times: dict[int, float]) -> tuple[float, float]:
     """Seconds of nothing, and of a sample; through the origin where the samples are too much alike to tell both."""
-    if times and max(times) >= TELLING * min(times):
+    if times and max(times) >= MIN_SAMPLE_RATIO * min(times):
         fixed, each = fit_line(times)
         if each > 0:
             return fixed, each
     return 0.0, median(seconds / samples for samples, seconds in times.items()) if times else 0.0
 
 
-def forecast(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, counts: Sequence[int]) -> list[Expected]:
+def forecast(
+    rates: Rates, machine: Machine, cluster: Cluster, weak: bool, counts: Sequence[int]
+) -> list[PredictedFrame]:
     """What to expect for each number of ranks, of the strong scaling or of the weak one."""
     return [_expect(rates, machine, cluster, weak, ranks) for ranks in counts]
 
 
-def rank_numbers(most: int = MOST_RANKS) -> list[int]:
+def rank_counts(most: int = MAX_RANKS) -> list[int]:
     """1, 2, 4, …"""
     return [2**k for k in range(most.bit_length())]
 
 
-def _expect(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, ranks: int) -> Expected:
+def _expect(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, ranks: int) -> PredictedFrame:
     images = _images(rates.images, ranks)
     known = sorted(rates.samples.items())
     scene = float(np.interp(math.log(ranks), [math.log(n) for n, _ in known], [samples for _, samples in known]))
@@ -140,13 +142,13 @@ def _expect(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, ranks:
     draw = rates.draw_seconds + rates.draw_seconds_per_sample * slowest
     readback = rates.readback_seconds_per_pixel * images.largest * images.pixels
     seconds, algorithm, transport = _compositing(images, machine, cluster, ranks)
-    return Expected(ranks, draw + readback, seconds, algorithm, transport)
+    return PredictedFrame(ranks, draw + readback, seconds, algorithm, transport)
 
 
 def _images(measured: ImageStatistics, ranks: int) -> ImageStatistics:
     """What so many ranks would composite; no image is smaller than a pixel."""
     before = max(measured.images, 1)
-    shrunk = min(1.0, measured.cover * (before / ranks) ** SHRINKS) if ranks > 1 else 1.0
+    shrunk = min(1.0, measured.cover * (before / ranks) ** COVER_EXPONENT) if ranks > 1 else 1.0
     cover = max(shrunk, 1 / max(measured.pixels, 1))
     largest = min(1.0, cover * measured.largest / measured.cover)
     return replace(measured, images=ranks, cover=cover, largest=max(cover, largest))
@@ -185,12 +187,12 @@ def _transports(cluster: Cluster, nodes: int, each: int) -> list[str]:
     return [name for name in possible if name == cluster.transport] or ["messages"]
 
 
-def crossing(expected: Sequence[Expected]) -> int | None:
+def crossover_ranks(expected: Sequence[PredictedFrame]) -> int | None:
     """From how many ranks on compositing takes longer than drawing; None where it never does."""
     return next((one.ranks for one in expected if one.compositing_seconds > one.draw_seconds), None)
 
 
-def enough(expected: Sequence[Expected]) -> Expected:
+def sufficient_ranks(expected: Sequence[PredictedFrame]) -> PredictedFrame:
     """The fewest ranks whose frame is about as short as the shortest there is."""
     least = min(one.total_seconds for one in expected)
-    return next(one for one in expected if one.total_seconds <= ABOUT * least)
+    return next(one for one in expected if one.total_seconds <= NEAR_OPTIMAL * least)

@@ -34,7 +34,7 @@ Write = Callable[[Image, Scene], None]
 
 
 @dataclass(frozen=True)
-class Seat:
+class RankResources:
     """Where a rank sat, and what it shared.
 
     Attributes
@@ -72,7 +72,7 @@ class Measured:
     frames: list[list[RankFrame]]
     once: list[dict[str, float]]
     finish_seconds: float
-    seats: list[Seat]
+    resources: list[RankResources]
     order: list[int]
     rects: list[tuple[int, int, int, int]]
     algorithm: str
@@ -89,12 +89,12 @@ class Measured:
 
 def measured_from_json(data: dict[str, Any]) -> Measured:
     """What `as_json` gave, after a walk through a file."""
-    seats = [Seat(seat["host"], tuple(seat["cores"]), seat["gpu"]) for seat in data["seats"]]
+    resources = [RankResources(one["host"], tuple(one["cores"]), one["gpu"]) for one in data["resources"]]
     return Measured(
         **data
         | {
             "frames": [[RankFrame(**rank) for rank in frame] for frame in data["frames"]],
-            "seats": seats,
+            "resources": resources,
             "rects": [tuple(rect) for rect in data["rects"]],
             "counted": [[tuple(sent) for sent in rank] for rank in data["counted"]],
             "size": tuple(data["size"]),
@@ -102,7 +102,7 @@ def measured_from_json(data: dict[str, Any]) -> Measured:
     )
 
 
-ONCE = ("plan", "load", "context", "shaders")
+ONCE_STAGES = ("plan", "load", "context", "shaders")
 
 
 def measure(
@@ -143,20 +143,21 @@ def measure(
             write(picture, drawn.share.scene)
     finish_seconds = perf_counter() - began
     with abort_on_failure(channel, count, "tell"):
-        every = channel.allgather((cpu_seconds, _seat(channel, drawn, drawn.share.plan), counted, _sides(drawn)))
+        mine = (cpu_seconds, _resources(channel, drawn, drawn.share.plan), counted, _covered_rect(drawn))
+        gathered = channel.allgather(mine)
     timed = [
-        [_with_cpu(rank, told[0][number]) for rank, told in zip(one.statistics.per_rank, every, strict=True)]
+        [_with_cpu(rank, of_rank[0][number]) for rank, of_rank in zip(one.statistics.per_rank, gathered, strict=True)]
         for number, one in enumerate(rendered)
     ]
     return Measured(
         frames=timed[warm_up:],
-        once=[{name: rank.seconds.get(name, 0.0) for name in ONCE} for rank in timed[0]],
+        once=[{name: rank.seconds.get(name, 0.0) for name in ONCE_STAGES} for rank in timed[0]],
         finish_seconds=finish_seconds,
-        seats=[told[1] for told in every],
+        resources=[of_rank[1] for of_rank in gathered],
         order=list(dict.fromkeys(drawn.share.order)),
-        rects=[told[3] for told in every],
+        rects=[of_rank[3] for of_rank in gathered],
         algorithm=algorithm,
-        counted=[told[2] for told in every],
+        counted=[of_rank[2] for of_rank in gathered],
         size=drawn.share.scene.image.size,
         step=drawn.share.scene.quality.step,
         bytes_per_pixel=4 * np.dtype(np.float32).itemsize,
@@ -168,17 +169,17 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
     return replace(rank, seconds=rank.seconds | {"cpu": seconds})
 
 
-def _seat(channel: Channel, drawn: DrawnFrame, plan: Plan) -> Seat:
+def _resources(channel: Channel, drawn: DrawnFrame, plan: Plan) -> RankResources:
     """Where this rank sits, and what it drew on."""
     place, gpu = channel.placement(), None
     if drawn.counts.bricks and not on_processor(plan):
         devices = egl_devices()
         chosen = choose_device(devices, place.local_rank)
         gpu = None if devices[chosen].software else chosen
-    return Seat(place.host, tuple(sorted(granted_cores())), gpu)
+    return RankResources(place.host, tuple(sorted(granted_cores())), gpu)
 
 
-def _sides(drawn: DrawnFrame) -> tuple[int, int, int, int]:
+def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
     """What this rank's images cover."""
     rect = EMPTY
     for partial in drawn.partials:

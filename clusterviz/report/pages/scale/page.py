@@ -10,10 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from clusterviz.report.pages.scale.balance import DEGREES, FRAMES
-from clusterviz.report.pages.scale.forecast import Expected, Machine, Rates
-from clusterviz.report.pages.scale.points import Point, as_json
-from clusterviz.report.pages.scale.survey import Found
+from clusterviz.report.pages.scale.forecast import Machine, PredictedFrame, Rates
+from clusterviz.report.pages.scale.points import DEGREES, FRAMES, Point, as_json
+from clusterviz.report.pages.scale.survey import SurveyResult
 from clusterviz.report.pages.scale.verdict import verdict
 from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Scene, dump_scene
@@ -43,12 +42,12 @@ class Report:
     scene: Scene
     frames: int
     threads: str
-    found: Found
+    found: SurveyResult
     rates: Rates
     machine: Machine
-    strong: Sequence[Expected]
-    weak: Sequence[Expected]
-    others: Mapping[str, Sequence[Expected]]
+    strong: Sequence[PredictedFrame]
+    weak: Sequence[PredictedFrame]
+    others: Mapping[str, Sequence[PredictedFrame]]
     environment: Mapping[str, Any]
 
     @property
@@ -173,5 +172,5 @@ def html(report: Report) -> str:
     )
 
 
-def _expected(one: Expected) -> dict[str, Any]:
+def _expected(one: PredictedFrame) -> dict[str, Any]:
     return asdict(one) | {"total_seconds": one.total_seconds}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import median
 from typing import Any
@@ -11,12 +11,16 @@ from typing import Any
 from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.image.compare import Difference
 from clusterviz.image.region import Rect
-from clusterviz.report.pages.scale.measure import Measured, Seat
+from clusterviz.report.pages.scale.measure import Measured, RankResources
 from clusterviz.report.pages.scale.rounds import Round, canvas_of, count_rounds, dense_bytes
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 
 STRONG, WEAK = "strong", "weak"
 COMPOSITING = ("encode", "exchange", "blend", "collect")
+DISTRIBUTIONS = ("coherent", "dynamic")
+"""Compared: balance off, and on."""
+FRAMES, DEGREES = 12, 90.0
+"""Of the orbit, which begins at the scene's camera."""
 
 
 @dataclass(frozen=True)
@@ -108,9 +112,9 @@ def make_point(scaling: str, measured: Measured, difference: Difference | None) 
     return Point(
         scaling=scaling,
         ranks=len(last),
-        nodes=len({seat.host for seat in measured.seats}),
+        nodes=len({one.host for one in measured.resources}),
         step=measured.step,
-        crowded=crowding(measured.seats),
+        crowded=oversubscription(measured.resources),
         seconds=stages,
         total_seconds=median(totals),
         total_seconds_min=min(totals),
@@ -136,7 +140,7 @@ def make_point(scaling: str, measured: Measured, difference: Difference | None) 
         images=_images(measured, rects),
         readback_seconds_per_pixel=seconds["readback"] / pixels if pixels else 0.0,
         renderer=next((rank.renderer for rank in last if rank.renderer), ""),
-        software=all(seat.gpu is None for seat in measured.seats),
+        software=all(one.gpu is None for one in measured.resources),
         difference=difference,
     )
 
@@ -144,23 +148,23 @@ def make_point(scaling: str, measured: Measured, difference: Difference | None) 
 def with_efficiency(points: Sequence[Point]) -> list[Point]:
     """The points of one scaling with their efficiency against the smallest one that is not crowded."""
     base = next((point for point in sorted(points, key=lambda point: point.ranks) if not point.crowded), None)
-    return [point if base is None or point.crowded else _rated(point, base) for point in points]
+    return [point if base is None or point.crowded else _with_efficiency_of(point, base) for point in points]
 
 
-def crowding(seats: Sequence[Seat]) -> str:
+def oversubscription(resources: Sequence[RankResources]) -> str:
     """Why the ranks of a job take turns, in words; "" where each has a core to itself, and a GPU if it draws on one."""
-    for host in dict.fromkeys(seat.host for seat in seats):
-        here = [seat for seat in seats if seat.host == host]
-        cores = len({core for seat in here for core in seat.cores})
+    for host in dict.fromkeys(one.host for one in resources):
+        here = [one for one in resources if one.host == host]
+        cores = len({core for one in here for core in one.cores})
         if len(here) > cores:
             return f"{len(here)} ranks on {cores} core{'s' * (cores > 1)}"
-        gpus = Counter(seat.gpu for seat in here if seat.gpu is not None)
+        gpus = Counter(one.gpu for one in here if one.gpu is not None)
         if gpus and max(gpus.values()) > 1:
             return f"{sum(gpus.values())} ranks on {len(gpus)} GPU{'s' * (len(gpus) > 1)}"
     return ""
 
 
-def _rated(point: Point, base: Point) -> Point:
+def _with_efficiency_of(point: Point, base: Point) -> Point:
     """Strong: ranks times seconds should stay; weak: seconds should."""
     more = base.ranks / point.ranks if point.scaling == STRONG else 1.0
     return replace(point, efficiency=base.total_seconds * more / point.total_seconds)
@@ -191,3 +195,39 @@ def as_json(point: Point) -> dict[str, Any]:
     for one, values in zip(point.rounds, found["rounds"], strict=True):
         values["agrees"] = one.agrees
     return found
+
+
+@dataclass(frozen=True)
+class Balance:
+    """One distribution; lists by frame, the first one included.
+
+    Attributes
+    ----------
+    distribution, ranks : which, on how many
+    imbalance : largest over mean seconds of drawing
+    imbalance_samples : largest over mean number of samples, which no other program disturbs
+    busiest_samples : of the rank that took most
+    """
+
+    distribution: str
+    ranks: int
+    imbalance: tuple[float, ...]
+    imbalance_samples: tuple[float, ...]
+    busiest_samples: tuple[int, ...]
+
+    def rows(self) -> list[Mapping[str, Any]]:
+        """A line of the CSV for each frame."""
+        columns = zip(self.imbalance, self.imbalance_samples, self.busiest_samples, strict=True)
+        names = ("imbalance", "imbalance_samples", "busiest_samples")
+        about = {"distribution": self.distribution, "ranks": self.ranks}
+        return [
+            about | {"frame": number} | dict(zip(names, numbers, strict=True)) for number, numbers in enumerate(columns)
+        ]
+
+
+def make_balance(distribution: str, measured: Measured) -> Balance:
+    """What the job of one distribution says."""
+    samples = [[rank.samples for rank in frame] for frame in measured.frames]
+    even = [max(each) * len(each) / sum(each) if sum(each) else 1.0 for each in samples]
+    times = tuple(FrameStatistics(tuple(frame)).imbalance for frame in measured.frames)
+    return Balance(distribution, len(samples[0]), times, tuple(even), tuple(map(max, samples)))

@@ -13,9 +13,17 @@ from typing import Protocol
 
 from clusterviz.errors import ClustervizError
 from clusterviz.image.compare import Difference, compare
-from clusterviz.report.pages.scale.balance import DISTRIBUTIONS, Balance, make_balance
 from clusterviz.report.pages.scale.measure import Image, Measured
-from clusterviz.report.pages.scale.points import STRONG, WEAK, Point, make_point, with_efficiency
+from clusterviz.report.pages.scale.points import (
+    DISTRIBUTIONS,
+    STRONG,
+    WEAK,
+    Balance,
+    Point,
+    make_balance,
+    make_point,
+    with_efficiency,
+)
 from clusterviz.scene import Scene
 from clusterviz.scene.settings import with_settings
 
@@ -23,7 +31,7 @@ TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class Failed:
+class FailedJob:
     """A rank count that gave nothing, and why."""
 
     scaling: str
@@ -31,17 +39,17 @@ class Failed:
     reason: str
 
 
-DEALT: dict[str, object] = {"mode": "sort-last", "groups": None, "tiling": "auto"}
+SORT_LAST_SETTINGS: dict[str, object] = {"mode": "sort-last", "groups": None, "tiling": "auto"}
 """Settings by which the ranks share the data, as those do whose distributions are compared."""
 
 
 @dataclass(frozen=True)
-class Found:
+class SurveyResult:
     """What was measured: points by rank count, what failed, and distributions over the frames of an orbit."""
 
     strong: tuple[Point, ...]
     weak: tuple[Point, ...]
-    failed: tuple[Failed, ...]
+    failed: tuple[FailedJob, ...]
     balance: tuple[Balance, ...] = ()
 
     @property
@@ -64,7 +72,7 @@ def steps_of(counts: Sequence[int], weak: bool, balance: bool) -> list[str]:
 
 def run_survey(
     scene: Scene, counts: Sequence[int], weak: bool, balance: bool, job: Job, progress: Callable[[str], None]
-) -> Found:
+) -> SurveyResult:
     """Measure every rank count; one that fails takes no other along.
 
     Parameters
@@ -88,7 +96,7 @@ def run_survey(
         try:
             measured, picture = job(drawn, ranks)
         except ClustervizError as error:
-            failed.append(Failed(scaling, ranks, str(error)))
+            failed.append(FailedJob(scaling, ranks, str(error)))
             continue
         difference: Difference | None = None
         if scaling == STRONG:
@@ -102,21 +110,21 @@ def run_survey(
         alone = [replace(point, scaling=WEAK, difference=None) for point in points[STRONG] if point.ranks == 1]
         points[WEAK] = [*alone, *points[WEAK]]
     strong, more = (tuple(with_efficiency(points[scaling])) for scaling in (STRONG, WEAK))
-    return Found(strong, more, tuple(failed), tuple(orbits))
+    return SurveyResult(strong, more, tuple(failed), tuple(orbits))
 
 
 def _run_orbits(
     scene: Scene, ranks: int, job: Job, progress: Callable[[str], None]
-) -> tuple[list[Balance], list[Failed]]:
+) -> tuple[list[Balance], list[FailedJob]]:
     """One orbit by each distribution, and what failed."""
-    found, failed = list[Balance](), list[Failed]()
+    found, failed = list[Balance](), list[FailedJob]()
     for name in DISTRIBUTIONS:
         progress(_orbit(name, ranks))
         try:
-            measured, _ = job(with_settings(scene, DEALT | {"distribution": name}), ranks, orbit=True)
+            measured, _ = job(with_settings(scene, SORT_LAST_SETTINGS | {"distribution": name}), ranks, orbit=True)
             found.append(make_balance(name, measured))
         except ClustervizError as error:
-            failed.append(Failed(f"{name} distribution", ranks, str(error)))
+            failed.append(FailedJob(f"{name} distribution", ranks, str(error)))
     return found, failed
 
 

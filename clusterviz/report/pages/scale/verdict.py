@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clusterviz.report.pages.scale.balance import Balance
-from clusterviz.report.pages.scale.forecast import Expected, crossing, enough
-from clusterviz.report.pages.scale.points import COMPOSITING, STRONG, Point
-from clusterviz.report.pages.scale.survey import TOLERANCE, Found
+from clusterviz.report.pages.scale.forecast import PredictedFrame, crossover_ranks, sufficient_ranks
+from clusterviz.report.pages.scale.points import COMPOSITING, STRONG, Balance, Point
+from clusterviz.report.pages.scale.survey import TOLERANCE, SurveyResult
 
-FREE = 0.8
+MIN_CORE_SHARE = 0.8
 """Ranks that drew on less than this share of a core each had to share it."""
-CLEAR = 0.05
+MIN_LOSS = 0.05
 """A loss of less than this share of a frame is not worth a sentence."""
 
 
-def verdict(found: Found, expected: Sequence[Expected], network: str) -> list[str]:
+def verdict(found: SurveyResult, expected: Sequence[PredictedFrame], network: str) -> list[str]:
     """Sentences for the top of the page; `expected` is of strong scaling."""
     points = found.strong or found.weak
     own = [point for point in points if not point.crowded]
@@ -44,11 +43,11 @@ def _bottleneck(point: Point, base: Point) -> str:
     if point.efficiency is None or point.ranks == base.ranks:
         return head + "."
     tail = f"; parallel efficiency is {point.efficiency:.0%}"
-    if point.efficiency > 1 + CLEAR:
+    if point.efficiency > 1 + MIN_LOSS:
         return f"{head}{tail}: something slowed down the frames of {_ranks(base)}."
     losses = _losses(point, base)
     cause = max(losses, key=lambda loss: losses[loss])
-    if losses[cause] > CLEAR * point.total_seconds:
+    if losses[cause] > MIN_LOSS * point.total_seconds:
         tail += f", lost mostly to {cause} ({_milliseconds(losses[cause])} a frame)"
     return head + tail + "."
 
@@ -72,7 +71,9 @@ def _losses(point: Point, base: Point) -> dict[str, float]:
     parts, before = _parts(point), _parts(base)
     samples = sum(base.samples) * (1.0 if point.scaling == STRONG else point.ranks / base.ranks)
     hidden = point.render_mean_seconds * max(0.0, 1 - samples / max(sum(point.samples), 1))
-    slower = "drawing that is slower in parts" if _share(point) >= FREE else "drawing that other programs slowed"
+    slower = (
+        "drawing that is slower in parts" if _share(point) >= MIN_CORE_SHARE else "drawing that other programs slowed"
+    )
     return {
         "imbalance": point.render_seconds - point.render_mean_seconds,
         "samples behind what another rank shows opaque": hidden,
@@ -92,7 +93,7 @@ def _share(point: Point) -> float:
 def _busy(points: Sequence[Point], judged: Point, base: Point) -> list[str]:
     """That other programs took the cores: a rank that draws in software keeps a core busy, if it gets one."""
     least = min(map(_share, points), default=1.0)
-    if least >= FREE:
+    if least >= MIN_CORE_SHARE:
         return []
     said = f"Other programs were busy: the ranks got as little as {least:.0%} of a core each, so times are too long"
     if judged.ranks == base.ranks:
@@ -124,9 +125,9 @@ def _balance(balance: Sequence[Balance]) -> list[str]:
     ]
 
 
-def _beyond(expected: Sequence[Expected], network: str) -> list[str]:
+def _beyond(expected: Sequence[PredictedFrame], network: str) -> list[str]:
     """Where compositing overtakes drawing, and how many ranks are worth having."""
-    over, best = crossing(expected), enough(expected)
+    over, best = crossover_ranks(expected), sufficient_ranks(expected)
     last = expected[-1].ranks
     overtaken = f"compositing takes longer than drawing from {over:,} ranks on" if over else ""
     if not overtaken:
@@ -135,7 +136,7 @@ def _beyond(expected: Sequence[Expected], network: str) -> list[str]:
     return [f"By the time model on {network}, {overtaken}{end if best.ranks < last else ''}."]
 
 
-def _pictures(found: Found) -> str:
+def _pictures(found: SurveyResult) -> str:
     told = [point for point in found.strong if point.difference]
     if len(told) < 2:
         return "One rank count only: no pictures to compare."

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clusterviz.report.pages.svg import make_figure, svg_of
-from clusterviz.report.pages.tradeoff.rating import LEVEL, Rated, by_rms, pareto_front
-from clusterviz.report.pages.tradeoff.truth import Truth
+from clusterviz.report.pages.output import make_figure, svg_of
+from clusterviz.report.pages.tradeoff.ground_truth import GroundTruth
+from clusterviz.report.pages.tradeoff.rating import LEVEL, RatedSetting, by_rms, pareto_front
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -23,7 +23,7 @@ class Axis:
     """What is drawn along one side of a chart; `value` of a setting, in the unit of the label."""
 
     label: str
-    value: Callable[[Rated], float]
+    value: Callable[[RatedSetting], float]
 
 
 TOTAL = Axis("a frame [ms]", lambda one: 1e3 * one.cost.total_seconds)
@@ -37,7 +37,7 @@ UNLIKE = Axis("1 − SSIM", lambda one: 1 - one.ssim)
 SMALL_CHARTS = ((TOTAL, RMS), (TOTAL, UNLIKE), (RENDER, MAX), (SAMPLES, MAX), (MEMORY, MAX), (SENT, MAX))
 
 
-def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
+def main_chart(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
     """The error by which settings are judged against the time of a frame, from the fastest frame on; SVG text.
 
     The points of the front have the numbers that their rows in the table have.
@@ -65,7 +65,7 @@ def main_chart(rated: Sequence[Rated], truth: Truth) -> str:
     return svg_of(figure)
 
 
-def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
+def small_charts(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
     """The other costs and errors; SVG text. One whose cost is always the same is left out."""
     shown = ((TOTAL, MAX), *SMALL_CHARTS[1:]) if by_rms(truth) else SMALL_CHARTS
     pairs = [pair for pair in shown if len({pair[0].value(one) for one in rated}) > 1]
@@ -83,7 +83,7 @@ def small_charts(rated: Sequence[Rated], truth: Truth) -> str:
 
 
 def _draw(
-    axes: Any, rated: Sequence[Rated], cost: Axis, error: Axis, floor: float, best: Sequence[bool] | None = None
+    axes: Any, rated: Sequence[RatedSetting], cost: Axis, error: Axis, floor: float, best: Sequence[bool] | None = None
 ) -> None:
     """One chart; errors that cannot be told from none are drawn on the edge of a grey band.
 
@@ -111,7 +111,7 @@ def _draw(
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _groups(rated: Sequence[Rated]) -> list[tuple[str, str, str, list[int]]]:
+def _groups(rated: Sequence[RatedSetting]) -> list[tuple[str, str, str, list[int]]]:
     """Label, colour, marker and members of each kind of point, in the order of the legend."""
     knobs = list(dict.fromkeys(next(iter(one.setting.changes)) for one in rated if _alone(one)))
     groups = [("together", TOGETHER, "o", [i for i, one in enumerate(rated) if one.setting.kind == "together"])]
@@ -122,7 +122,7 @@ def _groups(rated: Sequence[Rated]) -> list[tuple[str, str, str, list[int]]]:
     return [group for group in groups if group[3]]
 
 
-def _alone(one: Rated) -> bool:
+def _alone(one: RatedSetting) -> bool:
     return len(one.setting.changes) == 1
 
 

@@ -41,7 +41,7 @@ class Knob:
     together: tuple[Any, ...] = ()
     exact: Any = None
     control: bool = False
-    apart: bool = False
+    exclusive: bool = False
     ranks: int = 1
 
     @property
@@ -61,7 +61,7 @@ KNOBS = (
     Knob("adaptive", "error within which slabs are longer where little changes", (1 / 1024, 1 / 255), (1 / 255,), 0.0),
     Knob("leaping", "whether rays start by the last frame, half a degree away", (False, True), (False,), False),
     Knob("borders", "what becomes of pre-integrated slabs that leave a brick", exact="overlap"),
-    Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), apart=True),
+    Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), exclusive=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
     Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
     Knob("transport", "how pixels travel", ranks=2, control=True),
@@ -185,7 +185,7 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
     """All changes of two knobs or more."""
-    turned = [knob for knob in knobs if not (knob.control or knob.apart)]
+    turned = [knob for knob in knobs if not (knob.control or knob.exclusive)]
     options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
     for values in product(*options):
         pairs = zip(turned, values, strict=True)

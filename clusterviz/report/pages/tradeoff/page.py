@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from clusterviz.errors import ClustervizError
+from clusterviz.report.pages.tradeoff.ground_truth import GroundTruth
 from clusterviz.report.pages.tradeoff.knobs import KNOBS
-from clusterviz.report.pages.tradeoff.pictures import error_picture, shown
-from clusterviz.report.pages.tradeoff.rating import Failed, Rated, by_rms, verdict
-from clusterviz.report.pages.tradeoff.truth import Truth
+from clusterviz.report.pages.tradeoff.pictures import error_map_url, thumbnail_url
+from clusterviz.report.pages.tradeoff.rating import FailedSetting, RatedSetting, by_rms, verdict
 from clusterviz.scene import Scene, background_rgb, dump_scene
 from clusterviz.scene.background import RGB
 
@@ -44,9 +44,9 @@ class Report:
     frames: int
     rounds: int
     renderer: str
-    truth: Truth
-    rated: Sequence[Rated]
-    failed: Sequence[Failed]
+    truth: GroundTruth
+    rated: Sequence[RatedSetting]
+    failed: Sequence[FailedSetting]
     left_out: int
     seconds_again: float
 
@@ -132,7 +132,7 @@ def html(report: Report) -> str:
         verdict=report.verdict,
         main_chart=charts.main_chart(report.rated, report.truth),
         small_charts=charts.small_charts(report.rated, report.truth),
-        truth_picture=shown(report.truth.picture, background),
+        truth_picture=thumbnail_url(report.truth.picture, background),
         rows=[_row(one, report.truth, background) for one in report.rated],
         controls=", ".join(f"{knob.name} ({knob.about})" for knob in KNOBS if knob.name in used),
         small=' class="small"' if report.scene.image.size[0] < PIXELATED else "",
@@ -142,7 +142,7 @@ def html(report: Report) -> str:
     )
 
 
-def _as_json(one: Rated) -> dict[str, Any]:
+def _as_json(one: RatedSetting) -> dict[str, Any]:
     """One entry of "settings"."""
     errors = {
         "max": one.max,
@@ -154,9 +154,9 @@ def _as_json(one: Rated) -> dict[str, Any]:
     return setting | one.cost.as_json() | errors | {"front": one.front}
 
 
-def _row(one: Rated, truth: Truth, background: RGB | None) -> dict[str, Any]:
+def _row(one: RatedSetting, truth: GroundTruth, background: RGB | None) -> dict[str, Any]:
     """One row of the table and one pair of pictures, in the page's units."""
-    error, factor = error_picture(one.image - truth.picture)
+    error, factor = error_map_url(one.image - truth.picture)
     return {
         "name": str(one.setting),
         "front": one.front,
@@ -170,7 +170,7 @@ def _row(one: Rated, truth: Truth, background: RGB | None) -> dict[str, Any]:
         "voxel_mib": one.cost.voxel_bytes / 2**20,
         "peak_mib": one.cost.peak_memory_bytes / 2**20,
         "sent_mib": one.cost.bytes_sent / 2**20,
-        "picture": shown(one.image, background),
+        "picture": thumbnail_url(one.image, background),
         "error": error,
         "factor": factor,
     }

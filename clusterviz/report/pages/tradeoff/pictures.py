@@ -14,12 +14,12 @@ from clusterviz.image import finish
 from clusterviz.scene.background import RGB
 
 WIDTH = 400
-MOST = 10.0**7
+MAX_FACTOR = 10.0**7
 
 Bytes = NDArray[np.uint8]
 
 
-def shown(rgba: NDArray[Any], background: RGB | None) -> str:
+def thumbnail_url(rgba: NDArray[Any], background: RGB | None) -> str:
     """A picture (h, w, 4), premultiplied, as a PNG in a data URL, at most `WIDTH` wide."""
     from PIL import Image
 
@@ -29,7 +29,7 @@ def shown(rgba: NDArray[Any], background: RGB | None) -> str:
     return _data_url(picture)
 
 
-def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
+def error_map_url(difference: NDArray[Any]) -> tuple[str, float]:
     """The largest error of each pixel's channels, from black (none) over red and yellow to white (1 / factor or more).
 
     Parameters
@@ -39,7 +39,7 @@ def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
     Returns
     -------
     url : a PNG in a data URL; made smaller, a pixel keeps the largest error of those that it stands for
-    factor : by how much the error is magnified: 1, 2 or 5 times a power of ten, at most `MOST`. All but
+    factor : by how much the error is magnified: 1, 2 or 5 times a power of ten, at most `MAX_FACTOR`. All but
         2 % of the wrong pixels stay below white.
     """
     from PIL import Image
@@ -51,9 +51,9 @@ def error_picture(difference: NDArray[Any]) -> tuple[str, float]:
 
 
 def _round_below(value: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, … that is not above a value, from 1 to `MOST`."""
-    if not 1 < value < MOST:
-        return 1.0 if value <= 1 else MOST
+    """The largest of 1, 2, 5, 10, 20, … that is not above a value, from 1 to `MAX_FACTOR`."""
+    if not 1 < value < MAX_FACTOR:
+        return 1.0 if value <= 1 else MAX_FACTOR
     power = 10.0 ** math.floor(math.log10(value))
     return power * max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-9))
 

@@ -10,23 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.image import compare, finish
+from clusterviz.report.pages.tradeoff.ground_truth import GroundTruth
 from clusterviz.report.pages.tradeoff.knobs import Setting
 from clusterviz.report.pages.tradeoff.measure import Cost, Image
 from clusterviz.report.pages.tradeoff.similarity import luminance, ssim
-from clusterviz.report.pages.tradeoff.truth import Truth
 from clusterviz.scene.background import RGB
 
 LEVEL = 1 / 255
 INVISIBLE = 2 * LEVEL
 """An error that a screen of 8 bits hardly shows."""
-BUSY = 1.15
+MAX_DRIFT = 1.15
 """Above this factor between two measurements of the same, other work is taken to be the reason."""
 GREY: RGB = (0.5, 0.5, 0.5)
 """Behind a transparent picture, for its structure: neither dark nor light parts vanish into it."""
 
 
 @dataclass(frozen=True)
-class Rated:
+class RatedSetting:
     """A setting, what it costs, and how far it is from the truth.
 
     Attributes
@@ -50,18 +50,18 @@ class Rated:
 
 
 @dataclass(frozen=True)
-class Failed:
+class FailedSetting:
     """A setting that could not be drawn, and why."""
 
     setting: Setting
     reason: str
 
 
-def rate(setting: Setting, cost: Cost, image: Image, truth: Truth, background: RGB | None) -> Rated:
+def rate(setting: Setting, cost: Cost, image: Image, truth: GroundTruth, background: RGB | None) -> RatedSetting:
     """Compare one picture with the truth."""
     difference = compare(image.astype(np.float64), truth.picture, LEVEL)
     alike = ssim(_grey(image, background), _grey(truth.picture.astype(np.float32), background))
-    return Rated(setting, cost, difference.max, difference.rms, difference.count, alike, image)
+    return RatedSetting(setting, cost, difference.max, difference.rms, difference.count, alike, image)
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
@@ -77,7 +77,7 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
     ]  # fmt: skip
 
 
-def by_rms(truth: Truth) -> bool:
+def by_rms(truth: GroundTruth) -> bool:
     """Whether settings are judged by their rms errors, because single pixels of the truth are not known well enough.
 
     So it is where a pixel may fall on either side of the edge of a surface, whatever the step.
@@ -85,7 +85,7 @@ def by_rms(truth: Truth) -> bool:
     return truth.max > INVISIBLE
 
 
-def error_of(one: Rated, truth: Truth) -> float:
+def error_of(one: RatedSetting, truth: GroundTruth) -> float:
     """What a setting is judged by, and claimed to err by at most: its largest error, or rms, and the truth's own.
 
     Both are distances, so that a setting is no farther from the real picture than their sum.
@@ -93,12 +93,12 @@ def error_of(one: Rated, truth: Truth) -> float:
     return sum(_distances(one, truth))
 
 
-def _distances(one: Rated, truth: Truth) -> tuple[float, float]:
+def _distances(one: RatedSetting, truth: GroundTruth) -> tuple[float, float]:
     """Of a setting from the truth, and of the truth from the real picture, as settings are judged."""
     return (one.rms, truth.rms) if by_rms(truth) else (one.max, truth.max)
 
 
-def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
+def with_front_numbers(rated: Sequence[RatedSetting], truth: GroundTruth) -> list[RatedSetting]:
     """The same, with those numbered that lie on the front of time and error.
 
     A third digit of an error counts not, nor one below the truth's own: to be nearer to it than it is to the real
@@ -111,22 +111,22 @@ def number_front(rated: Sequence[Rated], truth: Truth) -> list[Rated]:
     return [replace(one, front=numbers.get(i, 0)) for i, one in enumerate(rated)]
 
 
-def fastest_within(rated: Sequence[Rated], largest: float, truth: Truth) -> Rated | None:
+def fastest_within(rated: Sequence[RatedSetting], largest: float, truth: GroundTruth) -> RatedSetting | None:
     """The fastest whose error is no more than that."""
     return _fastest([one for one in rated if error_of(one, truth) <= largest])
 
 
-def fastest_as_exact(rated: Sequence[Rated], scene: Rated, truth: Truth) -> Rated | None:
+def fastest_as_exact(rated: Sequence[RatedSetting], scene: RatedSetting, truth: GroundTruth) -> RatedSetting | None:
     """The fastest that errs by no more than the scene as it is: rms, and in the worst pixel where that is known."""
     known = not by_rms(truth)
     return _fastest([one for one in rated if one.rms <= scene.rms and (one.max <= scene.max or not known)])
 
 
-def _fastest(rated: Sequence[Rated]) -> Rated | None:
+def _fastest(rated: Sequence[RatedSetting]) -> RatedSetting | None:
     return min(rated, key=lambda one: one.cost.total_seconds, default=None)
 
 
-def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[str]:
+def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.0) -> list[str]:
     """What the scene's trade is, in sentences.
 
     Parameters
@@ -157,7 +157,7 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
             f"The fastest of all, {quickest.setting}, is {ratio(scene, quickest)} faster than the scene as it is "
             f"and errs by {levels(quickest, truth)}."
         )
-    if drift > BUSY:
+    if drift > MAX_DRIFT:
         sentences.append(
             f"The machine was busy: the scene as it is, measured twice, took {drift:.2g} times as long once; smaller "
             "differences mean nothing, and --rounds 3 helps."
@@ -165,7 +165,7 @@ def verdict(rated: Sequence[Rated], truth: Truth, drift: float = 1.0) -> list[st
     return sentences
 
 
-def levels(one: Rated, truth: Truth) -> str:
+def levels(one: RatedSetting, truth: GroundTruth) -> str:
     """An error in levels of 8 bits, rounded up."""
     error = error_of(one, truth)
     in_levels, of_scale = _rounded_up(error / LEVEL), _rounded_up(error)
@@ -181,17 +181,17 @@ def _rounded_up(value: float) -> float:
     return math.ceil(value / unit * (1 - 1e-9)) * unit
 
 
-def milliseconds(one: Rated) -> str:
+def milliseconds(one: RatedSetting) -> str:
     """A frame's time for reading."""
     return f"{1e3 * one.cost.total_seconds:.3g} ms"
 
 
-def ratio(slow: Rated, fast: Rated) -> str:
+def ratio(slow: RatedSetting, fast: RatedSetting) -> str:
     """How many times as fast."""
     return f"{slow.cost.total_seconds / fast.cost.total_seconds:.2g} times"
 
 
-def faster(one: Rated, other: Rated, drift: float) -> bool:
+def faster(one: RatedSetting, other: RatedSetting, drift: float) -> bool:
     """Whether the difference is more than noise: half of one's frames took less than the fastest of the other's."""
     gain = max(1.05, drift)
     return one.cost.total_seconds < min(other.cost.total_seconds_min, other.cost.total_seconds / gain)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from clusterviz.errors import ClustervizError
+from clusterviz.report.pages.tradeoff.ground_truth import Draw, find_ground_truth
 from clusterviz.report.pages.tradeoff.knobs import Setting, changed
 from clusterviz.report.pages.tradeoff.measure import Image, Measured
 from clusterviz.report.pages.tradeoff.page import Report
-from clusterviz.report.pages.tradeoff.rating import Failed, Rated, number_front, rate
-from clusterviz.report.pages.tradeoff.truth import Draw, find_truth
+from clusterviz.report.pages.tradeoff.rating import FailedSetting, RatedSetting, rate, with_front_numbers
 from clusterviz.scene import Scene, background_rgb
 from clusterviz.scene.settings import with_settings
 
@@ -73,30 +73,30 @@ class Survey:
         # From here on nothing is left open, so that no setting can change what is shown.
         scene = first.scene
         progress(next(steps))
-        truth = find_truth(scene, _with_step(job), self.budget_seconds)
+        truth = find_ground_truth(scene, _with_step(job), self.budget_seconds)
         background = background_rgb(scene.image.background)
 
-        def rated(setting: Setting, drawn: Measured) -> Rated:
+        def rated(setting: Setting, drawn: Measured) -> RatedSetting:
             return rate(setting, drawn.cost, _picture(drawn), truth, background)
 
-        best, failed = {str(self.settings[0]): rated(self.settings[0], first)}, dict[str, Failed]()
+        best, failed = {str(self.settings[0]): rated(self.settings[0], first)}, dict[str, FailedSetting]()
         for setting in [*self.settings[1:], *(self.rounds - 1) * list(self.settings)]:
             progress(next(steps))
             try:
                 found = rated(setting, job(changed(scene, setting), self.frames))
             except ClustervizError as error:
-                failed[str(setting)] = Failed(setting, str(error))
+                failed[str(setting)] = FailedSetting(setting, str(error))
             else:
                 best[str(setting)] = _faster(best.get(str(setting)), found)
         progress(next(steps))
         again = job(scene, self.frames).cost.total_seconds
-        numbered = tuple(number_front([best[str(one)] for one in self.settings if str(one) in best], truth))
+        numbered = tuple(with_front_numbers([best[str(one)] for one in self.settings if str(one) in best], truth))
         lost = tuple(one for name, one in failed.items() if name not in best)
         how = (self.ranks, self.frames, self.rounds, first.renderer)
         return Report(name, scene, *how, truth, numbered, lost, self.left_out, again)
 
 
-def _faster(known: Rated | None, found: Rated) -> Rated:
+def _faster(known: RatedSetting | None, found: RatedSetting) -> RatedSetting:
     return found if known is None or found.cost.total_seconds < known.cost.total_seconds else known
 
 

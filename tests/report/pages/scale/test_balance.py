@@ -1,13 +1,12 @@
-"""Distributions over an orbit as numbers, and imbalance as the bottleneck."""
+"""Imbalance of distributions over an orbit."""
 
 from __future__ import annotations
 
 from report.pages.scale.test_forecast import CURVE
 from report.pages.scale.test_points import measured
 
-from clusterviz.report.pages.scale.balance import make_balance
-from clusterviz.report.pages.scale.points import STRONG, make_point
-from clusterviz.report.pages.scale.survey import Found
+from clusterviz.report.pages.scale.points import STRONG, make_balance, make_point
+from clusterviz.report.pages.scale.survey import SurveyResult
 from clusterviz.report.pages.scale.verdict import verdict
 
 
@@ -25,9 +24,9 @@ def test_the_first_sentence_names_imbalance_where_it_takes_most() -> None:
     shares = ([1, 1, 1, 87], [25, 25, 25, 25])
     uneven, even = (make_point(STRONG, measured([[9.0] * 4], samples), None) for samples in shares)
     balance = tuple(make_balance(name, measured([[1.0, 3.0]], [10, 30])) for name in ("coherent", "dynamic"))
-    said = verdict(Found((uneven,), (), (), balance), CURVE, "a network")
+    said = verdict(SurveyResult((uneven,), (), (), balance), CURVE, "a network")
     assert said[0].startswith("The bottleneck is imbalance: 73% of a frame of 9.1 s on 4 ranks")
     assert "busiest of 2 ranks takes so many times the mean samples: 1.50 (coherent) and 1.50 (dynamic)." in said[1]
-    plain = verdict(Found((even,), (), ()), CURVE, "a network")
+    plain = verdict(SurveyResult((even,), (), ()), CURVE, "a network")
     assert plain[0].startswith("The bottleneck is drawing: 99% of a frame of 9.1 s on 4 ranks")
     assert not any("orbit" in sentence for sentence in plain)

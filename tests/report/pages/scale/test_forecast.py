@@ -1,4 +1,4 @@
-"""Forecasts follow from what was put in, and the sentences from the numbers."""
+"""Forecasts of frames, and the sentences of the verdict."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import open_network
 from clusterviz.image.compare import compare
 from clusterviz.report.pages.scale.forecast import (
-    MOST_RANKS,
-    Expected,
+    MAX_RANKS,
     Machine,
+    PredictedFrame,
     Rates,
-    crossing,
-    enough,
-    find_rates,
+    crossover_ranks,
+    fit_rates,
     forecast,
-    rank_numbers,
+    rank_counts,
+    sufficient_ranks,
 )
 from clusterviz.report.pages.scale.points import STRONG, WEAK, Point
-from clusterviz.report.pages.scale.survey import Failed, Found
+from clusterviz.report.pages.scale.survey import FailedJob, SurveyResult
 from clusterviz.report.pages.scale.verdict import verdict
 from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Cluster
@@ -80,7 +80,7 @@ def rates(samples: float = 1e9, fixed: float = 0.0) -> Rates:
 
 
 def test_drawing_is_a_line_through_the_origin_where_samples_are_alike() -> None:
-    found = find_rates([ONE, TWO])
+    found = fit_rates([ONE, TWO])
     assert (found.draw_seconds, found.draw_seconds_per_sample) == (0.0, pytest.approx(1e-3))
     assert found.samples == {1: 1000, 2: 1000}
     assert (found.imbalance, found.crowded) == (1.2, False)
@@ -88,20 +88,20 @@ def test_drawing_is_a_line_through_the_origin_where_samples_are_alike() -> None:
 
 def test_a_fixed_time_is_found_where_samples_differ_enough() -> None:
     eight = point(8, [0.1 + 1e-3 * n for n in range(100, 108)], list(range(100, 108)))
-    found = find_rates([point(1, [0.9], [800]), eight])
+    found = fit_rates([point(1, [0.9], [800]), eight])
     assert (found.draw_seconds, found.draw_seconds_per_sample) == (pytest.approx(0.1), pytest.approx(1e-3))
 
 
 def test_ranks_that_take_turns_are_fitted_only_where_there_are_no_others() -> None:
     slow = point(2, [5.0, 5.0], [500, 500], crowded="2 ranks on 1 core")
-    assert find_rates([ONE, slow]).draw_seconds_per_sample == pytest.approx(1e-3)
-    assert not find_rates([ONE, slow]).crowded
-    alone = find_rates([slow])
+    assert fit_rates([ONE, slow]).draw_seconds_per_sample == pytest.approx(1e-3)
+    assert not fit_rates([ONE, slow]).crowded
+    alone = fit_rates([slow])
     assert (alone.draw_seconds_per_sample, alone.crowded) == (pytest.approx(1e-2), True)
 
 
 def test_samples_that_opaque_parts_add_are_kept() -> None:
-    found = find_rates([point(1, [1.0], [1000]), point(4, [0.5] * 4, [500] * 4)])
+    found = fit_rates([point(1, [1.0], [1000]), point(4, [0.5] * 4, [500] * 4)])
     assert found.samples == {1: 1000, 4: 2000}
     one, two, four, eight = forecast(replace(found, imbalance=1.0), MACHINE, Cluster(), False, [1, 2, 4, 8])
     each = found.draw_seconds_per_sample
@@ -111,8 +111,8 @@ def test_samples_that_opaque_parts_add_are_kept() -> None:
 
 
 def test_strong_drawing_shrinks_and_weak_drawing_stays() -> None:
-    counts = rank_numbers()
-    assert (counts[0], counts[-1], len(counts)) == (1, MOST_RANKS, 17)
+    counts = rank_counts()
+    assert (counts[0], counts[-1], len(counts)) == (1, MAX_RANKS, 17)
     strong, weak = (forecast(rates(), MACHINE, Cluster(), weakly, counts) for weakly in (False, True))
     assert strong[0].draw_seconds == weak[0].draw_seconds == pytest.approx(10.0)
     assert [one.draw_seconds for one in strong[1:]] == pytest.approx([15.0 / n for n in counts[1:]])
@@ -138,19 +138,19 @@ def test_named_is_never_faster_than_auto() -> None:
 
 
 def test_where_curves_cross() -> None:
-    curve = [Expected(n, 1.0 / n, 0.01 * n**0.5, "tree", "messages") for n in rank_numbers(1024)]
-    assert crossing(curve) == 32
-    assert crossing(curve[:4]) is None
-    assert enough(curve).ranks == min(curve, key=lambda one: one.total_seconds).ranks
-    flat = [Expected(n, 1.0 + 0.001 / n, 0.0, "tree", "messages") for n in rank_numbers(1024)]
-    assert enough(flat).ranks == 1
+    curve = [PredictedFrame(n, 1.0 / n, 0.01 * n**0.5, "tree", "messages") for n in rank_counts(1024)]
+    assert crossover_ranks(curve) == 32
+    assert crossover_ranks(curve[:4]) is None
+    assert sufficient_ranks(curve).ranks == min(curve, key=lambda one: one.total_seconds).ranks
+    flat = [PredictedFrame(n, 1.0 + 0.001 / n, 0.0, "tree", "messages") for n in rank_counts(1024)]
+    assert sufficient_ranks(flat).ranks == 1
 
 
-CURVE = [Expected(n, 1.0 / n, 0.001 * n, "tree", "messages") for n in rank_numbers(1024)]
+CURVE = [PredictedFrame(n, 1.0 / n, 0.001 * n, "tree", "messages") for n in rank_counts(1024)]
 
 
-def said(*points: Point, failed: tuple[Failed, ...] = (), weak: tuple[Point, ...] = ()) -> list[str]:
-    return verdict(Found(points, weak, failed), CURVE, "a network")
+def said(*points: Point, failed: tuple[FailedJob, ...] = (), weak: tuple[Point, ...] = ()) -> list[str]:
+    return verdict(SurveyResult(points, weak, failed), CURVE, "a network")
 
 
 def test_the_first_sentence_names_the_bottleneck_and_the_loss() -> None:
@@ -193,5 +193,5 @@ def test_pictures_that_differ_and_counts_that_failed_are_told() -> None:
     wrong = replace(TWO, difference=compare(BLACK + 0.5, BLACK, 1e-5))
     assert any("THE PICTURES DISAGREE: by up to 5.0e-01 (2 ranks)" in sentence for sentence in said(ONE, wrong))
     assert "The pictures of all rank counts are identical." in said(ONE, TWO)
-    assert said(ONE, failed=(Failed(WEAK, 7, "killed"),))[-1] == "Not measured: 7 ranks (weak)."
+    assert said(ONE, failed=(FailedJob(WEAK, 7, "killed"),))[-1] == "Not measured: 7 ranks (weak)."
     assert any("compositing takes longer than drawing from 32 ranks on" in sentence for sentence in said(ONE))

@@ -1,4 +1,4 @@
-"""A job of the scaling report on ranks of this process."""
+"""Measurement of one rank count on ranks of this process."""
 
 from __future__ import annotations
 

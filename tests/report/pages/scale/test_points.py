@@ -1,4 +1,4 @@
-"""What is said of a rank count, and that nothing is claimed where ranks take turns."""
+"""Points of scaling curves; none is rated on oversubscribed cores."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import pytest
 
-from clusterviz.report.pages.scale.measure import Measured, Seat, measured_from_json
-from clusterviz.report.pages.scale.points import STRONG, WEAK, as_json, crowding, make_point, with_efficiency
+from clusterviz.report.pages.scale.measure import Measured, RankResources, measured_from_json
+from clusterviz.report.pages.scale.points import STRONG, WEAK, as_json, make_point, oversubscription, with_efficiency
 from clusterviz.report.statistics import STAGES, RankFrame
 
 
-def seat(host: str, cores: int, gpu: int | None = None) -> Seat:
-    return Seat(host, tuple(range(cores)), gpu)
+def seat(host: str, cores: int, gpu: int | None = None) -> RankResources:
+    return RankResources(host, tuple(range(cores)), gpu)
 
 
-def measured(render: list[list[float]], samples: list[int], seats: list[Seat] | None = None) -> Measured:
+def measured(render: list[list[float]], samples: list[int], resources: list[RankResources] | None = None) -> Measured:
     """A job with drawing times by frame, then rank; a frame takes 0.1 s more than its slowest rank draws."""
     ranks = len(samples)
     frames = [
@@ -33,13 +33,13 @@ def measured(render: list[list[float]], samples: list[int], seats: list[Seat] | 
     ]
     once = [{"plan": 1.0 + rank, "load": 2.0, "context": 0.0, "shaders": 0.0} for rank in range(ranks)]
     rects = [(0, 0, 10, 10), (5, 0, 20, 10), (0, 0, 0, 0), (0, 10, 20, 20)][:ranks]
-    everywhere = seats or [seat("here", ranks)] * ranks
+    everywhere = resources or [seat("here", ranks)] * ranks
     order = list(range(ranks))[::-1]
     return Measured(frames, once, 0.5, everywhere, order, rects, "tree", [[]] * ranks, (32, 24), 1.0, 16)
 
 
 @pytest.mark.parametrize(
-    ("seats", "said"),
+    ("resources", "said"),
     [
         ([seat("a", 4)] * 4, ""),
         ([seat("a", 4)] * 5, "5 ranks on 4 cores"),
@@ -47,15 +47,15 @@ def measured(render: list[list[float]], samples: list[int], seats: list[Seat] | 
         ([seat("a", 2), seat("a", 2), seat("b", 2), seat("b", 2)], ""),
         ([seat("a", 2), seat("b", 2), seat("b", 2), seat("b", 2)], "3 ranks on 2 cores"),
         # Bound to cores of their own.
-        ([Seat("a", (0,), None), Seat("a", (1,), None)], ""),
-        ([Seat("a", (0,), None), Seat("a", (0,), None)], "2 ranks on 1 core"),
+        ([RankResources("a", (0,), None), RankResources("a", (1,), None)], ""),
+        ([RankResources("a", (0,), None), RankResources("a", (0,), None)], "2 ranks on 1 core"),
         ([seat("a", 8, 0), seat("a", 8, 1)], ""),
         ([seat("a", 8, 0), seat("a", 8, 0)], "2 ranks on 1 GPU"),
         ([seat("a", 8, 0), seat("b", 8, 0)], ""),
     ],
 )
-def test_ranks_that_take_turns_are_found(seats: list[Seat], said: str) -> None:
-    assert crowding(seats) == said
+def test_ranks_that_take_turns_are_found(resources: list[RankResources], said: str) -> None:
+    assert oversubscription(resources) == said
 
 
 def test_times_are_of_the_slowest_rank_and_the_median_frame() -> None:

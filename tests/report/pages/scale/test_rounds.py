@@ -1,4 +1,4 @@
-"""What is counted beside theory is what the exchange sends, for every algorithm, and a message less is seen."""
+"""Messages and pixels of each round equal the schedule's, for every algorithm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite import ALGORITHMS, Compositor
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
-from clusterviz.report.pages.scale.measure import Measured, Seat
+from clusterviz.report.pages.scale.measure import Measured, RankResources
 from clusterviz.report.pages.scale.rounds import count_rounds, dense_bytes
 
 SIZE = (40, 30)
@@ -30,8 +30,8 @@ def sent(algorithm: str, rects: Sequence[tuple[int, int, int, int]], order: list
         return [(stage.messages_sent, stage.pixels_sent) for stage in counters.stages]
 
     counted = run_loopback(len(rects), rank)
-    seats = [Seat("here", (0,), None)] * len(rects)
-    return Measured([], [], 0.0, seats, order, list(rects), algorithm, counted, SIZE, 1.0, 16)
+    resources = [RankResources("here", (0,), None)] * len(rects)
+    return Measured([], [], 0.0, resources, order, list(rects), algorithm, counted, SIZE, 1.0, 16)
 
 
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))

@@ -1,4 +1,4 @@
-"""Every quality setting is tried alone and with others, and none twice."""
+"""Quality settings alone and in combinations, none twice."""
 
 from __future__ import annotations
 

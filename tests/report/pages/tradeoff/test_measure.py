@@ -1,4 +1,4 @@
-"""What is timed: one scene again and again, or on the way to its camera where one frame tells the next."""
+"""Timed frames: one scene repeated, or an approach to its camera with frame coherence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which settings are best, and what is said of a scene."""
+"""Pareto front and verdict of quality settings."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.report.pages.tradeoff.ground_truth import GroundTruth, Halving
 from clusterviz.report.pages.tradeoff.knobs import Setting
 from clusterviz.report.pages.tradeoff.measure import Cost
 from clusterviz.report.pages.tradeoff.rating import (
-    Rated,
+    RatedSetting,
     fastest_within,
-    number_front,
     pareto_front,
     rate,
     verdict,
+    with_front_numbers,
 )
-from clusterviz.report.pages.tradeoff.truth import Halving, Truth
 
 LEVEL = 1 / 255
-TRUTH = Truth(np.full((12, 12, 4), 0.5), "reference", "", 0.1, 1e-5, 1e-6, (Halving(0.1, 1e-5, 1e-6),))
+TRUTH = GroundTruth(np.full((12, 12, 4), 0.5), "reference", "", 0.1, 1e-5, 1e-6, (Halving(0.1, 1e-5, 1e-6),))
 COST = Cost(0.01, 0.1, 0.1, 0.1, 1000, 1 << 20, 1 << 28, 0, 0)
 
 
-def setting(seconds: float, error: float, **changes: Any) -> Rated:
+def setting(seconds: float, error: float, **changes: Any) -> RatedSetting:
     kind = "alone" if changes else "scene"
     cost = replace(COST, total_seconds=seconds, total_seconds_min=seconds, total_seconds_max=seconds)
-    return Rated(Setting(changes, kind), cost, error, error / 10, 0, 1.0, np.zeros((1, 1, 4), np.float32))
+    return RatedSetting(Setting(changes, kind), cost, error, error / 10, 0, 1.0, np.zeros((1, 1, 4), np.float32))
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1))
@@ -51,12 +51,12 @@ def test_the_front_is_numbered_from_the_fastest_on() -> None:
         setting(0.3, 0.01, brick=32),
         setting(0.4, 0.001, step=0.5),
     ]
-    assert [one.front for one in number_front(rated, TRUTH)] == [2, 1, 0, 3]
+    assert [one.front for one in with_front_numbers(rated, TRUTH)] == [2, 1, 0, 3]
 
 
 def test_what_is_below_the_truths_own_error_is_no_better() -> None:
     rated = [setting(0.2, 5e-6), setting(0.3, 1e-9, step=0.5), setting(0.4, 1.0, step=4.0)]
-    assert [one.front for one in number_front(rated, TRUTH)] == [1, 0, 0]
+    assert [one.front for one in with_front_numbers(rated, TRUTH)] == [1, 0, 0]
 
 
 def test_errors_are_those_of_the_picture() -> None:
@@ -124,9 +124,9 @@ def test_where_single_pixels_are_not_known_rms_errors_judge() -> None:
     """`setting` has a tenth of its largest error as rms."""
     truth = replace(TRUTH, max=0.6, rms=1e-3)
     rated = [setting(0.2, 0.5), setting(0.1, 0.05, step=0.5), setting(0.05, 0.7, step=4.0)]
-    assert [one.front for one in number_front(rated, TRUTH)] == [0, 2, 1]
-    assert [one.front for one in number_front(rated, truth)] == [0, 2, 1]
-    assert [one.front for one in number_front(rated, replace(truth, rms=0.1))] == [0, 0, 1]
+    assert [one.front for one in with_front_numbers(rated, TRUTH)] == [0, 2, 1]
+    assert [one.front for one in with_front_numbers(rated, truth)] == [0, 2, 1]
+    assert [one.front for one in with_front_numbers(rated, replace(truth, rms=0.1))] == [0, 0, 1]
     text = " ".join(verdict(rated, truth))
     assert "errs by up to 14 levels of 255, rms" in text
     assert "not known well enough to judge by" in text

@@ -1,4 +1,4 @@
-"""An output folder appears whole or not at all, and nothing that is not a report is overwritten."""
+"""Output folders appear whole or not at all, and other files are not overwritten."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from clusterviz.errors import OutputError
-from clusterviz.report.pages.folder import check_folder, replacing_folder
+from clusterviz.report.pages.output import check_folder, replacing_folder
 
 MARK = "report.json"
 

@@ -31,11 +31,11 @@ Draw = Callable[[Scene, float], NDArray[Any]]
 GOAL = 1e-4
 """Halving the step may change the picture by this much: 1/40 of a level of 8 bits."""
 COARSEST = 0.25
-ENOUGH = 1 / 8
+REFERENCE_STEP = 1 / 8
 """The reference is taken where it can reach this step, below all that are measured, within the budget."""
-SMALL, SHARE = 64, 0.25
+CHECK_WIDTH, CHECK_SHARE = 64, 0.25
 """The renderer is checked at this width, with a step for which the reference takes this share of the budget."""
-MOST_BYTES = 1 << 30
+MAX_REFERENCE_BYTES = 1 << 30
 """The reference holds the whole volume in memory."""
 
 
@@ -49,7 +49,7 @@ class Halving:
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """The picture that all others are measured against.
 
     Attributes
@@ -103,7 +103,7 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
             return picture, halvings
 
 
-def find_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Truth:
+def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> GroundTruth:
     """The picture without error.
 
     Parameters
@@ -114,32 +114,33 @@ def find_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Truth:
     budget_seconds : roughly, for all of it
     """
     scene = with_settings(scene, exact_settings())
-    witness, why = _witness(scene)
-    if witness is None:
+    reference, why = _reference_renderer(scene)
+    if reference is None:
         return _converged(renderer, "renderer", why, scene, budget_seconds)
-    small = _resized(scene, SMALL)
-    small_seconds = _seconds(lambda: witness(small, 1.0))
+    small = _resized(scene, CHECK_WIDTH)
+    small_seconds = _seconds(lambda: reference(small, 1.0))
     # Each halving takes as long as all pictures before it together.
-    seconds = 2 * small_seconds * _pixels(scene) / _pixels(small) / ENOUGH
+    seconds = 2 * small_seconds * _pixels(scene) / _pixels(small) / REFERENCE_STEP
     if seconds <= budget_seconds:
-        why = f"it takes about {seconds:.0f} s to a step of {ENOUGH:g}, of {budget_seconds:.0f} s allowed"
-        return _converged(witness, "reference", why, scene, budget_seconds)
-    why = f"the reference would take about {seconds:.0f} s to a step of {ENOUGH:g}, more than {budget_seconds:.0f} s"
+        why = f"it takes about {seconds:.0f} s to a step of {REFERENCE_STEP:g}, of {budget_seconds:.0f} s allowed"
+        return _converged(reference, "reference", why, scene, budget_seconds)
+    takes = f"the reference would take about {seconds:.0f} s to a step of {REFERENCE_STEP:g}"
+    why = f"{takes}, more than {budget_seconds:.0f} s"
     truth = _converged(renderer, "renderer", why, scene, budget_seconds)
-    affordable = max(truth.step, 2.0 ** math.ceil(math.log2(small_seconds / (SHARE * max(1.0, budget_seconds)))))
-    return _checked(truth, renderer, witness, small, affordable)
+    affordable = max(truth.step, 2.0 ** math.ceil(math.log2(small_seconds / (CHECK_SHARE * max(1.0, budget_seconds)))))
+    return _checked(truth, renderer, reference, small, affordable)
 
 
-def _converged(draw: Draw, source: str, why: str, scene: Scene, budget_seconds: float) -> Truth:
+def _converged(draw: Draw, source: str, why: str, scene: Scene, budget_seconds: float) -> GroundTruth:
     """The truth by one of the two ways."""
     picture, halvings = converge(lambda step: draw(scene, step), budget_seconds)
     last = halvings[-1]
-    return Truth(picture.astype(np.float64), source, why, last.step, last.max, last.rms, tuple(halvings))
+    return GroundTruth(picture.astype(np.float64), source, why, last.step, last.max, last.rms, tuple(halvings))
 
 
-def _checked(truth: Truth, renderer: Draw, witness: Draw, small: Scene, step: float) -> Truth:
+def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, step: float) -> GroundTruth:
     """The renderer's truth with its own error added, measured at a small size against float64 with the same step."""
-    difference = compare(renderer(small, step).astype(np.float64), witness(small, step))
+    difference = compare(renderer(small, step).astype(np.float64), reference(small, step))
     return replace(
         truth,
         max=truth.max + difference.max,
@@ -148,22 +149,22 @@ def _checked(truth: Truth, renderer: Draw, witness: Draw, small: Scene, step: fl
     )
 
 
-def _witness(scene: Scene) -> tuple[Draw | None, str]:
+def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
     """The float64 reference of the scene as a function of scene and step, or why there is none."""
     sources = [open_volume(volume) for volume in scene.volumes]
-    if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MOST_BYTES:
-        return None, f"the reference holds no more than {MOST_BYTES >> 30} GiB of voxels in memory"
+    if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
+        return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
 
-    def witness(of: Scene, step: float) -> Floats:
+    def reference(of: Scene, step: float) -> Floats:
         return render_reference(of, grids, voxels, step)
 
     try:
-        witness(_resized(scene, 2), 8.0)
+        reference(_resized(scene, 2), 8.0)
     except ClustervizError as error:
         return None, f"the reference cannot draw this scene ({error})"
-    return witness, ""
+    return reference, ""
 
 
 def _resized(scene: Scene, width: int) -> Scene:

@@ -1,4 +1,4 @@
-"""The picture without error: what converges is known as well as it is said to be, and what was used is said."""
+"""Ground truth: convergence, its own error, and the choice of the renderer."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clusterviz.errors import InputError
-from clusterviz.report.pages.tradeoff import truth as truth_module
-from clusterviz.report.pages.tradeoff.truth import COARSEST, GOAL, converge, find_truth
+from clusterviz.report.pages.tradeoff import ground_truth
+from clusterviz.report.pages.tradeoff.ground_truth import COARSEST, GOAL, converge, find_ground_truth
 from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene
 from clusterviz.scene.settings import with_settings
 
@@ -41,7 +41,7 @@ def test_it_ends_where_the_budget_does() -> None:
 
 
 def test_the_reference_is_taken_where_there_is_time() -> None:
-    found = find_truth(scene(), never, 60)
+    found = find_ground_truth(scene(), never, 60)
     assert (found.source, found.picture.shape, found.checked) == ("reference", (9, 12, 4), None)
     assert 0 < found.max <= GOAL
     assert found.picture.max() > 0.01
@@ -53,11 +53,11 @@ def test_else_the_renderer_is_and_is_checked_against_float64() -> None:
 
     def renderer(of: Scene, step: float) -> Any:
         steps.append((of.image.size, step))
-        exact = truth_module._witness(of)[0]
+        exact = ground_truth._reference_renderer(of)[0]
         assert exact is not None
         return exact(of, step) + 1e-3
 
-    found = find_truth(scene(size=(80, 60)), renderer, 1e-9)
+    found = find_ground_truth(scene(size=(80, 60)), renderer, 1e-9)
     assert found.source == "renderer"
     assert "more than" in found.why
     assert steps[0] == ((80, 60), 0.25)
@@ -73,9 +73,9 @@ def test_what_the_reference_cannot_draw_is_said(fault: str, monkeypatch: pytest.
         raise InputError("no such look")
 
     if fault == "large":
-        monkeypatch.setattr(truth_module, "MOST_BYTES", 100)
+        monkeypatch.setattr(ground_truth, "MAX_REFERENCE_BYTES", 100)
     else:
-        monkeypatch.setattr(truth_module, "render_reference", refuse)
-    found = find_truth(scene(), lambda of, step: np.full((9, 12, 4), 0.5, np.float32), 60)
+        monkeypatch.setattr(ground_truth, "render_reference", refuse)
+    found = find_ground_truth(scene(), lambda of, step: np.full((9, 12, 4), 0.5, np.float32), 60)
     assert (found.source, found.checked, found.max) == ("renderer", None, 0)
     assert ("GiB" in found.why) if fault == "large" else ("no such look" in found.why)

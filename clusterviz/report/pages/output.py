@@ -1,12 +1,14 @@
-"""Whole folders or none: a report appears under its name only once all of its files are there."""
+"""Output of report pages: folders that appear whole or not at all, and figures as SVG."""
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from clusterviz.errors import OutputError
 from clusterviz.image.replace import folder_error, lock_temporary, remove_temporary, temporary_name
@@ -14,17 +16,17 @@ from clusterviz.image.replace import folder_error, lock_temporary, remove_tempor
 
 @contextmanager
 def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Path]:
-    """Give a temporary folder beside `path`; when the block ends well it becomes `path`, else it is removed.
+    """Yield a temporary folder beside `path`; it replaces `path` when the block succeeds, else it is removed.
 
     Parameters
     ----------
-    path : the folder to be; an empty folder, or an older report, may stand there
-    known_by : the file by which an older report is recognised, and may be replaced
+    path : the output folder; an empty folder or an older report is replaced
+    known_by : the file that identifies an older report
 
     Raises
     ------
     OutputError
-        Something else stands there, or the folder cannot be made, written (any OSError of the block) or renamed.
+        `path` is something else, or the folder cannot be made, written (any OSError of the block) or renamed.
     """
     target = Path(path).absolute()
     temporary = _create(target, known_by)
@@ -38,17 +40,18 @@ def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Pa
 
 
 def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
-    """Find out before minutes of work whether `replacing_folder` could begin.
+    """Check before measuring that `replacing_folder` can begin.
 
     Raises
     ------
     OutputError
+        See `replacing_folder`.
     """
     remove_temporary(_create(Path(path).absolute(), known_by))
 
 
 def _create(target: Path, known_by: str) -> Path:
-    """An empty hidden folder beside the target, which nothing may be lost to."""
+    """Create an empty hidden folder beside the target; refuse targets that hold other files."""
     if target.exists() and not target.is_dir():
         raise OutputError("cannot be a folder", where=str(target), found="a file", allowed="a folder's name")
     if target.is_dir() and any(target.iterdir()) and not (target / known_by).is_file():
@@ -64,7 +67,7 @@ def _create(target: Path, known_by: str) -> Path:
 
 
 def _rename(temporary: Path, target: Path) -> None:
-    """Put the new folder in the place of the old one, which is out of the way for one rename only."""
+    """Replace the old folder by the new one; between two renames there is none."""
     if not target.is_dir():
         os.rename(temporary, target)
         return
@@ -76,3 +79,20 @@ def _rename(temporary: Path, target: Path) -> None:
         os.rename(old, target)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def make_figure(width: float, height: float) -> Any:
+    """Return a figure without a window; width and height in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def svg_of(figure: Any) -> str:
+    """Return a figure as an SVG element for HTML, with text in the page's font."""
+    import matplotlib as mpl
+
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "clusterviz", "font.family": "sans-serif"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()[text.getvalue().index("<svg") :]

@@ -1,0 +1,132 @@
+"""Decisions of a frame: settings chosen for an error bound, the mode chosen, and settings not used as given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+CONFIDENCE = "no proof: see docs/accuracy.md for how often such bounds are held"
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Settings chosen for `quality.max_error`, and the expected error.
+
+    Attributes
+    ----------
+    max_error : the bound asked for
+    error : the largest error expected, an estimate
+    reached : whether the estimate is within the bound
+    step : sampling distance, voxels
+    classification, filter, early_termination, pixel : as in the scene
+    reasons : setting -> reason in words
+    verified : whether the error was estimated in all pixels, from a picture with longer steps, or in a sample of pixels
+    pilot_pixels : pixels of each pilot picture
+    pilot_samples, pilot_seconds : samples and seconds of all pilot pictures, on all ranks
+    """
+
+    max_error: float
+    error: float
+    reached: bool
+    step: float
+    classification: str
+    filter: str
+    early_termination: float
+    pixel: str
+    pilot_pixels: int
+    pilot_samples: int
+    pilot_seconds: float
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    verified: bool = False
+
+    def __str__(self) -> str:
+        """Return the settings and the expected error on one line."""
+        text = f"error about {self.error:.2g} at most (asked for {self.max_error:.3g}): step {self.step:.3g}"
+        how = "in all pixels" if self.verified else "in a sample of pixels"
+        return (
+            f"{text}, {self.classification}, {self.filter}, {self.pixel}; estimated {how}, with "
+            f"{self.pilot_samples:,} samples in {self.pilot_seconds:.2f} s; {CONFIDENCE}"
+        )
+
+    @property
+    def warning(self) -> str:
+        """Warning that the bound cannot be reached, or ""."""
+        if self.reached:
+            return ""
+        return (
+            f"quality.max_error {self.max_error:.3g} is out of reach: the error may be about {self.error:.2g} at the "
+            f"settings that come nearest, step {self.step:.3g} and {self.classification} classification"
+        )
+
+
+@dataclass(frozen=True)
+class Change:
+    """Setting that is not used as given.
+
+    Attributes
+    ----------
+    key : key of the scene, or option of the command
+    asked, used : the value given, and the value used
+    reason : the reason in words
+    """
+
+    key: str
+    asked: float | str | bool
+    used: float | str | bool
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.used} is used instead of {self.asked} ({self.reason})"
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Predicted cost of a mode.
+
+    Attributes
+    ----------
+    groups : number of groups of ranks that share the screen; 1 is sort-last, one a rank sort-first
+    samples : samples of the busiest rank
+    seconds_drawing, seconds_compositing : predicted seconds
+    bytes_held : largest number of bytes of bricks on a rank
+    """
+
+    groups: int
+    samples: float
+    seconds_drawing: float
+    seconds_compositing: float
+    bytes_held: int
+
+    @property
+    def seconds(self) -> float:
+        """Predicted seconds of drawing and compositing."""
+        return self.seconds_drawing + self.seconds_compositing
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """Mode of a frame, and the predictions by which it was chosen.
+
+    Attributes
+    ----------
+    mode : sort-last, sort-first or hybrid
+    groups : number of groups of ranks that share the screen
+    forecasts : predictions of all modes compared; empty if the scene or the memory left no choice
+    """
+
+    mode: str
+    groups: int
+    forecasts: tuple[Forecast, ...] = ()
+
+    @property
+    def way(self) -> str:
+        """Mode, with the number of groups for hybrid."""
+        return f"{self.mode}, {self.groups} groups" if self.mode == "hybrid" else self.mode
+
+    def __str__(self) -> str:
+        """Return the mode and all predictions on one line."""
+        text = f"{self.mode}, {self.groups} {'group' if self.groups == 1 else 'groups'}"
+        each = ", ".join(
+            f"{one.groups}: {one.samples / 1e6:.2f} M samples, {one.seconds:.3f} s" for one in self.forecasts
+        )
+        return f"{text} (expected of the slowest rank, by groups: {each})" if each else text
