@@ -13,7 +13,9 @@ import pytest
 
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
+from clusterviz.cli.reference_check import compare_with_reference
 from clusterviz.cli.verify import Configuration
+from clusterviz.scene import scene_of_data
 
 SCENE = ("field:marschner-lobb:20", "--size", "32x24")
 WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
@@ -209,3 +211,8 @@ def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkey
     ways = [Configuration(ranks, "tree", brick) for brick in made for ranks in (1, 2)]
     assert not any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0, splits=True))
     assert any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0))
+
+
+def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() -> None:
+    scene = scene_of_data("field:gaussian:9", ["image.size=[8,6]", "cluster.mode=hybrid", "cluster.groups=2"])
+    assert compare_with_reference(scene).max <= 1e-5
