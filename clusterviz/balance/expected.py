@@ -39,9 +39,10 @@ def expected_samples(plan: Plan, window: Rect | None = None) -> Costs:
     bricks = np.argwhere(plan.cost > 0)
     if len(bricks) == 0:
         return cost
-    side = plan.layout.brick
-    begin = bricks * side
-    extent = np.minimum(side, np.array(plan.layout.cells_zyx) - begin)
+    begin, extent = (
+        np.stack([part[at] for part, at in zip(parts, bricks.T, strict=True)], axis=1)
+        for parts in (plan.layout.borders_zyx, plan.layout.sides_zyx)
+    )
     near = float(extent.max()) / 2
     offsets = (np.arange(POINTS_A_SIDE) + 0.5) / POINTS_A_SIDE
     offset = np.stack(np.meshgrid(offsets, offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 1, 3)

@@ -253,6 +253,8 @@ def _default_bricks(scene: Scene) -> list[int]:
     """Return the scene's brick size, and a smaller one that gives each rank several bricks."""
     if not scene.volumes:
         return [scene.cluster.brick]
+    if scene.cluster.largest_brick is not None:
+        return [scene.cluster.brick, scene.cluster.largest_brick]  # of several sizes, and of one
     side = max(open_volume(scene.volumes[0]).grid.shape_zyx)
     return list(dict.fromkeys((scene.cluster.brick, max(2, min(side // 5, scene.cluster.brick * 3 // 4)))))
 

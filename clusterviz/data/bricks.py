@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from typing import Any, Protocol
 
@@ -19,6 +20,7 @@ from clusterviz.data.source import Index, Source
 
 SLAB_BYTES = 64 << 20  # read at a time, in addition to the bricks being filled
 Box = tuple[Index, Index]
+Edges = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,14 @@ class BrickLayout:
     shape_zyx : samples of the volume
     brick : cells a side, at least 1; the last brick along an axis may have fewer
     margin : samples beyond the corners of its cells that a brick is read with, on every side
+    edges_zyx : where bricks are larger, multiples of `brick`: for each axis the borders between them, rising, in units
+        of `brick` cells (thesis, section 5.3.6); None: bricks are uniform
     """
 
     shape_zyx: Index
     brick: int
     margin: int = 0
+    edges_zyx: Edges | None = None
 
     @property
     def cells_zyx(self) -> Index:
@@ -45,16 +50,50 @@ class BrickLayout:
     @property
     def counts_zyx(self) -> Index:
         """Bricks along each axis."""
-        z, y, x = (-(-n // self.brick) for n in self.cells_zyx)
+        z, y, x = (len(borders) - 1 for borders in self.borders_zyx)
+        return z, y, x
+
+    @cached_property
+    def borders_zyx(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """The cells with which bricks begin along each axis, and the end of the last one."""
+        inner = self.edges_zyx or [range(1, -(-cells // self.brick)) for cells in self.cells_zyx]
+        z, y, x = (
+            np.array([0, *(self.brick * edge for edge in edges), cells])
+            for edges, cells in zip(inner, self.cells_zyx, strict=True)
+        )
+        return z, y, x
+
+    @property
+    def sides_zyx(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Cells of the bricks along each axis."""
+        z, y, x = map(np.diff, self.borders_zyx)
         return z, y, x
 
     def cell_box(self, index_zyx: Index) -> Box:
         """Return the brick's cells, half-open."""
-        begin, end = zip(
-            *((i * self.brick, min(n, (i + 1) * self.brick)) for i, n in zip(index_zyx, self.cells_zyx, strict=True)),
-            strict=True,
-        )
-        return begin, end
+        z, y, x = index_zyx
+        return self.cells_of(index_zyx, (z + 1, y + 1, x + 1))
+
+    def cells_of(self, begin_zyx: Index, end_zyx: Index) -> Box:
+        """The cells of a box of bricks; both half-open."""
+        z, y, x = (int(borders[i]) for borders, i in zip(self.borders_zyx, begin_zyx, strict=True))
+        z_end, y_end, x_end = (int(borders[i]) for borders, i in zip(self.borders_zyx, end_zyx, strict=True))
+        return (z, y, x), (z_end, y_end, x_end)
+
+    def unit_box(self, begin_zyx: Index, end_zyx: Index) -> Box:
+        """The cubes of `brick` cells that a box of bricks consists of: bricks themselves, where these are uniform."""
+        begin, end = self.cells_of(begin_zyx, end_zyx)
+        z, y, x = (cell // self.brick for cell in begin)
+        z_end, y_end, x_end = (-(-cell // self.brick) for cell in end)
+        return (z, y, x), (z_end, y_end, x_end)
+
+    def units(self, bricks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The cubes of `brick` cells of bricks (n, 3), int64 (m, 3): those of the first brick before the second's."""
+        if self.edges_zyx is None:
+            return bricks
+        boxes = [self.unit_box((z, y, x), (z + 1, y + 1, x + 1)) for z, y, x in bricks.tolist()]
+        each = [np.argwhere(np.ones(np.subtract(end, begin), bool)) + begin for begin, end in boxes]
+        return np.concatenate(each) if each else bricks
 
     def sample_box(self, index_zyx: Index) -> Box:
         """Return the brick's samples inside the volume, half-open: the corners of its cells and the margin."""

@@ -29,7 +29,7 @@ class Coherent:
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
         """A piece a leaf that shows something. Raises what `Standing.under` does."""
         tree = self._tree.under(plan)
-        return leaf_pieces(tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        return leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """The bricks of its leaf that could be seen when the tree was built."""

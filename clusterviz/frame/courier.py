@@ -135,13 +135,13 @@ class Courier:
         self._numbers = numbers.stop
         with self._slice.step("post" if flights else ""):
             for number, flight in zip(numbers, flights, strict=True):
-                way = flight.source, flight.target
-                tags = range(self._messages[way], self._messages[way] + parcels.pieces)
+                way, own = (flight.source, flight.target), parcels.of(flight.brick)
+                tags = range(self._messages[way], self._messages[way] + own.pieces)
                 self._messages[way] = tags.stop
                 if flight.source == self._channel.rank:
-                    self._outgoing.append(_Outgoing(flight, parcels, tags))
+                    self._outgoing.append(_Outgoing(flight, own, tags))
                 elif flight.target == self._channel.rank:
-                    self._expect(_Incoming(number, flight, parcels, perf_counter(), parcels.pieces), tags)
+                    self._expect(_Incoming(number, flight, own, perf_counter(), own.pieces), tags)
         return numbers
 
     def send(self, read: Read) -> None:

@@ -85,7 +85,7 @@ class Dynamic:
         owner = np.where(plan.cost > 0, balance.migration.owners.owner, UNASSIGNED).astype(np.int32)
         owners = Owners(self._ranks, owner)
         self.planned_imbalance = owners.imbalance(predict(balance.measured, model, self._sizes > 0))
-        return owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """What it draws, has received and caches."""
@@ -147,7 +147,8 @@ class Dynamic:
         measured = self._balance.measured if self._balance else unmeasured(plan.layout.counts_zyx)
         # Bricks that were shown once may be shown again.
         sizes = self._sizes = np.maximum(self._sizes, self._holding.brick_bytes(plan))
-        wire = self._wire = np.where(sizes > 0, slot_of(plan).sample_bytes, 0).astype(np.int64)
+        sent = slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.sample_bytes)
+        wire = self._wire = np.where(sizes > 0, sent, 0)
         cost = predict(measured, model, sizes > 0)
 
         def shares(ranks: int) -> NDArray[np.int64]:
@@ -184,4 +185,4 @@ class Dynamic:
 
 
 def _eye(plan: Plan) -> RayOrigin:
-    return ray_origin(plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    return ray_origin(plan.eye_in_bricks(), plan.view.forward)

@@ -41,9 +41,10 @@ class Holding:
         from clusterviz.render.vectors.kernel import can_draw
 
         laid_out = self.on_processor and can_draw(plan)
-        packed = slot_of(plan).bytes if self.by_opengl or not laid_out else 0
-        found = np.maximum(laid_out_bytes(plan), packed) if laid_out else packed
-        return np.where(plan.cost > 0, found, 0).astype(np.int64)
+        found = laid_out_bytes(plan) if laid_out else np.zeros(plan.cost.shape, np.int64)
+        if self.by_opengl or not laid_out:
+            found = np.maximum(found, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
+        return np.where(plan.cost > 0, found, 0)
 
 
 def holding_of(run: Run, cluster: Cluster, shares_screen: bool) -> Holding:
@@ -68,7 +69,7 @@ def laid_out_bytes(plan: Plan) -> NDArray[np.int64]:
     """Memory that bricks take where the processor draws, int64 (bz, by, bx)."""
     slot = slot_of(plan)
     if plan.mixture is None:
-        return np.full(plan.cost.shape, _laid_out(slot))
+        return slot.counted(plan.layout.counts_zyx, _laid_out)
     found = np.zeros(plan.cost.shape, np.int64)
     for part, room in zip(plan.mixture.ingredients, slot.parts, strict=True):
         # Of a volume that a brick does not meet it holds nothing.

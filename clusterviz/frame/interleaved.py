@@ -34,7 +34,7 @@ class Interleaved:
     def deal(self, plan: Plan) -> tuple[Piece, ...]:
         """A piece for each group of blocks that can be drawn whole. Raises what `Standing.under` does."""
         owners = self._owners.under(plan)
-        return owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """The bricks of its blocks that could be seen when they were dealt."""

@@ -66,7 +66,7 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
     """What joining the partial images of a number of groups should take; tiles are taken to be even among them."""
     ranks = sum(map(len, nodes))
     tree = build_tree(plan.cost, ranks // groups)
-    pieces = leaf_pieces(tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    pieces = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
     rects = [footprint(plan, piece) for piece in pieces]
     canvas = EMPTY
     for rect in rects:

@@ -115,7 +115,7 @@ class Moving:
         self._under_way.update(numbers)
 
         def read(brick: Index, asked: Parcels) -> Stored | None:
-            return self._drawing.stored([brick])[brick] if brick in holds and asked == parcels else None
+            return self._drawing.stored([brick])[brick] if brick in holds and asked == parcels.of(brick) else None
 
         courier.send(read)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data import open_volume, override_grid
 from clusterviz.data.bricks import BrickLayout, read_bricks
@@ -15,10 +17,11 @@ from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
 from clusterviz.frame.several import Opened, OpenedVolumes
 from clusterviz.frame.share import Bricks, OpenedVolume
-from clusterviz.partition import bricks_of, build_tree
+from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.look import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.report.machine import memory
+from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
 
 HELD_SHARE_OF_MEMORY = 0.4
@@ -67,7 +70,35 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
             OpenedVolume(one[0], one[1], _summary(run, *one, bricks if fits else None), bricks)
             for one, bricks in zip(three, held, strict=True)
         )
-    return opened[0] if len(opened) == 1 else OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
+    if len(opened) > 1:
+        return OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
+    with run.alone("plan", "plan"):
+        return _with_larger_bricks(opened[0], scene, run.channel.size)
+
+
+def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:
+    """The volume in bricks that are small near the planes between ranks, as expected, and larger elsewhere.
+
+    References
+    ----------
+    M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
+    """
+    largest, brick = scene.cluster.largest_brick, scene.cluster.brick
+    if largest is None or largest == brick:
+        return opened
+    tree = build_tree(opened.plan(complete_scene(scene, opened.facts)).cost, ranks)
+    edges, summary = refined_edges(tree, largest // brick), opened.summary
+
+    def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
+        for axis, inner in enumerate(edges):
+            values = pick.reduceat(values, [0, *inner], axis)
+        return values
+
+    found = joined(np.minimum, summary.minimum), joined(np.maximum, summary.maximum)
+    summary = replace(
+        summary, minimum=found[0], maximum=found[1], has_invalid=joined(np.logical_or, summary.has_invalid)
+    )
+    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=summary, held={})
 
 
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:

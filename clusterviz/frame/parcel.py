@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,10 @@ class Parcels:
     dtype: np.dtype[Any]
     stamp: int
     piece_bytes: int
+
+    def of(self, brick: Index) -> Parcels:
+        """Those of one brick, where sizes differ."""
+        return self if self.slot.layout is None else replace(self, slot=self.slot.at(brick))
 
     @property
     def range_bytes(self) -> int:

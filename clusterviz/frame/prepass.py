@@ -120,7 +120,7 @@ def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]
             owner[leaf.box.slices] = leaf.rank * each + owners_of(build_tree(inside, each)).owner
     shown = plan.cost > 0
     owners = Owners(ranks * each, np.where(shown, owner, UNASSIGNED).astype(np.int32))
-    pieces = owner_pieces(owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    pieces = owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
     number = np.full(plan.cost.shape, UNASSIGNED, np.int32)
     for at, piece in enumerate(pieces):
         number[tuple(piece.members(shown).T)] = at
@@ -155,7 +155,7 @@ def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -
         begins.append(begin)
         ends.append(begin + length)
     tree = build_tree(plan.cost, channel.size)
-    leaves = leaf_pieces(tree, plan.cost, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    leaves = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
     return tuple(replace(leaf, rect=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
 
 

@@ -47,7 +47,7 @@ class Replicated:
             self._measured = unmeasured(self._replicas.home.shape_zyx)
         expected = predict(self._measured, expected_samples(plan), plan.cost > 0)
         self._owners = assign_replicas(self._replicas, expected)
-        return owner_pieces(self._owners, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+        return owner_pieces(self._owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
         """Its copies of bricks that could be seen when they were dealt."""

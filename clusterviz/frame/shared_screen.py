@@ -220,7 +220,7 @@ class SharedScreen:
 
 def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator[tuple[BspTree, Owners]]:
     """Ways to deal the bricks of a group: as before, at fronts, by planes; then the same with other axes."""
-    eye = ray_origin(plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    eye = ray_origin(plan.eye_in_bricks(), plan.view.forward)
     moved, other = move_planes(tree, cost), search_tree(cost, before.ranks)
     yield tree, before
     yield tree, front_owners(tree, cost, eye)
@@ -232,7 +232,7 @@ def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator
 def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
     """What the members of a group draw, front to back."""
     drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
-    return owner_pieces(drawn, plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    return owner_pieces(drawn, plan.eye_in_bricks(), plan.view.forward)
 
 
 def _is_ordered(plan: Plan, owners: Owners, seen: Bools) -> bool:

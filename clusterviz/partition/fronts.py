@@ -25,7 +25,7 @@ PARALLEL_ORIGIN: RayOrigin = (-np.inf, -np.inf, -np.inf)
 """Origin of parallel rays with positive direction along all axes."""
 
 
-def ray_origin(eye_index: Vector | None, direction_index: Vector, brick_cells: int) -> RayOrigin:
+def ray_origin(eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1) -> RayOrigin:
     """Return the origin of a camera's rays; parameters as in `front_to_back`."""
     if eye_index is None:
         z, y, x = (-np.inf if towards >= 0 else np.inf for towards in direction_index[::-1])

@@ -37,7 +37,7 @@ class BrickGroup:
 
 
 def visible_groups(
-    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int
+    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
 ) -> tuple[BrickGroup, ...]:
     """Return all assigned bricks in groups from front to back.
 
@@ -80,7 +80,7 @@ def ranks_of(groups: tuple[BrickGroup, ...]) -> list[int]:
     return [group.rank for group in groups]
 
 
-def _eye_brick(shape: tuple[int, ...], eye: Vector | None, direction: Vector, brick_cells: int) -> Index:
+def _eye_brick(shape: tuple[int, ...], eye: Vector | None, direction: Vector, brick_cells: int = 1) -> Index:
     """Return the brick layer of the eye along each axis, clamped to the volume; an end layer for parallel rays."""
 
     def layer(axis: int) -> int:

@@ -15,7 +15,7 @@ from clusterviz.partition.tree import BspTree, Leaf, Node
 Vector = tuple[float, float, float]
 
 
-def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vector, brick_cells: int) -> list[int]:
+def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1) -> list[int]:
     """Sort the ranks by visibility.
 
     Parameters
@@ -25,7 +25,7 @@ def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vect
         may lie inside the volume or on a plane
     direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
         lies on a plane, where either order is right
-    brick_cells : cells along the side of a brick
+    brick_cells : cells along the side of a brick; 1 if the eye is given in bricks
 
     Returns
     -------

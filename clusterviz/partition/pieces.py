@@ -48,7 +48,7 @@ class Piece:
 
 
 def leaf_pieces(
-    tree: BspTree, cost: Costs, eye_index: Vector | None, direction_index: Vector, brick_cells: int
+    tree: BspTree, cost: Costs, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
 ) -> tuple[Piece, ...]:
     """Return a piece for each leaf with a cost above 0, from front to back.
 
@@ -64,7 +64,7 @@ def leaf_pieces(
 
 
 def owner_pieces(
-    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int
+    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
 ) -> tuple[Piece, ...]:
     """Return the pieces of any assignment, from front to back; parameters as in `visible_groups`."""
     return group_pieces(visible_groups(owners, eye_index, direction_index, brick_cells))

@@ -34,10 +34,7 @@ def clip_planes(clip: Clip, grid: Grid) -> NDArray[np.float64]:
 
 def clipped_bricks(planes: NDArray[np.float64], layout: BrickLayout) -> NDArray[np.bool_]:
     """Which bricks, (bz, by, bx), lie wholly on the far side of a plane."""
-    edges = [
-        np.minimum(layout.brick * np.arange(count + 1), cells).astype(np.float64)
-        for cells, count in zip(layout.cells_zyx, layout.counts_zyx, strict=True)
-    ]
+    edges = [borders.astype(np.float64) for borders in layout.borders_zyx]
     clipped = np.zeros(layout.counts_zyx, bool)
     for *normal, offset in planes.tolist():
         # The farthest corner into what is kept, axis by axis, and room for the rounding of the shader's own test.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.grid import Grid
+from clusterviz.data.source import Index
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
 from clusterviz.plan.clip import clip_planes, clipped_bricks
@@ -36,7 +37,7 @@ from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
 from clusterviz.plan.stretching import Stretching, make_stretching
-from clusterviz.plan.view import View, make_view
+from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
@@ -113,6 +114,22 @@ class Plan:
         if self.mixture:
             return self.mixture.domain.extent
         z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
+        return x, y, z
+
+    def eye_in_bricks(self, first_zyx: Index = (0, 0, 0)) -> Vector | None:
+        """The eye (x, y, z), counted in bricks from one of them, whatever their sizes; None for parallel projection."""
+        eye, layout = self.view.eye_point, self.layout
+        if eye is None:
+            return None
+        if layout.edges_zyx is None:
+            places = [place / layout.brick for place in eye]
+        else:
+            # Beyond the volume's faces, too, by as much as lies before or behind them.
+            places = [
+                float(np.interp(at, borders, np.arange(len(borders)))) + at - min(max(at, 0.0), float(borders[-1]))
+                for at, borders in zip(eye, layout.borders_zyx[::-1], strict=True)
+            ]
+        x, y, z = (place - first for place, first in zip(places, first_zyx[::-1], strict=True))
         return x, y, z
 
 
@@ -223,11 +240,7 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a hidden brick."""
-    sides = [
-        np.minimum(layout.brick, cells - layout.brick * np.arange(count))
-        for cells, count in zip(layout.cells_zyx, layout.counts_zyx, strict=True)
-    ]
-    cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in sides))
+    cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in layout.sides_zyx))
     return np.where(hidden, 0.0, cells)
 
 

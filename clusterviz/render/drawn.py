@@ -66,8 +66,6 @@ class Drawn:
 
 def footprint(plan: Plan, piece: Piece) -> Rect:
     """The pixels of its window that a piece may cover."""
-    brick, cells, box = plan.layout.brick, plan.layout.cells_zyx, piece.box
-    begin = tuple(float(b * brick) for b in box.begin_zyx[::-1])
-    end = tuple(float(min(e * brick, c)) for e, c in zip(box.end_zyx[::-1], cells[::-1], strict=True))
-    rect = plan.view.footprint(begin, end)  # type: ignore[arg-type]
+    begin, end = plan.layout.cells_of(piece.box.begin_zyx, piece.box.end_zyx)
+    rect = plan.view.footprint(begin[::-1], end[::-1])
     return rect if piece.rect is None else rect.intersect(piece.rect)

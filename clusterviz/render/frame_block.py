@@ -54,11 +54,10 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *plan.extent, plan.march.step_world
     record["cells"] = *layout.cells_zyx[::-1], _window(plan)
-    begin, end = np.array(box.begin_zyx[::-1]), np.array(box.end_zyx[::-1])
-    record["box_begin"][0, :3] = begin * layout.brick
-    record["box_end"][0, :3] = np.minimum(end * layout.brick, layout.cells_zyx[::-1])
-    record["bricks_begin"][0, :3] = begin
-    record["bricks_count"][0, :3] = end - begin
+    begin, end = layout.cells_of(box.begin_zyx, box.end_zyx)
+    record["box_begin"][0, :3], record["box_end"][0, :3] = begin[::-1], end[::-1]
+    begin, end = layout.unit_box(box.begin_zyx, box.end_zyx)
+    record["bricks_begin"][0, :3], record["bricks_count"][0, :3] = begin[::-1], np.subtract(end, begin)[::-1]
     record["last_segment"], record["base"] = len(segments.records) - 1, plan.encoding.base
     record["rect"] = rect.x_begin, rect.y_begin, rect.width, rect.height
     encoding = plan.encoding

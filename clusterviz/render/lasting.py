@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, MutableMapping
 from typing import TYPE_CHECKING, Any
 
+from clusterviz.errors import InputError
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
@@ -82,7 +83,7 @@ class LastingCaster:
         """The same with bricks that another rank has stored for the same plan."""
         if self._caster is not None:
             self._caster.drop(bricks)
-            self._caster.pool.put(bricks, lambda stored: stored)
+            self._caster.pool.put(bricks, lambda _, stored: stored)
             self._encodings = _encodings_of(plan)
 
     def keep(self, wanted: Collection[Index]) -> None:
@@ -117,6 +118,13 @@ class LastingCaster:
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
         if self._on_processor(plan):
             return VectorCaster(plan)
+        if plan.layout.edges_zyx is not None:
+            raise InputError(
+                "OpenGL draws bricks of one size only",
+                where="cluster.largest_brick",
+                found="bricks of several sizes",
+                allowed="null; or the processor, where it can draw the scene (--device cpu)",
+            )
         if self._context is None:
             raise ValueError("there is no context yet")
         from clusterviz.render.raycast import Raycaster

@@ -28,12 +28,11 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
     if count < 2 or not plan.march.residual or plan.look.operator != "over" or piece.rect is not None:
         return [piece] if len(members) else []
-    box, brick = bounding_box(members), plan.layout.brick
+    box = bounding_box(members)
     present = np.zeros(box.shape_zyx)
     present[tuple((members - box.begin_zyx).T)] = 1.0
     tree = build_tree(present, count)
-    x, y, z = (float(e - b * brick) for e, b in zip(plan.view.eye, box.begin_zyx[::-1], strict=True))
-    order = front_to_back(tree, plan.view.eye_point and (x, y, z), plan.view.forward, brick)
+    order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
     found = [np.argwhere(present[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
     return [_piece(piece, bricks + box.begin_zyx) for bricks in found if len(bricks)]
 

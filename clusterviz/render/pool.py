@@ -58,20 +58,20 @@ class BrickPool:
         """Samples of which the bricks were made."""
         return sum(residence.voxels for residence in self._residences)
 
-    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
         for residence in self._residences:
             for index in sorted(bricks)[: residence.free]:
-                residence.put(index, stored(bricks.pop(index)))
+                residence.put(index, stored(index, bricks.pop(index)))
         for chunk in chunks_of(bricks.keys(), self._capacity):
             residence = self._with_room(len(chunk))
             for index in chunk:
-                residence.put(index, stored(bricks.pop(index)))
+                residence.put(index, stored(index, bricks.pop(index)))
 
-    def put_later(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+    def put_later(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Keep bricks, taken out, in this process's memory until they are asked for."""
         for index in list(bricks):
-            self._waiting[index] = partial(stored, bricks.pop(index))
+            self._waiting[index] = partial(stored, index, bricks.pop(index))
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Bricks read back from the GPU."""
@@ -109,9 +109,9 @@ class BrickPool:
         box = bounding_box(bricks)
         owner = np.full(box.shape_zyx, UNASSIGNED, np.int32)
         owner[tuple((bricks - box.begin_zyx).T)] = [where[z, y, x] for z, y, x in bricks.tolist()]
-        x, y, z = (float(e - b * plan.layout.brick) for e, b in zip(plan.view.eye, box.begin_zyx[::-1], strict=True))
-        eye = plan.view.eye_point and (x, y, z)
-        for group in visible_groups(Owners(len(self._residences), owner), eye, plan.view.forward, plan.layout.brick):
+        for group in visible_groups(
+            Owners(len(self._residences), owner), plan.eye_in_bricks(box.begin_zyx), plan.view.forward
+        ):
             yield self._residences[group.rank], group.bricks + box.begin_zyx
 
     def release(self) -> None:
@@ -122,7 +122,7 @@ class BrickPool:
 
     def _fetch(self, bricks: set[Index]) -> None:
         """Put those of them that wait."""
-        self.put({index: self._waiting.pop(index) for index in bricks & self._waiting.keys()}, lambda make: make())
+        self.put({index: self._waiting.pop(index) for index in bricks & self._waiting.keys()}, lambda _, make: make())
 
     def _with_room(self, bricks: int) -> Residence:
         """A residence with free slots: the last one, grown, or another."""

@@ -109,10 +109,10 @@ class Raycaster:
             # Where rays end early, no brick is stored before one comes to it.
             later = plan.march.residual > 0 and plan.look.operator == "over"
             put = self.pool.put_later if later else self.pool.put
-            put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+            put(bricks, lambda _, voxels: store(voxels, plan.encoding, self.slot))
         else:
             mixture = plan.mixture
-            self.pool.put(bricks, lambda portions: store_portions(portions, mixture, self.slot))
+            self.pool.put(bricks, lambda _, portions: store_portions(portions, mixture, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""

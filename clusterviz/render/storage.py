@@ -7,7 +7,8 @@ not eight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ class Slot:
     spread : samples beyond a cell's corners on which what is shown of it depends
     parts : room for each of several volumes, one after the other behind a header; the cells are the domain's then
     stretched : slabs may be longer in some groups of its cells
+    layout : of bricks of several sizes, for the largest of which the slot has room; None: all take such a slot
     """
 
     cells_zyx: Index
@@ -48,6 +50,31 @@ class Slot:
     spread: int = 0
     parts: tuple[Slot, ...] = ()
     stretched: bool = False
+    layout: BrickLayout | None = None
+
+    def at(self, index_zyx: Index) -> Slot:
+        """The slot that a brick takes."""
+        if self.layout is None:
+            return self
+        z, y, x = (int(sides[i]) for sides, i in zip(self.layout.sides_zyx, index_zyx, strict=True))
+        return replace(self, cells_zyx=(z, y, x), layout=None)
+
+    @property
+    def unit(self) -> Slot:
+        """The slot of the cubes of cells by which rays find their way, whatever the sizes of bricks."""
+        if self.layout is None:
+            return self
+        z, y, x = (min(self.layout.brick, cells) for cells in self.layout.cells_zyx)
+        return replace(self, cells_zyx=(z, y, x), layout=None)
+
+    def counted(self, counts_zyx: Index, measure: Callable[[Slot], int]) -> NDArray[np.int64]:
+        """What a measure makes of the slots of all bricks, int64 (bz, by, bx)."""
+        if self.layout is None:
+            return np.full(counts_zyx, measure(self), np.int64)
+        (zs, z), (ys, y), (xs, x) = (np.unique(sides, return_inverse=True) for sides in self.layout.sides_zyx)
+        sizes = [(int(a), int(b), int(c)) for a in zs for b in ys for c in xs]
+        found = [measure(replace(self, cells_zyx=size, layout=None)) for size in sizes]
+        return np.array(found, np.int64).reshape(len(zs), len(ys), len(xs))[np.ix_(z, y, x)]
 
     @property
     def samples_zyx(self) -> Index:
@@ -157,6 +184,9 @@ def slot_of(plan: Plan) -> Slot:
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
     """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
-    z, y, x = (min(layout.brick, cells) for cells in layout.cells_zyx)
     textured, stretched = "hardware" in march.filter, march.stretching is not None
-    return Slot((z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, stretched=stretched)
+    sizes = None if layout.edges_zyx is None else layout
+    z, y, x = (int(sides.max()) for sides in layout.sides_zyx)
+    return Slot(
+        (z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, (), stretched, layout=sizes
+    )

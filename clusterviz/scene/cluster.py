@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from clusterviz.scene.checks import to_builtin
-from clusterviz.scene.compatibility import check_groups, check_mode
+from clusterviz.scene.compatibility import check_brick_sizes, check_groups, check_mode
 from clusterviz.scene.field_types import Section
 
 Mode = Literal["auto", "sort-last", "sort-first", "hybrid"]
@@ -101,9 +101,16 @@ class Cluster(Section):
     brick: Annotated[int, Field(strict=True, ge=2, le=1024), BeforeValidator(to_builtin)] = Field(
         default=64, description="Voxels along the side of a brick."
     )
+    largest_brick: Annotated[int, Field(strict=True, ge=8, le=1024), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        description="Voxels along the longest side of a brick: bricks are as small as `brick` where ranks' shares are "
+        "expected to meet, and grow away from there, which saves overlap; a multiple of `brick`, and that one of 8. "
+        "For one volume, and the processor's own ray caster; null: all are as small.",
+    )
 
     @model_validator(mode="after")
     def _groups_fit(self) -> Cluster:
         check_groups(self.mode, self.groups)
+        check_brick_sizes(self.brick, self.largest_brick)
         check_mode(self.mode, self.tiling, self.distribution, self.compositing, self.transport)
         return self

@@ -47,17 +47,18 @@ def check_gradient_opacity(blending: str, has_gradient_opacity: bool, has_table:
         raise InvalidValueError("opacity is in transfer_2d already", "one of the two keys", key=other)
 
 
-def check_several_volumes(volumes: Sequence[Any], quality: Any) -> None:
-    """Refuse projections and quality settings that support a single volume only.
+def check_several_volumes(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
+    """Refuse projections and settings that support a single volume only.
 
     Parameters
     ----------
-    volumes, quality : sections of a scene
+    volumes, quality, cluster : sections of a scene
     """
     if len(volumes) < 2:
         return
     keys = [(f"volumes[{n}].blending", volume.blending, NO_COMMON_SCALE) for n, volume in enumerate(volumes)]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
+    keys.append(("cluster.largest_brick", cluster.largest_brick, "bricks of their domain are of one size"))
     for key, found, why in keys:
         if found and found not in ALLOWED_WITH_SEVERAL:
             raise InvalidValueError(f"not for several volumes: {why}", "one volume with it", key=key, found=found)
@@ -73,6 +74,19 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
         if pixel != "float32" and volume.blending not in ALLOWED_WITH_SEVERAL:
             found = f"blending: {volume.blending} in volumes[{number}]"
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
+
+
+def check_brick_sizes(brick: int, largest: int | None) -> None:
+    """Require that larger bricks consist of whole smallest ones, and these of whole groups of cells."""
+    if largest is None:
+        return
+    if brick % 8:
+        allowed = "a multiple of 8, or largest_brick: null"
+        raise InvalidValueError("bricks of several sizes are made of groups of 8", allowed, key="brick", found=brick)
+    if largest % brick:
+        raise InvalidValueError(
+            "not made of whole bricks", f"a multiple of {brick}", key="largest_brick", found=largest
+        )
 
 
 def check_groups(mode: str, groups: int | None) -> None:

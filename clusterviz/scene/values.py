@@ -370,7 +370,7 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.quality)
+        check_several_volumes(self.volumes, self.quality, self.cluster)
         check_leaping(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
         return self

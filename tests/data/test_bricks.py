@@ -21,15 +21,33 @@ def box_of(begin: Index, end: Index) -> tuple[slice, ...]:
     return tuple(slice(b, e) for b, e in zip(begin, end, strict=True))
 
 
-@given(SHAPES, BRICKS)
-def test_every_cell_and_every_sample_belongs_to_one_brick(shape: Index, brick: int) -> None:
-    layout = BrickLayout(shape, brick)
+@st.composite
+def layouts(draw: st.DrawFn) -> BrickLayout:
+    """Bricks of one size, or of several: every second border or so is left out."""
+    layout = BrickLayout(draw(SHAPES), draw(BRICKS))
+    if draw(st.booleans()):
+        return layout
+    z, y, x = (tuple(edge for edge in range(1, count) if draw(st.booleans())) for count in layout.counts_zyx)
+    return BrickLayout(layout.shape_zyx, layout.brick, edges_zyx=(z, y, x))
+
+
+@given(layouts())
+def test_every_cell_and_every_sample_belongs_to_one_brick(layout: BrickLayout) -> None:
+    shape = layout.shape_zyx
     cells, samples = np.zeros(layout.cells_zyx, int), np.zeros(shape, int)
     for index in np.ndindex(*layout.counts_zyx):
         cells[box_of(*layout.cell_box(index))] += 1
         samples[box_of(*layout.owned_box(index))] += 1
     assert (cells == 1).all()
     assert (samples == 1).all()
+
+
+@given(layouts())
+def test_the_units_of_all_bricks_are_the_bricks_of_one_size(layout: BrickLayout) -> None:
+    uniform, bricks = BrickLayout(layout.shape_zyx, layout.brick), np.argwhere(np.ones(layout.counts_zyx))
+    units = [(z, y, x) for z, y, x in layout.units(bricks).tolist()]
+    assert sorted(units) == list(np.ndindex(*uniform.counts_zyx))
+    assert layout.unit_box((0, 0, 0), layout.counts_zyx) == ((0, 0, 0), uniform.counts_zyx)
 
 
 @given(SHAPES, BRICKS)

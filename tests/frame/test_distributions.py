@@ -10,7 +10,7 @@ from frame.views import check, draw_all, looks, views
 
 from clusterviz.comm import run_loopback
 from clusterviz.errors import InputError
-from clusterviz.frame import opening, render_frame
+from clusterviz.frame import Options, opening, render_frame
 from clusterviz.scene import scene_of_data
 from clusterviz.scene.settings import with_settings
 
@@ -21,6 +21,7 @@ DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
     {"distribution": "replicated"},
     {"distribution": "replicated", "copies": 3},
 )
+LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 32, "field": "field:gaussian:60"}
 
 
 @pytest.mark.parametrize("keys", DISTRIBUTIONS, ids=str)
@@ -29,6 +30,23 @@ def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     scenes = [*views(12), *looks()]
     frames = run_loopback(5, lambda channel: draw_all([with_settings(scene, keys) for scene in scenes], channel))[0]
     check(frames, scenes)
+
+
+@pytest.mark.parametrize(
+    "keys", [{}, {"distribution": "replicated"}, {"distribution": "interleaved"}, {"mode": "sort-first"}], ids=str
+)
+def test_bricks_of_several_sizes_change_no_frame(keys: dict[str, Any]) -> None:
+    scenes = [with_settings(scene, keys) for scene in views(6, **LARGER)]
+    frames = run_loopback(5, lambda channel: draw_all(scenes, channel))[0]
+    check(frames, views(6, **(LARGER | {"largest_brick": None})))
+    bricks = [rank.bricks for rank in frames[0].statistics.per_rank]
+    assert min(bricks) > 0
+    assert keys or sum(bricks) < 2 / 3 * 8**3
+
+
+def test_bricks_of_several_sizes_are_refused_by_opengl() -> None:
+    with pytest.raises(InputError, match=r"cluster.largest_brick: OpenGL draws bricks of one size only"):
+        run_loopback(2, lambda channel: render_frame(views(1, **LARGER)[0], channel, options=Options(device=0)))
 
 
 @pytest.mark.parametrize("distribution", ["coherent", "interleaved", "replicated"])

@@ -61,9 +61,14 @@ def at_random(monkeypatch: pytest.MonkeyPatch) -> list[Move]:
     return made
 
 
-@pytest.mark.parametrize("ranks", [3, 5])
-def test_two_hundred_random_moves_change_no_frame(ranks: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scenes = views(30)
+LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 16, "field": "field:gaussian:60"}
+
+
+@pytest.mark.parametrize(("ranks", "keys"), [(3, {}), (5, {}), (3, LARGER)])
+def test_two_hundred_random_moves_change_no_frame(
+    ranks: int, keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes = views(30, **keys)
     made = at_random(monkeypatch)
     frames = run_loopback(ranks, lambda channel: draw_all(moving(scenes), channel))[0]
     check(frames, scenes)

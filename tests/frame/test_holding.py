@@ -102,7 +102,7 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
     assert plan.mixture is not None
     mixture, slot = plan.mixture, slot_of(plan)
     memory, count = MixedMemory(slot), len(bricks)
-    memory.put(bricks, lambda portions: store_portions(portions, mixture, slot))
+    memory.put(bricks, lambda _, portions: store_portions(portions, mixture, slot))
     counted = Holding(1, on_processor=True, by_opengl=False).brick_bytes(plan)
     assert counted.sum() == memory.bytes
     assert len(np.unique(counted[counted > 0])) > 1

@@ -18,10 +18,10 @@ CENTRE = (0.0, 0.0, 0.0)
 HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
 
 
-def views(count: int, brick: int = 4, **keys: Any) -> list[Scene]:
+def views(count: int, brick: int = 4, field: str = FIELD, **keys: Any) -> list[Scene]:
     """Cameras that stay for some frames, and jump; some see nothing."""
     first = with_settings(
-        scene_of_data(FIELD, ["automatic=false"]), {"clim": (0.0, 1.0), "opacity": 0.2, "size": (20, 14)}
+        scene_of_data(field, ["automatic=false"]), {"clim": (0.0, 1.0), "opacity": 0.2, "size": (20, 14)}
     )
     first = with_settings(first, {"brick": brick, **keys})
     rng, scenes = np.random.default_rng(7), []

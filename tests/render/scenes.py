@@ -9,7 +9,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.bricks import BrickLayout, Edges, read_bricks
 from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Index
@@ -135,11 +135,13 @@ CAMERAS = (
 )
 
 
-def prepare(scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16) -> Prepared:
+def prepare(
+    scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16, edges: Edges | None = None
+) -> Prepared:
     """Plan a completed scene; all bricks are read."""
     source = ArraySource(voxels, grid)
     margin = margin_of(scene.volumes[0], scene.quality.classification, scene.quality.borders)
-    layout = BrickLayout(source.grid.shape_zyx, brick, margin)
+    layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     return Prepared(make_plan(scene, source.grid, source.dtype, layout, summary), bricks)

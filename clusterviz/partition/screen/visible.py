@@ -22,8 +22,10 @@ def brick_rects(plan: Plan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     rects : int64 (n, 4): x_begin, y_begin, x_end, y_end; empty ones are outside of the picture
     """
     bricks = np.argwhere(plan.cost > 0)
-    begin = (bricks * plan.layout.brick).astype(np.float64)
-    end = np.minimum(begin + plan.layout.brick, np.array(plan.layout.cells_zyx))
+    begin, end = (
+        np.stack([b[at + side] for b, at in zip(plan.layout.borders_zyx, bricks.T, strict=True)], axis=1).astype(float)
+        for side in (0, 1)
+    )
     return bricks, plan.view.footprints(begin[:, ::-1], end[:, ::-1])
 
 

@@ -13,7 +13,6 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +153,5 @@ def _still_holds(last: Plan, plan: Plan) -> bool:
 
 
 def _box_of(plan: Plan, box: BrickBox) -> Box:
-    brick, cells = plan.layout.brick, plan.layout.cells_zyx
-    begin: Any = tuple(float(b * brick) for b in box.begin_zyx[::-1])
-    end: Any = tuple(float(min(e * brick, n)) for e, n in zip(box.end_zyx[::-1], cells[::-1], strict=True))
-    return Box(begin, end)
+    begin, end = plan.layout.cells_of(box.begin_zyx, box.end_zyx)
+    return Box(begin[::-1], end[::-1])

@@ -133,9 +133,9 @@ class VectorCaster:
             self._last_frame.forget()
         mixture = plan.mixture
         if mixture is None:
-            self.pool.put(bricks, lambda voxels: store(voxels, plan.encoding, self.slot))
+            self.pool.put(bricks, lambda index, voxels: store(voxels, plan.encoding, self.slot.at(index)))
         else:
-            self.pool.put(bricks, lambda portions: store_portions(portions, mixture, self.slot))
+            self.pool.put(bricks, lambda _, portions: store_portions(portions, mixture, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
@@ -200,6 +200,8 @@ class VectorCaster:
             tables = domain_tables(plan, leaps) | {"volumes": volumes.records}
         else:
             tables = tables_of(plan, self.pool.numbered(box, bricks), leaps, pieces[0])
+            if self.slot.layout:
+                tables["pitches"] = self.pool.pitches(box, bricks)
         return _Shown(piece, len(bricks), bricks.tobytes(), box, tables, volumes)
 
     def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float, tell: Tell) -> Drawn:
@@ -242,9 +244,9 @@ class VectorCaster:
             return found
         if len(self._leaps) >= MOST_LEAPS:
             self._leaps = {}
-        ranges, places = self.pool.ranges(bricks), bricks - box.begin_zyx
-        visible = visible_groups(ranges, plan)
-        found = leaps_of(visible, places, box.shape_zyx, plan.layout.brick)
+        ranges, (begin, end) = self.pool.ranges(bricks), plan.layout.unit_box(box.begin_zyx, box.end_zyx)
+        visible, places = visible_groups(ranges, plan), plan.layout.units(bricks) - begin
+        found = leaps_of(visible, places, BrickBox(begin, end).shape_zyx, plan.layout.brick)
         if plan.march.stretching is not None and isinstance(self.pool, Memory):
             found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
         self._leaps[box, bricks.tobytes()] = found

@@ -16,7 +16,7 @@ JOB = np.dtype(
     [
         ("frame", FRAME),
         ("whole", "i4"),  # 1: the box holds the whole volume
-        ("row", "i4"),  # voxels in a row of a brick, rows in a layer times that, voxels in a brick
+        ("row", "i4"),  # voxels in a row of a brick, rows in a layer times that, where bricks are uniform
         ("layer", "i4"),
         ("window", "i4"),  # slabs of the windows into which rays are cut
         ("far", "i4"),  # 1: samples are so far apart, and bricks so many, that caches hold few of them
@@ -45,6 +45,10 @@ JOB = np.dtype(
         ("work", "i8"),  # uint32, samples of each square of pixels
         ("voxels", "i8"),  # all of them, those of some brick first
         ("bricks", "i8"),  # of the kernel's `word`, one a brick of the box: the number of its first voxel
+        (
+            "pitches",
+            "i8",
+        ),  # int32 (bricks of the box, 2), where they differ: voxels from row to row, and layer to layer
         ("leaps", "i8"),  # int32, one a group: see leaps.py
         ("bucket_rows", "i8"),  # float32 (BUCKETS, 4): the next start, the first one, the first segment
         ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope

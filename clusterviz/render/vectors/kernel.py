@@ -43,6 +43,7 @@ class Kernel:
     split : slabs are cut where they leave a brick
     surfaces : isosurfaces are shown, alone or in the volume
     leaping : rays start where the last frame says
+    pitched : bricks are of several sizes
     wide : the numbers of voxels take 64 bits
     volumes : of several volumes what each needs; what the kernel says of one volume is then of no account
     """
@@ -62,6 +63,7 @@ class Kernel:
     split: bool = False
     surfaces: bool = False
     leaping: bool = False
+    pitched: bool = False
     wide: bool = False
     volumes: tuple[Kernel, ...] = ()
 
@@ -88,6 +90,7 @@ class Kernel:
             *(["split"] if self.split else []),
             *(["surfaces"] if self.surfaces and self.blending == "composite" else []),
             *(["leaping"] if self.leaping else []),
+            *(["pitched"] if self.pitched else []),
             *(["wide"] if self.wide else []),
         )
         return f"cast_{'_'.join(parts)}"
@@ -125,6 +128,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
         split=plan.march.split,
         surfaces=surfaces,
         leaping=plan.march.leaping is not None,
+        pitched=plan.layout.edges_zyx is not None,
     )
 
 

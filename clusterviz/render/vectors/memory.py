@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Collection, Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -53,7 +53,7 @@ class Memory:
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
-        self._slots = Slots(words_of(slot))
+        self._slots = Slots()
         self._kept: dict[Index, Kept] = {}
 
     @property
@@ -71,25 +71,25 @@ class Memory:
         """Samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
-    def make_room(self, bricks: int) -> None:
-        """Let so many further bricks lie side by side, if they come."""
-        self._slots.make_room(bricks)
+    def make_room(self, bricks: Collection[Index]) -> None:
+        """Let further bricks lie side by side, if they come."""
+        self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
 
-    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
-        self.make_room(len(bricks))
+        self.make_room(bricks.keys())
         for index in list(bricks):
-            brick = stored(bricks.pop(index))
-            slot = self._slots.take()
-            lay_out(brick.samples, self._slot, slot.words)
+            brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
+            slot = self._slots.take(words_of(own))
+            lay_out(brick.samples, own, slot.words)
             self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Bricks that are here, as every caster can take them; copies, since slots are taken by others later."""
-        shape, kind = (*self._slot.samples_zyx, -1), STORED_TYPE[self._slot.kind]
+        kind = STORED_TYPE[self._slot.kind]
         for index in bricks:
             kept = self._kept[index]
-            samples = kept.slot.words[:-1].view(kind).reshape(shape)[..., 0]
+            samples = kept.slot.words[:-1].view(kind).reshape(*self._slot.at(index).samples_zyx, -1)[..., 0]
             yield index, Stored(samples.copy(), kept.low, kept.high, kept.voxels, kept.bend)
 
     def drop(self, bricks: Iterable[Index]) -> None:
@@ -100,6 +100,8 @@ class Memory:
 
     def numbered(self, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[np.uint32], Numbers]:
         """Voxels, and by which of them bricks begin, of the box's shape: 0 for those that are not asked for.
+
+        Where bricks are of several sizes, it is told of each of their units (`BrickLayout.units`).
 
         Parameters
         ----------
@@ -119,19 +121,69 @@ class Memory:
         starts = np.array([words.__array_interface__["data"][0] for words in slots]) // VOXEL_BYTES
         first = int(starts.argmin())
         starts -= starts[first]
-        numbers = np.zeros(box.shape_zyx, np.uint32 if starts.max() + len(slots[0]) <= NARROW else np.int64)
-        numbers[tuple((bricks - box.begin_zyx).T)] = starts
+        end = max(start + words.size for start, words in zip(starts.tolist(), slots, strict=True))
+        kind, layout = np.uint32 if end <= NARROW else np.int64, self._slot.layout
+        low, high = layout.unit_box(box.begin_zyx, box.end_zyx) if layout else (box.begin_zyx, box.end_zyx)
+        numbers = np.zeros(tuple(np.subtract(high, low).tolist()), kind)
+        if layout is None:
+            numbers[tuple((bricks - box.begin_zyx).T)] = starts
+            return slots[first], numbers
+        for units, start, (row, layer) in zip(self._units(low, bricks), starts, self._pitches(bricks), strict=True):
+            z, y, x = (layout.brick * np.arange(along.stop - along.start) for along in units)
+            numbers[units] = start + (layer * z[:, None, None] + row * y[:, None] + x)
         return slots[first], numbers
 
+    def pitches(self, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
+        """Voxels from row to row, and from layer to layer, of the units of bricks of several sizes.
+
+        Returns
+        -------
+        pitches : int32 (*units of the box, 2); 0 for those that are not asked for
+        """
+        assert self._slot.layout, "bricks of one size have one pitch"
+        low, high = self._slot.layout.unit_box(box.begin_zyx, box.end_zyx)
+        found = np.zeros((*np.subtract(high, low), 2), np.int32)
+        for units, pitch in zip(self._units(low, bricks), self._pitches(bricks), strict=True):
+            found[units] = pitch
+        return found
+
     def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
-        """Lowest and highest samples of the groups of bricks, (m, *slot.groups_zyx) each."""
+        """Lowest and highest samples of the groups of the units of bricks, (m, *slot.unit.groups_zyx) each."""
         kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
-        return np.stack([one.low for one in kept]), np.stack([one.high for one in kept])
+        return self._by_units([one.low for one in kept]), self._by_units([one.high for one in kept])
 
     def bends(self, bricks: NDArray[np.int64]) -> NDArray[np.float32]:
-        """How bent the field is in the groups of bricks, (m, 2, *slot.groups_zyx): see `bends.py`."""
+        """How bent the field is in the groups of the units of bricks, (m, 2, *slot.unit.groups_zyx): see `bends.py`."""
         found = [self._kept[z, y, x].bend for z, y, x in bricks.tolist()]
-        return np.stack([bend for bend in found if bend is not None])
+        return self._by_units([bend for bend in found if bend is not None])
+
+    def _units(self, low: Index, bricks: NDArray[np.int64]) -> Iterator[tuple[slice, slice, slice]]:
+        """The units of each brick, counted from one."""
+        assert self._slot.layout, "bricks of one size are units themselves"
+        for z, y, x in bricks.tolist():
+            box = self._slot.layout.unit_box((z, y, x), (z + 1, y + 1, x + 1))
+            a, b, c = (slice(begin - first, end - first) for begin, end, first in zip(*box, low, strict=True))
+            yield a, b, c
+
+    def _pitches(self, bricks: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
+        """Voxels from row to row, and from layer to layer, of each brick."""
+        for z, y, x in bricks.tolist():
+            _, rows, row = self._slot.at((z, y, x)).samples_zyx
+            yield row, row * rows
+
+    def _by_units(self, groups: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """What is known of the groups of bricks, (..., *groups) each, unit by unit."""
+        if self._slot.layout is None:
+            return np.stack(groups)
+        sides, found = self._slot.unit.groups_zyx, []
+        for group in groups:
+            *others, z, y, x = group.shape
+            missing = [(0, -n % side) for n, side in zip((z, y, x), sides, strict=True)]
+            padded = np.pad(group, [(0, 0)] * len(others) + missing, mode="edge")
+            for axis, side in zip((-1, -2, -3), sides[::-1], strict=True):
+                padded = np.stack(np.split(padded, padded.shape[axis] // side, axis))
+            found.append(padded.reshape(-1, *padded.shape[3:]))
+        return np.concatenate(found)
 
 
 def words_of(slot: Slot) -> int:

@@ -85,18 +85,18 @@ class MixedMemory:
         """Samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
-    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[T], Stored]) -> None:
+    def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
         for volume in self._volumes:
-            volume.make_room(len(bricks))
+            volume.make_room(bricks.keys())
         for index in list(bricks):
-            brick = stored(bricks.pop(index))
+            brick = stored(index, bricks.pop(index))
             firsts = np.zeros((len(self._volumes), 4), np.int32)
             for number, part in enumerate(parts_of(brick.samples, self._slot)):
                 if part is not None:
                     firsts[number] = *part.first_xyz, 1
                     own = Stored(part.samples, brick.low[number], brick.high[number], part.samples.size)
-                    self._volumes[number].put({index: own}, lambda one: one)
+                    self._volumes[number].put({index: own}, lambda _, one: one)
             self._kept[index] = KeptMixed(firsts, brick.low, brick.high, brick.voxels)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:

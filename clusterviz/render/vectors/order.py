@@ -83,12 +83,13 @@ def job_of(plan: Plan, shown: tuple[BrickBox, int], rect: Rect, slot: Slot, tabl
     job["brick"], job["per_brick"] = plan.layout.brick, 1 / plan.layout.brick
     job["planes"], job["window"] = len(plan.clip), _window(plan, slot)
     tell_volume(job, slot, plan.segments, plan.look, slot.reach)
-    job["far"] = "voxels" in tables and is_far(bricks * tables["voxels"].nbytes, voxels_a_slab(plan))
+    units = int(np.count_nonzero(tables["pitches"][..., 0])) if "pitches" in tables else bricks
+    job["far"] = "voxels" in tables and is_far(4 * units * int(np.prod(slot.unit.samples_zyx)), voxels_a_slab(plan))
     job["slack"] = ROUNDED * (plan.layout.brick + 2 * GROUP * FARTHEST)
     across, down = -(-rect.width // TILE), -(-rect.height // TILE)
     job["tiles_across"], job["tiles"], job["stride"] = across, across * down, tables["pixels"].shape[1]
     job["squares_across"] = tables["work"].shape[1]
-    sides = slot.groups_zyx[::-1]
+    sides = slot.unit.groups_zyx[::-1]
     job["group_sides"] = *sides, np.prod(sides)
     tell_tables(job, tables)
     return job
@@ -104,7 +105,7 @@ def tell_volume(job: NDArray[np.void], slot: Slot, segments: Segments, look: Loo
     _, y, x = slot.samples_zyx
     job["row"], job["layer"] = x, x * y
     job["first_cell"], job["first_voxel"] = -reach, -slot.margin
-    job["last_cell"][0, :3] = np.array(slot.cells_zyx[::-1]) - 1 + reach
+    job["last_cell"][0, :3] = np.array(slot.unit.cells_zyx[::-1]) - 1 + reach
     job["further_starts"], job["record_floats"] = segments.further_starts, segments.records.itemsize // 4
     shading, grading = look.shading, look.grading
     job["lights"], job["surfaces"] = len(shading.lights) if shading else 0, len(look.surfaces)

@@ -7,6 +7,7 @@ from clusterviz.kernels.lanes import I32, I64, Value
 from clusterviz.render.vectors.fields.cubic import CubicField, CubicGradient
 from clusterviz.render.vectors.fields.field import Field
 from clusterviz.render.vectors.fields.gradient import CentralGradient, Gradient, NearestGradient
+from clusterviz.render.vectors.fields.pitch import BrickPitch, Pitch
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.kernel import Kernel
 from clusterviz.render.vectors.looks.composite import Composite
@@ -40,9 +41,8 @@ def program_of(kernel: Kernel) -> str:
     job = Job(code, kernel.wide)
     tile = Variable(code.number(I64, 0))
     samples = Variable(code.number(I64, 0))
-    field = None if kernel.volumes else _field(kernel, code, job)
     starts = Starts(code, job) if kernel.leaping else None
-    march = _march(kernel, code, job, field, starts) if field else _mixed_march(kernel, code, job, starts)
+    march = _mixed_march(kernel, code, job, starts) if kernel.volumes else _march(kernel, code, job, starts)
     tiles = Tile(code, job, march, starts)
 
     def next_tile() -> Value:
@@ -58,9 +58,9 @@ def program_of(kernel: Kernel) -> str:
     return code.text()
 
 
-def _field(kernel: Kernel, code: Code, job: Job) -> Field:
+def _field(kernel: Kernel, code: Code, job: Job, pitch: Pitch) -> Field:
     kind = CubicField if kernel.filter == "cubic" else Field
-    return kind(code, job, kernel.kind, kernel.filter == "nearest")
+    return kind(code, job, kernel.kind, kernel.filter == "nearest", pitch)
 
 
 def _mixed_march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) -> March:
@@ -69,7 +69,7 @@ def _mixed_march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) ->
     bodies = []
     for number, volume in enumerate(kernel.volumes):
         own = job.volume(number)
-        field, ramped = _field(volume, code, own), volume.preintegrated
+        field, ramped = _field(volume, code, own, Pitch(code, own)), volume.preintegrated
         body, samples = Body(code, own, number, volume.filter == "nearest", ramped), Samples(code, own, field)
         if ramped:
             ramps = Preintegrated(
@@ -83,14 +83,16 @@ def _mixed_march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) ->
     return March(code, job, places, look, kernel.jittered, starts=starts, bodies=Bodies(bodies))
 
 
-def _march(kernel: Kernel, code: Code, job: Job, field: Field, starts: Starts | None) -> March | SplitMarch:
+def _march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) -> March | SplitMarch:
+    pitch = BrickPitch(code, job) if kernel.pitched else Pitch(code, job)
+    field = _field(kernel, code, job, pitch)
     samples = Samples(code, job, field, starts)
     if kernel.split:
-        return SplitMarch(code, job, _preintegrated(kernel, code, job, field, samples), kernel.jittered)
+        return SplitMarch(code, job, _preintegrated(kernel, code, job, field, samples), kernel.jittered, pitch)
     stretch = Stretch(code) if kernel.stretched else None
     cut = Cut(code) if kernel.surfaces else None
     look = _look(kernel, code, job, field, samples, (stretch, cut))
-    places = Places(code, job, kernel.filter == "nearest", stretch)
+    places = Places(code, job, kernel.filter == "nearest", pitch, stretch)
     return March(code, job, places, look, kernel.jittered, stretch, cut, starts)
 
 

@@ -39,6 +39,33 @@ def test_narrower_vectors_give_the_same_picture(width: Width, dtype: str, interp
         assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
 
 
+@pytest.mark.parametrize(
+    ("dtype", "keys"),
+    [
+        ("uint8", {"look": LIT}),
+        ("int16", {"interpolation": "cubic"}),
+        ("float32", {"classification": "pre-integrated", "borders": "split"}),
+        ("float64", {"adaptive": 0.01}),
+        ("float32", {"interpolation": "nearest", "look": LIT}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "-".join(value),
+)
+def test_bricks_of_several_sizes_change_no_bit(dtype: str, keys: dict[str, Any]) -> None:
+    grid = Grid((19, 43, 58))
+    voxels = noise(grid.shape_zyx, dtype)
+    for camera in ("outside", "inside"):
+        scene = scene_of(voxels, camera_at(camera, grid), step=0.7, size=(33, 29), **keys)
+        drawn = []
+        for edges in (None, ((1,), (1, 2, 4), (3, 4, 6))):
+            prepared = prepare(scene, voxels, grid, 8, edges)
+            drawn.append(draw_on_processor(prepared, build_tree(prepared.plan.cost, 1).leaves[0].box))
+        uniform, larger = drawn
+        assert uniform.partial.rgba.any()
+        assert np.array_equal(uniform.partial.rgba, larger.partial.rgba)
+        assert uniform.samples == larger.samples
+        assert uniform.bricks > 2 * larger.bricks
+
+
 @pytest.mark.parametrize("look", [{}, LIT], ids=["plain", "lit"])
 def test_threads_change_nothing(look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     voxels = noise(dtype="uint8")

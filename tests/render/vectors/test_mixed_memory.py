@@ -24,7 +24,7 @@ def filled() -> tuple[MixedMemory, dict[tuple[int, int, int], Stored]]:
     slot = slot_of(plan)
     stored = {index: store_portions(portions, plan.mixture, slot) for index, portions in bricks.items()}
     memory = MixedMemory(slot)
-    memory.put(dict(stored), lambda one: one)
+    memory.put(dict(stored), lambda _, one: one)
     return memory, stored
 
 
@@ -57,5 +57,5 @@ def test_bricks_that_are_given_up_leave_their_room_to_others() -> None:
     some = list(stored)[::2]
     memory.drop(some)
     assert memory.bricks == set(stored) - set(some)
-    memory.put({index: stored[index] for index in some}, lambda one: one)
+    memory.put({index: stored[index] for index in some}, lambda _, one: one)
     assert memory.bytes == before

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import F32, I8, I16, I32, I64, Value, Vector
+from clusterviz.kernels.lanes import F32, I8, I16, I32, I64, Value, Vector, vector_of
 from clusterviz.plan.encoding import VoxelKind
+from clusterviz.render.vectors.fields.pitch import Pitch
 from clusterviz.render.vectors.job import Job
 
 PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
@@ -53,17 +54,16 @@ class Field:
     ----------
     kind : how they are stored
     nearest : the nearest voxel is taken, nothing is interpolated
+    pitch : of the bricks
 
     Attributes
     ----------
     is_nearest : the same
     """
 
-    def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool) -> None:
-        self._code, self._kind, self.is_nearest = code, kind, nearest
-        self._row_real, self._layer_real = (code.splat(job[name]).to(F32) for name in ("row", "layer"))
+    def __init__(self, code: Code, job: Job, kind: VoxelKind, nearest: bool, pitch: Pitch) -> None:
+        self._code, self._kind, self.is_nearest, self._pitch = code, kind, nearest, pitch
         self._word, self._voxels = job.word, job["voxels"]
-        self._row, self._layer = (job[name].to(I64) for name in ("row", "layer"))
         self._scale, self._bias = (code.splat(job.part("scalar", k)) for k in range(2))
         self._base = code.splat(job["base"])
 
@@ -166,7 +166,7 @@ class Field:
     def first_corner(self, spot: Spot, cell: Sequence[Value]) -> Value:
         """The number of a cell's first corner; the cell is float32, as seen from the spot's."""
         # Whole numbers below 2^24 (the length of a run sees to that), so that float32 is exact.
-        away = self._code.fma(cell[2], self._layer_real, self._code.fma(cell[1], self._row_real, cell[0]))
+        away = self._pitch.away(vector_of(cell))
         return spot.voxel + away.to(I32).to(self._word)
 
     def scalar(self, stored: Value) -> Value:
@@ -200,7 +200,8 @@ class Field:
 
         Loads of single numbers: where they were measured, a gather took longer.
         """
-        code, lanes, away = self._code, self._code.lanes, self._row * y + self._layer * z + x
+        code, lanes = self._code, self._code.lanes
+        voxel, away = self._pitch.beside(voxel, x, y, z)
         loads = [code.load(I64, self._address(voxel, lane, away)) for lane in range(lanes)]
         both = code.packed(loads).bits(I32)
         low, high = (code.shuffle(both, both, range(word, 2 * lanes, 2)) for word in (0, 1))

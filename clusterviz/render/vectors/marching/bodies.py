@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.pitch import Pitch
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import kept_by, side_of
 from clusterviz.render.vectors.marching.place import Place, Places, Window
@@ -269,7 +270,7 @@ class MixedPlaces(Places):
     """The bricks of a domain and their groups of cells; in place of voxels they tell bricks' numbers in the box."""
 
     def __init__(self, code: Code, job: Job, bodies: Sequence[Body]) -> None:
-        super().__init__(code, job, nearest=False)
+        super().__init__(code, job, False, Pitch(code, job))
         self._bodies = bodies
 
     def _voxels_of(self, brick: Value) -> Value:

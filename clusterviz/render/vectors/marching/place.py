@@ -9,6 +9,7 @@ from typing import Any
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.pitch import Pitch
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.rays import cell_of
 from clusterviz.render.vectors.marching.stretch import Stretch
@@ -64,10 +65,11 @@ class Places:
     ----------
     nearest : voxels are looked up, not cells
     stretch : where slabs may be longer; None: nowhere
+    pitch : of the bricks
     """
 
-    def __init__(self, code: Code, job: Job, nearest: bool, stretch: Stretch | None = None) -> None:
-        self._code, self._job, self._brick, self._stretch = code, job, job["brick"], stretch
+    def __init__(self, code: Code, job: Job, nearest: bool, pitch: Pitch, stretch: Stretch | None = None) -> None:
+        self._code, self._job, self._brick, self._stretch, self._pitch = code, job, job["brick"], stretch, pitch
         self._begin, self._count = ([job.part(name, k) for k in range(3)] for name in ("bricks_begin", "bricks_count"))
         self._sides = [job.part("group_sides", k) for k in range(4)]
         self._first = job["first_cell"]
@@ -157,11 +159,12 @@ class Places:
     def _voxel(self, local: Vector) -> Value:
         """The number of a cell's first corner in its brick, of the job's `word`."""
         x, y, z = (at - self._job["first_voxel"] for at in local)
-        return (z * self._job["layer"] + y * self._job["row"] + x).to(self._job.word)
+        return self._pitch.voxel((x, y, z))
 
     def _voxels_of(self, brick: Value) -> Value:
         """The number of the first voxel of a brick of the box; some other's, where it is not here."""
         word = self._job.word
+        self._pitch.enter(brick)
         return self._code.gather(word, self._job["bricks"], brick, BYTES[word])
 
     def _group_end(self, group: Value) -> Value:

@@ -12,6 +12,7 @@ from typing import Protocol
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector, vector_of
 from clusterviz.render.vectors.fields.field import Spot
+from clusterviz.render.vectors.fields.pitch import Pitch
 from clusterviz.render.vectors.job import Job
 from clusterviz.render.vectors.marching.clip import keeps, kept_range
 from clusterviz.render.vectors.marching.faces import Faces
@@ -38,14 +39,15 @@ class SplitMarch:
     Parameters
     ----------
     jittered : every pixel has a lattice of slabs of its own
+    pitch : of the bricks
     """
 
     keeps_more = SPLIT
 
-    def __init__(self, code: Code, job: Job, look: SplitLook, jittered: bool) -> None:
+    def __init__(self, code: Code, job: Job, look: SplitLook, jittered: bool, pitch: Pitch) -> None:
         self._code, self._job, self._look, self._jittered = code, job, look, jittered
         self._faces = Faces(code, job)
-        self._places = BrickPlaces(code, job, False)
+        self._places = BrickPlaces(code, job, False, pitch)
 
     def rays_through(self, x: Value, y: Value) -> Rays:
         """The rays through the pixels (x, y) of the picture."""
