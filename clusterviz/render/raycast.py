@@ -25,6 +25,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.coherence.last_frame import LastFrame
+from clusterviz.render.coherence.reprojection import prepare_reprojection
 from clusterviz.render.dispatch import Buffers, March
 from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.frame_block import ONLY, frame_block
@@ -69,7 +70,7 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._variant = self.variant_of(plan)
-        self._program = compile_compute(context, self._variant.source)
+        self._program = self._compiled(self._variant)
         self._last_frame = LastFrame()
 
     @property
@@ -93,8 +94,14 @@ class Raycaster:
     def compile(self, plan: Plan) -> None:
         """Make the program of another plan with the same slots; the bricks stay."""
         self._variant, old = self.variant_of(plan), self._program
-        self._program = compile_compute(self._context, self._variant.source)
+        self._program = self._compiled(self._variant)
         old.release()
+
+    def _compiled(self, variant: Variant) -> moderngl.ComputeShader:
+        """A program, and what its rays need of the last frame."""
+        if variant.leaping:
+            prepare_reprojection()
+        return compile_compute(self._context, variant.source)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Take over bricks beside those that are there, and upload them, at the latest when they are drawn.
