@@ -144,22 +144,23 @@ class FrameStatistics:
 
     @property
     def migration(self) -> dict[str, float] | None:
-        """What bricks on their way took; None where none move.
+        """Cost of migrating bricks; None if the distribution is not dynamic.
 
-        Seconds of the rank that worked most on them, planning included, and their share of that rank's frame; what
-        planning took the slowest rank; bytes that were sent, and what they would have been unpacked; bricks that
-        arrived, all ranks together.
+        `seconds` and `share` are those of the busiest rank, in seconds and as a share of its frame, planning included;
+        `planning_seconds` is that of the slowest rank; bytes (sent, and unpacked) and bricks received are sums.
         """
-        told = [(rank.balance, rank.seconds.get("total", 0.0)) for rank in self.per_rank if "seconds" in rank.balance]
-        if not told:
+        balances = [
+            (rank.balance, rank.seconds.get("total", 0.0)) for rank in self.per_rank if "seconds" in rank.balance
+        ]
+        if not balances:
             return None
         return {
-            "seconds": max(each["seconds"] for each, _ in told),
-            "share": max(each["seconds"] / total if total else 0.0 for each, total in told),
-            "planning_seconds": max(each.get("planning_seconds", 0.0) for each, _ in told),
-            "bytes_sent": sum(each["bytes_sent"] for each, _ in told),
-            "bytes_raw": sum(each.get("bytes_raw", 0) for each, _ in told),
-            "bricks": sum(each.get("bricks_stored", 0) for each, _ in told),
+            "seconds": max(each["seconds"] for each, _ in balances),
+            "share": max(each["seconds"] / total if total else 0.0 for each, total in balances),
+            "planning_seconds": max(each.get("planning_seconds", 0.0) for each, _ in balances),
+            "bytes_sent": sum(each["bytes_sent"] for each, _ in balances),
+            "bytes_raw": sum(each.get("bytes_raw", 0) for each, _ in balances),
+            "bricks": sum(each.get("bricks_stored", 0) for each, _ in balances),
         }
 
     def as_json(self) -> dict[str, Any]:

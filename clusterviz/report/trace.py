@@ -99,12 +99,12 @@ def measure_offset(channel: Link, rounds: int = ROUNDS) -> ClockOffset:
 
 
 def _round_trip(channel: Link, rank: int) -> ClockOffset:
-    told = np.zeros(1)
+    reply = np.zeros(1)
     began = perf_counter()
     _send(channel, np.zeros(1), rank)
-    _receive(channel, told, rank)
+    _receive(channel, reply, rank)
     spent = perf_counter() - began
-    return ClockOffset(float(told[0]), float(told[0]) - (began + spent / 2), spent)
+    return ClockOffset(float(reply[0]), float(reply[0]) - (began + spent / 2), spent)
 
 
 def _send(channel: Link, numbers: NDArray[np.float64], target: int) -> None:

@@ -1,4 +1,4 @@
-"""The plots, as SVG for the page: full marks have cores of their own, hollow ones take turns."""
+"""Charts of the scaling report as SVG; hollow marks are oversubscribed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from clusterviz.report.pages.scale.forecast import PredictedFrame
 from clusterviz.report.pages.scale.points import Balance, Point
 from clusterviz.report.pages.scale.survey import SurveyResult
 
-# Okabe and Ito's colours, told apart by every kind of colour vision.
+# Okabe and Ito's colours, distinguishable with colour vision deficiencies.
 STRONG_COLOUR, WEAK_COLOUR, IDEAL = "#0072B2", "#D55E00", "#999999"
 STAGE_COLOURS = {
     "render": "#0072B2",
@@ -21,11 +21,11 @@ STAGE_COLOURS = {
     "collect": "#CC79A7",
     "other": "#CCCCCC",
 }
-"""The stages of a frame; what is done once a job is in the table."""
+"""Colours of the stages of a frame; stages done once a job are only in the table."""
 
 
 def frame_chart(found: SurveyResult) -> str:
-    """Seconds of a frame and efficiency against ranks; SVG text."""
+    """Return a chart of frame time and efficiency over ranks, as SVG."""
     figure = make_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2)
     for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
@@ -50,7 +50,7 @@ def frame_chart(found: SurveyResult) -> str:
 
 
 def stage_chart(found: SurveyResult) -> str:
-    """What a frame is made of, a bar a point; SVG text."""
+    """Return a chart of the stages of a frame, one bar a point, as SVG."""
     groups = [(name, points) for name, points in (("strong", found.strong), ("weak", found.weak)) if points]
     figure = make_figure(9.5, 0.9 + 0.34 * max(len(points) for _, points in groups))
     row = figure.subplots(1, len(groups), squeeze=False)[0]
@@ -72,7 +72,7 @@ def stage_chart(found: SurveyResult) -> str:
 
 
 def balance_chart(found: SurveyResult) -> str:
-    """Imbalance and memory against ranks; SVG text."""
+    """Return a chart of imbalance and memory over ranks, as SVG."""
     figure = make_figure(9.5, 3.3)
     left, right = figure.subplots(1, 2)
     for points, colour, name in ((found.strong, STRONG_COLOUR, "strong"), (found.weak, WEAK_COLOUR, "weak")):
@@ -95,7 +95,7 @@ def balance_chart(found: SurveyResult) -> str:
 
 
 def orbit_chart(balance: Sequence[Balance]) -> str:
-    """Imbalance over the frames of an orbit, a colour a distribution; SVG text."""
+    """Return a chart of imbalance over the frames of an orbit, one colour a distribution, as SVG."""
     figure = make_figure(9.5, 3.3)
     axes = figure.subplots()
     for one, colour in zip(balance, (STRONG_COLOUR, WEAK_COLOUR), strict=False):
@@ -115,11 +115,13 @@ def forecast_chart(
     weak: Sequence[PredictedFrame],
     others: Mapping[str, Sequence[PredictedFrame]],
 ) -> str:
-    """Predicted curves with the measured points on them; SVG text.
+    """Return a chart of predicted curves and measured points, as SVG.
 
     Parameters
     ----------
-    others : compositing on other networks, by their names
+    found : results of the measurements
+    strong, weak : forecasts
+    others : name of another network -> forecast
     """
     figure = make_figure(9.5, 4.6)
     row = figure.subplots(1, 2 if weak else 1, squeeze=False, sharey=True)[0]
@@ -159,7 +161,7 @@ def _stage(point: Point, stage: str) -> float:
 
 
 def _line(axes: Any, points: Sequence[Point], values: Sequence[float], colour: str, label: str) -> None:
-    """A line through all points, with marks that tell which take turns."""
+    """Draw a line through all points, with hollow marks for oversubscribed ones."""
     axes.plot([point.ranks for point in points], values, color=colour, linewidth=1.2, label=label)
     _marks(axes, points, values, colour, "", "o")
 
@@ -178,7 +180,7 @@ def _marks(axes: Any, points: Sequence[Point], values: Sequence[float], colour: 
 
 
 def _ideal(axes: Any, points: Sequence[Point]) -> None:
-    """What perfect scaling from the first point would be."""
+    """Draw ideal scaling from the first point."""
     first, ranks = points[0], [point.ranks for point in points]
     strong = first.scaling == "strong"
     times = [1e3 * first.total_seconds * (first.ranks / n if strong else 1.0) for n in ranks]
@@ -193,7 +195,7 @@ def _count_ticks(axes: Any, counts: Sequence[int]) -> None:
 
 
 def _plain_values(axes: Any) -> None:
-    """200 reads better than 2 × 10²; within a decade, every tick has its number."""
+    """Label the y axis with plain numbers, and all ticks if it spans less than two decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()

@@ -1,14 +1,14 @@
-"""Beyond the machine: how long a frame should take on up to 65,536 ranks.
+"""Forecast of frame times on up to 65,536 ranks.
 
-Compositing is the time model's (docs/time-model.md), which `auto` chooses by too. What is put into it was measured: how
-large the canvas is, and how much of it a rank's image covers. A rank's share of a volume of n parts covers about the
-n^(-2/3)-th part of the canvas, as the bricks of a cube do; the constant is that of the largest measured count.
+Compositing follows the time model (docs/time-model.md), which `auto` uses too, with the measured canvas and the
+measured cover of a rank's image. One of n parts of a volume covers about n^(-2/3) of the canvas, as the bricks of a
+cube do; the constant is that of the largest measured count.
 
-Drawing is a line in the samples of the slowest rank, fitted to all ranks that had a core or a GPU of their own. The
-samples are the scene's, divided by the ranks, times the measured imbalance. Where something is opaque they grow with
-the ranks, since a ray that ends in front goes on in the ranks behind; what was measured of that is in it, and beyond
-the largest count they are taken to stay. So it is assumed that bricks are cut small enough for all ranks to have some,
-and that balance gets no worse; both are said on the page.
+Drawing is linear in the samples of the slowest rank, fitted to all ranks with a core or GPU of their own. The samples
+are the scene's, divided by the number of ranks, times the measured imbalance. In opaque scenes the samples of all ranks
+grow with their number, since a ray that ends early in one rank continues in those behind it; the measured growth is
+included, and beyond the largest count the samples are constant. The forecast assumes that there are enough bricks for
+all ranks, and that imbalance does not grow; the page states both.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from clusterviz.scene import Cluster
 
 MAX_RANKS = 65_536
 COVER_EXPONENT = 2 / 3
-"""The exponent of a brick's share of the screen."""
+"""Exponent of a brick's cover of the canvas."""
 NEAR_OPTIMAL = 1.05
 MIN_SAMPLE_RATIO = 4.0
-"""Samples of the fitted ranks must differ so many times for a fixed time of each rank to be told from noise."""
+"""Smallest ratio of samples of the fitted ranks for which a fixed time of each rank is estimated."""
 
 
 @dataclass(frozen=True)
 class Rates:
-    """What of the measurements goes into a forecast.
+    """Measured inputs of a forecast.
 
     Attributes
     ----------
-    draw_seconds, draw_seconds_per_sample : of a rank's drawing, a line; the first is 0 where it cannot be told
-    readback_seconds_per_pixel : of a rank's image
-    samples : of the scene, all ranks together, by number of ranks
-    imbalance : of the samples, at the largest measured count
-    images : what was composited there
-    crowded : whether only ranks that take turns could be asked, so that drawing seems slower than it is
+    draw_seconds, draw_seconds_per_sample : linear model of a rank's drawing; the first is 0 if it cannot be estimated
+    readback_seconds_per_pixel : seconds per pixel of a rank's image
+    samples : number of ranks -> samples of the scene on all ranks
+    imbalance : imbalance of the samples at the largest measured count
+    images : partial images at the largest measured count
+    crowded : whether all measured counts were oversubscribed, so that drawing is overestimated
     """
 
     draw_seconds: float
@@ -62,7 +62,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class PredictedFrame:
-    """A frame on so many ranks: seconds of drawing and reading back on the slowest rank, and of compositing."""
+    """Predicted frame: seconds of drawing and readback on the slowest rank, and of compositing."""
 
     ranks: int
     draw_seconds: float
@@ -72,18 +72,18 @@ class PredictedFrame:
 
     @property
     def total_seconds(self) -> float:
-        """The frame."""
+        """Seconds of the frame."""
         return self.draw_seconds + self.compositing_seconds
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Where a forecast is for.
+    """Machine of a forecast.
 
     Attributes
     ----------
-    near, far : the network of a job on one node, and on several
-    ranks_per_node : each with a core or a GPU of its own
+    near, far : network constants for jobs on one node, and on several
+    ranks_per_node : ranks of a node, each with a core or GPU of its own
     """
 
     near: Network
@@ -91,12 +91,12 @@ class Machine:
     ranks_per_node: int
 
     def network(self, ranks: int) -> Network:
-        """The constants for a job of so many ranks, each with a core of its own."""
+        """Return the network constants for a number of ranks, each with a core of its own."""
         return replace(self.near if ranks <= self.ranks_per_node else self.far, cores=0)
 
 
 def fit_rates(points: Sequence[Point]) -> Rates:
-    """The rates, of at least one point; those of ranks that take turns only where there are no others."""
+    """Fit the rates to at least one point; oversubscribed points are used only if there are no others."""
     own = [point for point in points if not point.crowded]
     asked = own or list(points)
     draws: dict[int, list[float]] = {}
@@ -107,13 +107,13 @@ def fit_rates(points: Sequence[Point]) -> Rates:
     fixed, each = _line(times)
     largest = max((point for point in points if point.scaling == STRONG), key=lambda p: p.ranks, default=points[-1])
     readback = min(point.readback_seconds_per_pixel for point in asked)
-    # Weak scaling draws the scene as often as there are ranks.
+    # Weak scaling on n ranks has n times the samples of the scene.
     scenes = {p.ranks: sum(p.samples) / (1 if p.scaling == STRONG else p.ranks) for p in reversed(points)}
     return Rates(fixed, each, readback, scenes, largest.imbalance_samples, largest.images, not own)
 
 
 def _line(times: dict[int, float]) -> tuple[float, float]:
-    """Seconds of nothing, and of a sample; through the origin where the samples are too much alike to tell both."""
+    """Fit fixed seconds and seconds per sample; the line passes through the origin if the samples differ too little."""
     if times and max(times) >= MIN_SAMPLE_RATIO * min(times):
         fixed, each = fit_line(times)
         if each > 0:
@@ -124,12 +124,12 @@ def _line(times: dict[int, float]) -> tuple[float, float]:
 def forecast(
     rates: Rates, machine: Machine, cluster: Cluster, weak: bool, counts: Sequence[int]
 ) -> list[PredictedFrame]:
-    """What to expect for each number of ranks, of the strong scaling or of the weak one."""
+    """Predict frames of strong or weak scaling for numbers of ranks."""
     return [_expect(rates, machine, cluster, weak, ranks) for ranks in counts]
 
 
 def rank_counts(most: int = MAX_RANKS) -> list[int]:
-    """1, 2, 4, …"""
+    """Return 1, 2, 4, … up to a largest number."""
     return [2**k for k in range(most.bit_length())]
 
 
@@ -146,7 +146,7 @@ def _expect(rates: Rates, machine: Machine, cluster: Cluster, weak: bool, ranks:
 
 
 def _images(measured: ImageStatistics, ranks: int) -> ImageStatistics:
-    """What so many ranks would composite; no image is smaller than a pixel."""
+    """Return the partial images of a number of ranks; no image is smaller than a pixel."""
     before = max(measured.images, 1)
     shrunk = min(1.0, measured.cover * (before / ranks) ** COVER_EXPONENT) if ranks > 1 else 1.0
     cover = max(shrunk, 1 / max(measured.pixels, 1))
@@ -155,7 +155,7 @@ def _images(measured: ImageStatistics, ranks: int) -> ImageStatistics:
 
 
 def _compositing(images: ImageStatistics, machine: Machine, cluster: Cluster, ranks: int) -> tuple[float, str, str]:
-    """The fastest of what the scene allows, as `auto` would choose."""
+    """Return seconds, algorithm and transport of the fastest compositing that the scene allows, as for `auto`."""
     if ranks == 1:
         return machine.network(1).frame_seconds, "none", "none"
     nodes = math.ceil(ranks / machine.ranks_per_node)
@@ -171,14 +171,14 @@ def _compositing(images: ImageStatistics, machine: Machine, cluster: Cluster, ra
 
 
 def _algorithms(cluster: Cluster, transport: str, images: int) -> list[str]:
-    """What composites so many images; in shared memory it always is direct send, in place."""
+    """Return the candidate algorithms; in shared memory only direct send in place."""
     if transport == "shared":
         return ["direct-send"]
     return candidates(images) if cluster.compositing == "auto" else [cluster.compositing]
 
 
 def _transports(cluster: Cluster, nodes: int, each: int) -> list[str]:
-    """What is possible on so many nodes and wanted; a scene that wants what it cannot have gets messages."""
+    """Return the possible transports that the scene allows; messages if there is none."""
     possible = ["messages"]
     if each > 1:
         possible.append("hierarchical" if nodes > 1 else "shared")
@@ -188,11 +188,11 @@ def _transports(cluster: Cluster, nodes: int, each: int) -> list[str]:
 
 
 def crossover_ranks(expected: Sequence[PredictedFrame]) -> int | None:
-    """From how many ranks on compositing takes longer than drawing; None where it never does."""
+    """Return the smallest number of ranks for which compositing takes longer than drawing; None if there is none."""
     return next((one.ranks for one in expected if one.compositing_seconds > one.draw_seconds), None)
 
 
 def sufficient_ranks(expected: Sequence[PredictedFrame]) -> PredictedFrame:
-    """The fewest ranks whose frame is about as short as the shortest there is."""
+    """Return the prediction with the fewest ranks that is within 5 % of the shortest frame."""
     least = min(one.total_seconds for one in expected)
     return next(one for one in expected if one.total_seconds <= NEAR_OPTIMAL * least)

@@ -1,8 +1,8 @@
-"""One rank count: a frame drawn several times on all ranks, what it sent counted, its picture kept.
+"""Measurement of one rank count: timed frames, messages sent, and the picture.
 
-The frame loop draws, as for a movie whose camera rests, or turns. Each frame is timed from a barrier on. The first one
-is not counted: the data are read and kernels compiled in it. After the timed frames one more is composited by messages
-and raw pixels, whatever the scene asks for: it is not timed, and its messages are those that theory can count.
+The frame loop draws as for an animation with a static camera or an orbit. Each frame is timed from a barrier. The first
+one, in which data are read and kernels compiled, is not counted. After the timed frames one more is composited with
+messages and raw pixels, which the schedule predicts exactly.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ Write = Callable[[Image, Scene], None]
 
 @dataclass(frozen=True)
 class RankResources:
-    """Where a rank sat, and what it shared.
+    """Node, cores and GPU of a rank.
 
     Attributes
     ----------
-    host : the node's name
-    cores : numbers of the cores on which the system let it run
-    gpu : EGL index of the GPU that it drew on; None for software, and where it drew nothing
+    host : name of the node
+    cores : numbers of the cores in the affinity mask
+    gpu : EGL index of the GPU; None for software rendering, or if nothing was drawn
     """
 
     host: str
@@ -51,22 +51,22 @@ class RankResources:
 
 @dataclass(frozen=True)
 class Measured:
-    """One rank count; all lists by rank.
+    """Measurement of one rank count; lists are by rank.
 
     Attributes
     ----------
-    frames : by frame, then rank; `seconds` has the stages of a frame, `total`, and `cpu`, the process's CPU time
-    once : seconds of what is done once a job: `plan`, `load` (reading, summarising, uploading), `context`, `shaders`,
-        all of the first frame
-    finish_seconds : writing the picture
-    seats : where the ranks sat
-    order : the ranks from front to back
-    rects : what each rank's images cover: (x_begin, y_begin, x_end, y_end), empty where nothing was drawn
-    algorithm : of the counted frame; "" where ranks had several images or tiles, for which nothing is counted
-    counted : of that frame, by rank, then round: messages and pixels sent
-    size, step : width and height of the picture, and the step in voxels that was drawn with
-    bytes_per_pixel : of partial images
-    sharing : how the ranks shared the last frame: `Sharing.way`
+    frames : by frame, then rank; `seconds` has the stages of a frame, `total`, and `cpu`, the CPU time of the process
+    once : seconds of the stages done once a job, all in the first frame: `plan`, `load` (reading, summarising,
+        uploading), `context`, `shaders`
+    finish_seconds : seconds of writing the picture
+    resources : node, cores and GPU of each rank
+    order : ranks from front to back
+    rects : bounding rectangle of each rank's images, (x_begin, y_begin, x_end, y_end); empty if nothing was drawn
+    algorithm : algorithm of the counted frame; "" if ranks had several images or tiles, which are not counted
+    counted : messages and pixels sent in the counted frame, by rank, then round
+    size, step : width and height of the picture, and the step in voxels
+    bytes_per_pixel : bytes of a pixel of partial images
+    sharing : mode of the last frame, `Sharing.way`
     """
 
     frames: list[list[RankFrame]]
@@ -83,12 +83,12 @@ class Measured:
     sharing: str = "sort-last"
 
     def as_json(self) -> dict[str, Any]:
-        """Its attributes by name."""
+        """Return the attributes as a dict."""
         return asdict(self)
 
 
 def measured_from_json(data: dict[str, Any]) -> Measured:
-    """What `as_json` gave, after a walk through a file."""
+    """Return the measurement of a dict that `as_json` returned."""
     resources = [RankResources(one["host"], tuple(one["cores"]), one["gpu"]) for one in data["resources"]]
     return Measured(
         **data
@@ -112,15 +112,16 @@ def measure(
 
     Parameters
     ----------
-    scene : with a volume
-    frames, warm_up : how many are timed, after how many that are not
+    scene : a scene with a volume
+    channel : channel of the ranks
+    frames, warm_up : numbers of timed frames, and of frames before them
     write : called on rank 0 with the last picture
-    orbit : degrees by which the camera turns in all of these frames; it rests where None
+    orbit : total angle of the camera in all frames, degrees; None for a static camera
 
     Raises
     ------
     SceneError, RankError
-        On every rank: nothing to draw, or a rank failed.
+        On every rank: there is nothing to draw, or a rank failed.
     """
     count, cpu_seconds, rendered = warm_up + frames, list[float](), list[Rendered]()
     with FrameLoop(scene, channel, options=Options(keep_drawn=True, overlap=False)) as loop:
@@ -129,7 +130,7 @@ def measure(
             with abort_on_failure(channel, number, "barrier"):
                 channel.barrier()
             began = process_time()
-            # Of the frames before, the pictures are not needed any more.
+            # Pictures of earlier frames are not needed.
             rendered = [replace(before, image=None, drawn=None) for before in rendered]
             rendered.append(loop.frame(shown, number))
             cpu_seconds.append(process_time() - began)
@@ -170,7 +171,7 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
 
 
 def _resources(channel: Channel, drawn: DrawnFrame, plan: Plan) -> RankResources:
-    """Where this rank sits, and what it drew on."""
+    """Return the node, cores and GPU of this rank."""
     place, gpu = channel.placement(), None
     if drawn.counts.bricks and not on_processor(plan):
         devices = egl_devices()
@@ -180,7 +181,7 @@ def _resources(channel: Channel, drawn: DrawnFrame, plan: Plan) -> RankResources
 
 
 def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
-    """What this rank's images cover."""
+    """Return the bounding rectangle of this rank's images."""
     rect = EMPTY
     for partial in drawn.partials:
         rect = rect.unite(partial.rect)
@@ -188,7 +189,7 @@ def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
 
 
 def _count(channel: Channel, drawn: DrawnFrame, plan: Plan) -> tuple[str, list[tuple[int, int]]]:
-    """The algorithm by messages, and what this rank sends in each round of it."""
+    """Composite with messages; return the algorithm, and messages and pixels that this rank sends in each round."""
     share, tiled = drawn.share, drawn.share.mode != "sort-last" and len(drawn.partials) > 1
     with abort_on_failure(channel, drawn.number, "count"):
         tiled = bool(channel.maximum(tiled))

@@ -1,4 +1,4 @@
-"""The report as files: one page that holds all it shows, and its numbers as JSON and CSV."""
+"""Files of the scaling report: a self-contained HTML page, and its numbers as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ TEMPLATE = Path(__file__).with_name("page.html")
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page shows.
+    """Contents of the page.
 
     Attributes
     ----------
-    name : what the scene is called
-    scene : completed
-    frames : timed for each point
-    threads : of each rank, at every count; "" where the environment said so itself
-    found : what was measured
-    rates, machine : what the forecasts were made with
-    strong, weak : forecasts; weak is empty where it was not asked for
-    others : strong scaling on other networks, by their names
-    environment : what `clusterviz doctor --json` says, or {"problem": why it said nothing}
+    name : name of the scene
+    scene : the completed scene
+    frames : number of timed frames of each point
+    threads : threads of each rank at every count; "" if set by the environment
+    found : results of the measurements
+    rates, machine : inputs of the forecasts
+    strong, weak : forecasts; weak may be empty
+    others : name of another network -> forecast of strong scaling
+    environment : output of `clusterviz doctor --json`, or {"problem": reason}
     """
 
     name: str
@@ -52,12 +52,12 @@ class Report:
 
     @property
     def verdict(self) -> list[str]:
-        """What there is to say, in sentences."""
+        """Conclusions, in sentences."""
         return verdict(self.found, self.strong, self.machine.far.name)
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """Strong, then weak."""
+        """Points of strong scaling, then of weak scaling."""
         return (*self.found.strong, *self.found.weak)
 
 
@@ -78,7 +78,7 @@ def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """The report as JSON; docs/scaling.md says what each key means."""
+    """Return the report as JSON values; docs/scaling.md describes the keys."""
     machine = report.machine
     return {
         "clusterviz": version("clusterviz"),
@@ -104,7 +104,7 @@ def numbers(report: Report) -> dict[str, Any]:
 
 
 def row(point: Point) -> dict[str, Any]:
-    """One line of the CSV."""
+    """Return one line of the CSV file."""
     difference = point.difference
     return {
         "scaling": point.scaling,
@@ -137,7 +137,7 @@ def row(point: Point) -> dict[str, Any]:
 
 
 def html(report: Report) -> str:
-    """The page."""
+    """Return the HTML page."""
     import jinja2
 
     from clusterviz.report.pages.scale import charts

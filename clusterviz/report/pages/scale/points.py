@@ -1,4 +1,4 @@
-"""One rank count as numbers for people: time a stage, efficiency, imbalance, bytes against theory, memory, picture."""
+"""Points of scaling curves: times, efficiency, imbalance, messages, memory and picture of one rank count."""
 
 from __future__ import annotations
 
@@ -18,39 +18,41 @@ from clusterviz.report.statistics import FrameStatistics, RankFrame
 STRONG, WEAK = "strong", "weak"
 COMPOSITING = ("encode", "exchange", "blend", "collect")
 DISTRIBUTIONS = ("coherent", "dynamic")
-"""Compared: balance off, and on."""
+"""Distributions compared: without and with load balancing."""
 FRAMES, DEGREES = 12, 90.0
-"""Of the orbit, which begins at the scene's camera."""
+"""Number of frames and angle of the orbit, which begins at the scene's camera."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One rank count; seconds are of the slowest rank, and of the median frame.
+    """Results of one rank count; seconds are those of the slowest rank in the median frame.
 
     Attributes
     ----------
     scaling : "strong" or "weak"
-    ranks, nodes : how many
-    step : the step in voxels that was drawn with
-    crowded : why times tell nothing of scaling: ranks that share cores or a GPU; "" where each has its own
-    seconds : by stage; `plan`, `load`, `context`, `shaders` and `finish` are done once, the others once a frame
-    total_seconds, total_seconds_min, total_seconds_max : of a frame, from a barrier until the picture is whole
-    render_mean_seconds : drawing, the mean of the ranks
-    cpu_seconds : of a frame, all ranks and their threads together
-    compositing_seconds, predicted_seconds : of the slowest rank; by the time model for what ran, 0 where nothing did
-    efficiency : against the base; None where that or this is crowded
-    imbalance : largest over mean seconds of drawing, of each frame
+    ranks, nodes : numbers of ranks and nodes
+    step : step in voxels
+    crowded : oversubscribed cores or GPUs in words, for which times do not show scaling; "" if there are none
+    seconds : stage -> seconds; `plan`, `load`, `context`, `shaders` and `finish` once a job, the others once a frame
+    total_seconds, total_seconds_min, total_seconds_max : median, minimum and maximum of a frame, from a barrier until
+        the picture is complete
+    render_mean_seconds : seconds of drawing, mean of the ranks
+    cpu_seconds : CPU seconds of a frame, all ranks and threads
+    compositing_seconds, predicted_seconds : measured on the slowest rank, and predicted by the time model; 0 without
+        compositing
+    efficiency : parallel efficiency relative to the smallest count; None if either is oversubscribed
+    imbalance : largest over mean seconds of drawing, by frame
     samples : field samples of a frame, by rank
-    draw_seconds : drawing, by rank; of the fastest frame, since other work on the machine only ever adds to a time
-    sharing : how the ranks shared a frame: sort-last, sort-first or hybrid
-    algorithm, transport, codec : what composited
-    counted_algorithm, rounds, bytes_dense : of one frame by messages; see `rounds`
+    draw_seconds : seconds of drawing by rank, the minimum over frames
+    sharing : mode: sort-last, sort-first or hybrid
+    algorithm, transport, codec : settings of compositing
+    counted_algorithm, rounds, bytes_dense : results of one frame with messages; see `rounds`
     bricks, voxel_bytes, peak_memory_bytes : by rank
-    images : what is composited, in few numbers
-    readback_seconds_per_pixel : of the slowest rank
-    renderer : OpenGL's name of what drew
-    software : whether that was the CPU, on every rank
-    difference : from the picture of the first rank count; None for weak scaling, whose pictures are others
+    images : statistics of the partial images
+    readback_seconds_per_pixel : seconds per pixel of the slowest rank
+    renderer : name of the renderer, as in OpenGL
+    software : whether all ranks drew on the CPU
+    difference : difference from the picture of the first rank count; None for weak scaling
     """
 
     scaling: str
@@ -88,17 +90,17 @@ class Point:
 
     @property
     def imbalance_samples(self) -> float:
-        """Largest over mean number of samples: what distribution alone does, whatever else the machine does."""
+        """Largest over mean number of samples, which other programs do not disturb."""
         return max(self.samples) * len(self.samples) / sum(self.samples) if sum(self.samples) else 1.0
 
     @property
     def render_seconds(self) -> float:
-        """Drawing, on the slowest rank."""
+        """Seconds of drawing on the slowest rank."""
         return self.seconds["render"]
 
 
 def make_point(scaling: str, measured: Measured, difference: Difference | None) -> Point:
-    """What one job says; its efficiency is added by `with_efficiency`."""
+    """Return the point of one job, without efficiency; see `with_efficiency`."""
     frames = [FrameStatistics(tuple(ranks)) for ranks in measured.frames]
     names = dict.fromkeys(name for frame in frames for name in frame.seconds)
     seconds = {name: median(frame.seconds.get(name, 0.0) for frame in frames) for name in names}
@@ -146,13 +148,13 @@ def make_point(scaling: str, measured: Measured, difference: Difference | None) 
 
 
 def with_efficiency(points: Sequence[Point]) -> list[Point]:
-    """The points of one scaling with their efficiency against the smallest one that is not crowded."""
+    """Return points with their efficiency relative to the smallest count that is not oversubscribed."""
     base = next((point for point in sorted(points, key=lambda point: point.ranks) if not point.crowded), None)
     return [point if base is None or point.crowded else _with_efficiency_of(point, base) for point in points]
 
 
 def oversubscription(resources: Sequence[RankResources]) -> str:
-    """Why the ranks of a job take turns, in words; "" where each has a core to itself, and a GPU if it draws on one."""
+    """Return the oversubscribed cores or GPUs of a job in words; "" if each rank has its own."""
     for host in dict.fromkeys(one.host for one in resources):
         here = [one for one in resources if one.host == host]
         cores = len({core for one in here for core in one.cores})
@@ -165,7 +167,7 @@ def oversubscription(resources: Sequence[RankResources]) -> str:
 
 
 def _with_efficiency_of(point: Point, base: Point) -> Point:
-    """Strong: ranks times seconds should stay; weak: seconds should."""
+    """Return a point with its efficiency: ideally ranks · seconds (strong) or seconds (weak) are constant."""
     more = base.ranks / point.ranks if point.scaling == STRONG else 1.0
     return replace(point, efficiency=base.total_seconds * more / point.total_seconds)
 
@@ -175,7 +177,7 @@ def _compositing(rank: RankFrame) -> float:
 
 
 def _of_ranks(measured: Measured, stage: str, reduce: Callable[[list[float]], float]) -> list[float]:
-    """One number of all ranks, frame by frame."""
+    """Reduce the seconds of a stage over ranks, for each frame."""
     return [reduce([rank.seconds[stage] for rank in frame]) for frame in measured.frames]
 
 
@@ -190,7 +192,7 @@ def _images(measured: Measured, rects: Sequence[Rect]) -> ImageStatistics:
 
 
 def as_json(point: Point) -> dict[str, Any]:
-    """A point as it stands in scale.json."""
+    """Return a point's entry in scale.json."""
     found = asdict(point) | {"imbalance_samples": point.imbalance_samples}
     for one, values in zip(point.rounds, found["rounds"], strict=True):
         values["agrees"] = one.agrees
@@ -199,14 +201,14 @@ def as_json(point: Point) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Balance:
-    """One distribution; lists by frame, the first one included.
+    """Imbalance of one distribution over an orbit; lists are by frame.
 
     Attributes
     ----------
-    distribution, ranks : which, on how many
+    distribution, ranks : name of the distribution, and number of ranks
     imbalance : largest over mean seconds of drawing
-    imbalance_samples : largest over mean number of samples, which no other program disturbs
-    busiest_samples : of the rank that took most
+    imbalance_samples : largest over mean number of samples, which other programs do not disturb
+    busiest_samples : largest number of samples of a rank
     """
 
     distribution: str
@@ -216,7 +218,7 @@ class Balance:
     busiest_samples: tuple[int, ...]
 
     def rows(self) -> list[Mapping[str, Any]]:
-        """A line of the CSV for each frame."""
+        """Return a line of the CSV file for each frame."""
         columns = zip(self.imbalance, self.imbalance_samples, self.busiest_samples, strict=True)
         names = ("imbalance", "imbalance_samples", "busiest_samples")
         about = {"distribution": self.distribution, "ranks": self.ranks}
@@ -226,7 +228,7 @@ class Balance:
 
 
 def make_balance(distribution: str, measured: Measured) -> Balance:
-    """What the job of one distribution says."""
+    """Return the imbalance in the job of one distribution."""
     samples = [[rank.samples for rank in frame] for frame in measured.frames]
     even = [max(each) * len(each) / sum(each) if sum(each) else 1.0 for each in samples]
     times = tuple(FrameStatistics(tuple(frame)).imbalance for frame in measured.frames)

@@ -1,7 +1,7 @@
-"""Messages and pixels of each round beside theory: what the schedule moves, followed without the program that ran it.
+"""Messages and pixels of each compositing round, measured and according to the schedule.
 
-The theory is that of `clusterviz simulate`, with the rectangles that the ranks really drew instead of a cube's: whole
-arrays follow the schedule, where the program that composites follows it rank by rank.
+The expected numbers are those of `clusterviz simulate` for the rectangles that the ranks drew. The simulation evaluates
+the schedule with whole arrays, independently of the compositor, which runs it rank by rank.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from clusterviz.report.pages.scale.measure import Measured
 
 @dataclass(frozen=True)
 class Round:
-    """One round of all ranks together; the final gather is not among them.
+    """One round of all ranks, without the final gather.
 
     Attributes
     ----------
-    messages, bytes : counted by the program, raw pixels
-    messages_theory, bytes_theory : of the schedule, for the rectangles that the ranks' images cover
+    messages, bytes : counted by the compositor, for raw pixels
+    messages_theory, bytes_theory : according to the schedule, for the rectangles of the ranks' images
     """
 
     messages: int
@@ -36,12 +36,12 @@ class Round:
 
     @property
     def agrees(self) -> bool:
-        """Whether what was sent is what theory says."""
+        """Whether the counts equal the expected numbers."""
         return (self.messages, self.bytes) == (self.messages_theory, self.bytes_theory)
 
 
 def count_rounds(measured: Measured) -> tuple[Round, ...]:
-    """All rounds of the counted frame; none on one rank, and where ranks had several images."""
+    """Return the rounds of the counted frame; empty for one rank, or for several images of a rank."""
     drawn = [(rank, Rect(*measured.rects[rank])) for rank in measured.order]
     drawn = [(rank, rect) for rank, rect in drawn if rect.pixels]
     if not measured.algorithm or len(drawn) < 2:
@@ -54,7 +54,7 @@ def count_rounds(measured: Measured) -> tuple[Round, ...]:
 
 
 def dense_bytes(measured: Measured) -> int:
-    """What the algorithm would send if every image covered the canvas: a bound, and what a sparse scene saves."""
+    """Return the bytes that the algorithm would send if every image covered the canvas, an upper bound."""
     drawn = [Rect(*rect) for rect in measured.rects if Rect(*rect).pixels]
     if not measured.algorithm or len(drawn) < 2:
         return 0
@@ -64,7 +64,7 @@ def dense_bytes(measured: Measured) -> int:
 
 
 def canvas_of(rects: Sequence[Rect]) -> Rect:
-    """The smallest rectangle that holds all."""
+    """Return the bounding rectangle."""
     canvas = EMPTY
     for rect in rects:
         canvas = canvas.unite(rect)
@@ -72,19 +72,19 @@ def canvas_of(rects: Sequence[Rect]) -> Rect:
 
 
 def _by_stage(counted: Sequence[Sequence[tuple[int, int]]]) -> list[tuple[tuple[int, int], ...]]:
-    """By stage, then rank; ranks without pixels took part in none."""
+    """Return the counts by stage, then rank; ranks without pixels take part in no stage."""
     return list(zip_longest(*counted, fillvalue=(0, 0)))
 
 
 def _theory(algorithm: str, rects: Sequence[Rect]) -> list[tuple[int, int]]:
-    """Messages and pixels of each stage, for images front to back."""
+    """Return messages and pixels of each stage, for images from front to back."""
     canvas = canvas_of(rects)
     x, y = canvas.x_begin, canvas.y_begin
-    moved = [Rect(r.x_begin - x, r.y_begin - y, r.x_end - x, r.y_end - y) for r in rects]
-    patches = [Patch(canvas.width, 0, canvas.pixels, rect) for rect in moved]
+    shifted = [Rect(r.x_begin - x, r.y_begin - y, r.x_end - x, r.y_end - y) for r in rects]
+    patches = [Patch(canvas.width, 0, canvas.pixels, rect) for rect in shifted]
     schedule = make_schedule(algorithm, len(patches), canvas.pixels, patches, range(len(patches)))
     footprints = Rectangles.of_patches(patches)
-    # What has moved after each stage; what a stage moves is the difference.
+    # Cumulative counts after each stage; a stage's counts are the differences.
     sums = [(0, 0)]
     for count in range(1, len(schedule.stages) + 1):
         load = count_sparse(replace(schedule, stages=schedule.stages[:count]), footprints)

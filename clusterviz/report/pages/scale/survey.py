@@ -1,8 +1,8 @@
-"""All rank counts of a scene, one after another: the same work on more ranks, then more work with more ranks.
+"""Survey of all rank counts of a scene: strong scaling, then weak scaling.
 
-More work is a shorter step: on n ranks the n-th part of the scene's. Any scene can do it, the samples grow as the
-ranks do, and everything else stays: the picture's size and so what is composited, the data, and the memory. A larger
-picture would make compositing grow too, and would hide how much of a frame is lost to more ranks alone.
+In weak scaling on n ranks the step is the scene's divided by n. That is possible for any scene, samples grow in
+proportion to the ranks, and picture size, compositing, data and memory stay the same. A larger picture would increase
+compositing too, and hide the losses by more ranks.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TOLERANCE = 1e-5
 
 @dataclass(frozen=True)
 class FailedJob:
-    """A rank count that gave nothing, and why."""
+    """Job that failed, with the reason."""
 
     scaling: str
     ranks: int
@@ -40,12 +40,12 @@ class FailedJob:
 
 
 SORT_LAST_SETTINGS: dict[str, object] = {"mode": "sort-last", "groups": None, "tiling": "auto"}
-"""Settings by which the ranks share the data, as those do whose distributions are compared."""
+"""Settings of the jobs in which distributions are compared."""
 
 
 @dataclass(frozen=True)
 class SurveyResult:
-    """What was measured: points by rank count, what failed, and distributions over the frames of an orbit."""
+    """Results of a survey: points by rank count, failed jobs, and distributions over an orbit."""
 
     strong: tuple[Point, ...]
     weak: tuple[Point, ...]
@@ -54,18 +54,18 @@ class SurveyResult:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """All of them; one that stands for both scalings once."""
+        """All points; the point of one rank, which both scalings share, once."""
         return (*self.strong, *(point for point in self.weak if point.scaling == WEAK and point.ranks > 1))
 
 
 class Job(Protocol):
-    """Draws a scene on so many ranks, and gives what it cost and the last picture; all frames of an orbit, if asked."""
+    """Function that draws a scene on a number of ranks, optionally over an orbit; returns costs and last picture."""
 
     def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]: ...
 
 
 def steps_of(counts: Sequence[int], weak: bool, balance: bool) -> list[str]:
-    """The names of what is done, in order."""
+    """Return the names of the jobs in order."""
     orbits = [_orbit(name, max(counts)) for name in DISTRIBUTIONS] if balance and max(counts) > 1 else []
     return [*orbits, *(_step(scaling, ranks) for scaling, ranks in _jobs(counts, weak))]
 
@@ -73,19 +73,21 @@ def steps_of(counts: Sequence[int], weak: bool, balance: bool) -> list[str]:
 def run_survey(
     scene: Scene, counts: Sequence[int], weak: bool, balance: bool, job: Job, progress: Callable[[str], None]
 ) -> SurveyResult:
-    """Measure every rank count; one that fails takes no other along.
+    """Measure all rank counts; a failed job does not affect the others.
 
     Parameters
     ----------
-    counts : of ranks, ascending
-    weak : whether to measure weak scaling too
-    balance : whether to compare distributions, on the largest count
-    progress : told each of `steps_of` as it begins
+    scene : a scene with a volume
+    counts : numbers of ranks, ascending
+    weak : whether to measure weak scaling
+    balance : whether to compare distributions on the largest number of ranks
+    job : draws a scene
+    progress : called with each of `steps_of` when it begins
 
     Raises
     ------
     ClustervizError
-        Every count failed: the reason of the first.
+        All jobs failed; the reason is that of the first.
     """
     points: dict[str, list[Point]] = {STRONG: [], WEAK: []}
     orbits, failed = _run_orbits(scene, max(counts), job, progress) if balance and max(counts) > 1 else ([], [])
@@ -106,7 +108,7 @@ def run_survey(
     if not points[STRONG] and not points[WEAK]:
         raise ClustervizError(failed[0].reason)
     if weak:
-        # On one rank both are the same job.
+        # On one rank strong and weak scaling are the same job.
         alone = [replace(point, scaling=WEAK, difference=None) for point in points[STRONG] if point.ranks == 1]
         points[WEAK] = [*alone, *points[WEAK]]
     strong, more = (tuple(with_efficiency(points[scaling])) for scaling in (STRONG, WEAK))
@@ -116,7 +118,7 @@ def run_survey(
 def _run_orbits(
     scene: Scene, ranks: int, job: Job, progress: Callable[[str], None]
 ) -> tuple[list[Balance], list[FailedJob]]:
-    """One orbit by each distribution, and what failed."""
+    """Measure an orbit with each distribution; return the results and the failed jobs."""
     found, failed = list[Balance](), list[FailedJob]()
     for name in DISTRIBUTIONS:
         progress(_orbit(name, ranks))

@@ -1,4 +1,4 @@
-"""What limits a scene, in sentences: the first names the bottleneck."""
+"""Conclusions of the scaling report, in sentences; the first names the bottleneck."""
 
 from __future__ import annotations
 
@@ -9,18 +9,25 @@ from clusterviz.report.pages.scale.points import COMPOSITING, STRONG, Balance, P
 from clusterviz.report.pages.scale.survey import TOLERANCE, SurveyResult
 
 MIN_CORE_SHARE = 0.8
-"""Ranks that drew on less than this share of a core each had to share it."""
+"""Ranks that got less than this share of a core each were disturbed by other programs."""
 MIN_LOSS = 0.05
-"""A loss of less than this share of a frame is not worth a sentence."""
+"""Losses below this share of a frame are not mentioned."""
 
 
 def verdict(found: SurveyResult, expected: Sequence[PredictedFrame], network: str) -> list[str]:
-    """Sentences for the top of the page; `expected` is of strong scaling."""
+    """Return the sentences at the top of the page.
+
+    Parameters
+    ----------
+    found : results of the measurements
+    expected : forecast of strong scaling
+    network : name of the forecast's network
+    """
     points = found.strong or found.weak
     own = [point for point in points if not point.crowded]
     judged = max(own or points, key=lambda point: point.ranks)
     base = min(own or points, key=lambda point: point.ranks)
-    said = [
+    sentences = [
         _bottleneck(judged, base),
         *_busy(own, judged, base),
         *_crowded(points, judged),
@@ -29,12 +36,14 @@ def verdict(found: SurveyResult, expected: Sequence[PredictedFrame], network: st
         _pictures(found),
     ]
     if found.failed:
-        said.append("Not measured: " + ", ".join(f"{one.ranks} ranks ({one.scaling})" for one in found.failed) + ".")
-    return said
+        sentences.append(
+            "Not measured: " + ", ".join(f"{one.ranks} ranks ({one.scaling})" for one in found.failed) + "."
+        )
+    return sentences
 
 
 def _bottleneck(point: Point, base: Point) -> str:
-    """What takes the most of a frame, and what more ranks lose most to."""
+    """Return a sentence on the largest part of a frame, and on the main loss of efficiency."""
     parts = _parts(point)
     name = max(parts, key=lambda part: parts[part])
     share = parts[name] / point.total_seconds
@@ -53,7 +62,7 @@ def _bottleneck(point: Point, base: Point) -> str:
 
 
 def _parts(point: Point) -> dict[str, float]:
-    """Seconds of a frame by what a person can change; imbalance by samples, which other programs do not disturb."""
+    """Return the seconds of a frame by cause; imbalance is that of samples, which other programs do not disturb."""
     compositing = sum(point.seconds[stage] for stage in COMPOSITING)
     uneven = point.render_seconds * (1 - 1 / point.imbalance_samples)
     parts = {
@@ -66,7 +75,7 @@ def _parts(point: Point) -> dict[str, float]:
 
 
 def _losses(point: Point, base: Point) -> dict[str, float]:
-    """Seconds of a frame that ideal scaling would not have."""
+    """Return the seconds of a frame beyond ideal scaling, by cause."""
     more = point.ranks / base.ranks if point.scaling == STRONG else 1.0
     parts, before = _parts(point), _parts(base)
     samples = sum(base.samples) * (1.0 if point.scaling == STRONG else point.ranks / base.ranks)
@@ -85,13 +94,13 @@ def _losses(point: Point, base: Point) -> dict[str, float]:
 
 
 def _share(point: Point) -> float:
-    """What each rank got of a core while it drew; 1 where that was enough, or where a GPU drew."""
+    """Return the share of a core that each rank got while drawing, at most 1; 1 for GPUs."""
     drawn = point.ranks * point.render_mean_seconds
     return min(1.0, point.cpu_seconds / drawn) if point.software and drawn else 1.0
 
 
 def _busy(points: Sequence[Point], judged: Point, base: Point) -> list[str]:
-    """That other programs took the cores: a rank that draws in software keeps a core busy, if it gets one."""
+    """Return a sentence if other programs used the cores: software rendering keeps a core busy if it gets one."""
     least = min(map(_share, points), default=1.0)
     if least >= MIN_CORE_SHARE:
         return []
@@ -104,29 +113,30 @@ def _busy(points: Sequence[Point], judged: Point, base: Point) -> list[str]:
 
 
 def _crowded(points: Sequence[Point], judged: Point) -> list[str]:
-    """That some counts had too few cores."""
+    """Return a sentence on oversubscribed rank counts."""
     crowded = [point for point in points if point.crowded]
     if not crowded:
         return []
     if judged.crowded:
-        return [f"Every count is oversubscribed ({judged.crowded}): no efficiency can be told from these times."]
+        return [f"Every count is oversubscribed ({judged.crowded}): these times give no efficiency."]
     which = ", ".join(f"{_ranks(point)} ({point.crowded})" for point in crowded)
     return [f"Oversubscribed, and not used for efficiency: {which}."]
 
 
 def _balance(balance: Sequence[Balance]) -> list[str]:
-    """What moving bricks does, at the end of an orbit."""
-    told = " and ".join(f"{one.imbalance_samples[-1]:.2f} ({one.distribution})" for one in balance)
-    if not told:
+    """Return a sentence on the imbalance of the distributions at the end of an orbit."""
+    values = " and ".join(f"{one.imbalance_samples[-1]:.2f} ({one.distribution})" for one in balance)
+    if not values:
         return []
     ranks, frames = balance[0].ranks, len(balance[0].imbalance_samples)
     return [
-        f"After {frames} frames of an orbit, the busiest of {ranks} ranks takes so many times the mean samples: {told}."
+        f"After {frames} frames of an orbit, the busiest of {ranks} ranks takes this multiple of the mean samples: "
+        f"{values}."
     ]
 
 
 def _beyond(expected: Sequence[PredictedFrame], network: str) -> list[str]:
-    """Where compositing overtakes drawing, and how many ranks are worth having."""
+    """Return a sentence on the forecast: where compositing exceeds drawing, and how many ranks suffice."""
     over, best = crossover_ranks(expected), sufficient_ranks(expected)
     last = expected[-1].ranks
     overtaken = f"compositing takes longer than drawing from {over:,} ranks on" if over else ""
@@ -137,11 +147,11 @@ def _beyond(expected: Sequence[PredictedFrame], network: str) -> list[str]:
 
 
 def _pictures(found: SurveyResult) -> str:
-    told = [point for point in found.strong if point.difference]
-    if len(told) < 2:
+    compared = [point for point in found.strong if point.difference]
+    if len(compared) < 2:
         return "One rank count only: no pictures to compare."
-    largest = max(point.difference.max for point in told if point.difference)
-    wrong = [point for point in told if point.difference and point.difference.count]
+    largest = max(point.difference.max for point in compared if point.difference)
+    wrong = [point for point in compared if point.difference and point.difference.count]
     if wrong:
         return (
             f"THE PICTURES DISAGREE: by up to {largest:.1e} ({', '.join(map(_ranks, wrong))}); see clusterviz verify."

@@ -1,4 +1,4 @@
-"""Error against cost, as SVG for the page: each knob in its colour, the Pareto front as a line."""
+"""Charts of error over cost as SVG: one colour a setting, the Pareto front as a line."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from clusterviz.report.pages.output import make_figure, svg_of
 from clusterviz.report.pages.tradeoff.ground_truth import GroundTruth
 from clusterviz.report.pages.tradeoff.rating import LEVEL, RatedSetting, by_rms, pareto_front
 
-# Okabe and Ito's colours, told apart by every kind of colour vision.
+# Okabe and Ito's colours, distinguishable with colour vision deficiencies.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-MARKERS = "os^DvpX"  # one more than colours: no two knobs look alike
+MARKERS = "os^DvpX"  # one more than colours, so that no two settings have the same style
 SCENE, TOGETHER, FRONT = "#000000", "#999999", "#444444"
 LOWEST = 1e-9
-"""Where an error of nothing is drawn."""
+"""Error at which 0 is drawn on the logarithmic axis."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What is drawn along one side of a chart; `value` of a setting, in the unit of the label."""
+    """Axis of a chart; `value` of a setting is in the unit of the label."""
 
     label: str
     value: Callable[[RatedSetting], float]
@@ -38,10 +38,7 @@ SMALL_CHARTS = ((TOTAL, RMS), (TOTAL, UNLIKE), (RENDER, MAX), (SAMPLES, MAX), (M
 
 
 def main_chart(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
-    """The error by which settings are judged against the time of a frame, from the fastest frame on; SVG text.
-
-    The points of the front have the numbers that their rows in the table have.
-    """
+    """Return the chart of error over time of a frame, as SVG; points of the front are numbered as in the table."""
     figure = make_figure(9.5, 5.4)
     axes = figure.subplots()
     error, floor = (RMS, truth.rms) if by_rms(truth) else (MAX, truth.max)
@@ -66,7 +63,7 @@ def main_chart(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
 
 
 def small_charts(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
-    """The other costs and errors; SVG text. One whose cost is always the same is left out."""
+    """Return charts of the other costs and errors, as SVG; constant costs are left out."""
     shown = ((TOTAL, MAX), *SMALL_CHARTS[1:]) if by_rms(truth) else SMALL_CHARTS
     pairs = [pair for pair in shown if len({pair[0].value(one) for one in rated}) > 1]
     floors = {MAX.label: truth.max, RMS.label: truth.rms}
@@ -85,9 +82,15 @@ def small_charts(rated: Sequence[RatedSetting], truth: GroundTruth) -> str:
 def _draw(
     axes: Any, rated: Sequence[RatedSetting], cost: Axis, error: Axis, floor: float, best: Sequence[bool] | None = None
 ) -> None:
-    """One chart; errors that cannot be told from none are drawn on the edge of a grey band.
+    """Draw one chart; errors below the ground truth's own are drawn at the edge of a grey band.
 
-    `best` says which settings lie on the front, where that is known.
+    Parameters
+    ----------
+    axes : matplotlib's axes
+    rated : settings with cost and error
+    cost, error : the axes of the chart
+    floor : the ground truth's own error
+    best : which settings are on the front; computed if None
     """
     lowest = max(floor, LOWEST)
     points = [(cost.value(one), max(lowest, error.value(one))) for one in rated]
@@ -112,7 +115,7 @@ def _draw(
 
 
 def _groups(rated: Sequence[RatedSetting]) -> list[tuple[str, str, str, list[int]]]:
-    """Label, colour, marker and members of each kind of point, in the order of the legend."""
+    """Return label, colour, marker and members of each group of points, in the order of the legend."""
     knobs = list(dict.fromkeys(next(iter(one.setting.changes)) for one in rated if _alone(one)))
     groups = [("together", TOGETHER, "o", [i for i, one in enumerate(rated) if one.setting.kind == "together"])]
     for number, knob in enumerate(knobs):
@@ -127,7 +130,7 @@ def _alone(one: RatedSetting) -> bool:
 
 
 def _plain_ticks(axes: Any) -> None:
-    """Costs span a decade or two: 200 reads better there than 2 × 10²; and labels as long as 0.0025 need room."""
+    """Label the cost axis with plain numbers instead of powers of ten, and few of them if it is linear."""
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     if axes.get_xscale() == "log":

@@ -1,8 +1,8 @@
-"""The picture without error: drawn with ever shorter steps until it changes no more, and how well it is known.
+"""Ground truth: a picture converged by halving the step, with an estimate of its own error.
 
-By the float64 reference where that is quick enough; else by the renderer itself at its most exact settings, which is
-then held against the reference at a size that is quick enough. Which of them it was, and the error that is left, are
-part of the result: no error below it can be told from none.
+It is drawn by the float64 reference if that is fast enough, else by the renderer with its most exact settings, which is
+then compared with the reference at a smaller size. Errors of other pictures below the ground truth's own cannot be
+resolved.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from clusterviz.scene.values import Scene
 
 Floats = NDArray[np.float64]
 Draw = Callable[[Scene, float], NDArray[Any]]
-"""From a scene and a step to a picture, (h, w, 4)."""
+"""Function that draws a scene with a step; the picture is (h, w, 4)."""
 
 GOAL = 1e-4
-"""Halving the step may change the picture by this much: 1/40 of a level of 8 bits."""
+"""Largest change of the picture by the last halving of the step; 1/40 of a level of 8 bits."""
 COARSEST = 0.25
 REFERENCE_STEP = 1 / 8
-"""The reference is taken where it can reach this step, below all that are measured, within the budget."""
+"""The reference is used if it reaches this step, shorter than all steps measured, within the budget."""
 CHECK_WIDTH, CHECK_SHARE = 64, 0.25
-"""The renderer is checked at this width, with a step for which the reference takes this share of the budget."""
+"""Width of the check of the renderer, and the share of the budget that the reference may take for it."""
 MAX_REFERENCE_BYTES = 1 << 30
-"""The reference holds the whole volume in memory."""
+"""Largest volume for the reference, which holds it in memory."""
 
 
 @dataclass(frozen=True)
 class Halving:
-    """How far two pictures are apart, one with half the step of the other."""
+    """Difference between the picture with a step and the one with twice the step."""
 
     step: float
     max: float
@@ -50,18 +50,18 @@ class Halving:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """The picture that all others are measured against.
+    """Picture with which all others are compared.
 
     Attributes
     ----------
     picture : float64 (h, w, 4), premultiplied
     source : "reference" (float64 NumPy) or "renderer"
-    why : the reason for the choice
-    step : with which it was drawn, in voxels
-    max, rms : estimate of its own error
-    halvings : the changes from step to step, the last one being the estimate
-    checked : (max, rms, step, width) of the renderer's distance from float64 at a small size; None for the reference
-        itself, and where it cannot draw the scene
+    why : reason for the source
+    step : step in voxels
+    max, rms : estimates of its own error
+    halvings : changes by each halving of the step
+    checked : (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
+        reference itself, or if it cannot draw the scene
     """
 
     picture: Floats
@@ -75,20 +75,20 @@ class GroundTruth:
 
 
 def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tuple[NDArray[Any], list[Halving]]:
-    """Halve the step until the picture changes by no more than `GOAL`, or the next one would not end in time.
+    """Halve the step until the picture changes by at most `GOAL`, or the next halving would exceed the budget.
 
-    Where an error falls to half or less with the step, as it does for every transfer function without a pole, what is
-    left after the last halving is no more than what that changed.
+    If halving the step at least halves the error, as for every transfer function without a pole, the remaining error is
+    at most the last change.
 
     Parameters
     ----------
-    draw : makes the picture; its time is taken to double with each halving
-    budget_seconds : for all pictures together; two are drawn in any case
+    draw : draws the picture; its time is assumed to double with each halving
+    budget_seconds : time limit of all pictures; at least two are drawn
 
     Returns
     -------
-    picture : with the shortest step
-    halvings : at least one
+    picture : the picture with the shortest step
+    halvings : at least one halving
     """
     started, step = perf_counter(), COARSEST
     picture, halvings = draw(step), list[Halving]()
@@ -104,14 +104,14 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
 
 
 def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> GroundTruth:
-    """The picture without error.
+    """Return the ground truth of a scene.
 
     Parameters
     ----------
-    scene : completed; all of its settings that add an error are replaced by those that add none, for the renderer and
-        for the reference alike, so that nothing but the step is left to differ
-    renderer : draws a scene with its settings
-    budget_seconds : roughly, for all of it
+    scene : a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
+        reference differ by the step only
+    renderer : draws a scene
+    budget_seconds : approximate time limit
     """
     scene = with_settings(scene, exact_settings())
     reference, why = _reference_renderer(scene)
@@ -119,7 +119,7 @@ def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Gr
         return _converged(renderer, "renderer", why, scene, budget_seconds)
     small = _resized(scene, CHECK_WIDTH)
     small_seconds = _seconds(lambda: reference(small, 1.0))
-    # Each halving takes as long as all pictures before it together.
+    # Each halving takes as long as all pictures before it.
     seconds = 2 * small_seconds * _pixels(scene) / _pixels(small) / REFERENCE_STEP
     if seconds <= budget_seconds:
         why = f"it takes about {seconds:.0f} s to a step of {REFERENCE_STEP:g}, of {budget_seconds:.0f} s allowed"
@@ -132,14 +132,14 @@ def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Gr
 
 
 def _converged(draw: Draw, source: str, why: str, scene: Scene, budget_seconds: float) -> GroundTruth:
-    """The truth by one of the two ways."""
+    """Return the ground truth drawn by a function."""
     picture, halvings = converge(lambda step: draw(scene, step), budget_seconds)
     last = halvings[-1]
     return GroundTruth(picture.astype(np.float64), source, why, last.step, last.max, last.rms, tuple(halvings))
 
 
 def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, step: float) -> GroundTruth:
-    """The renderer's truth with its own error added, measured at a small size against float64 with the same step."""
+    """Add the renderer's error, measured against the reference at a small size with the same step."""
     difference = compare(renderer(small, step).astype(np.float64), reference(small, step))
     return replace(
         truth,
@@ -150,7 +150,7 @@ def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, 
 
 
 def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
-    """The float64 reference of the scene as a function of scene and step, or why there is none."""
+    """Return the float64 reference as a function of scene and step, or None and the reason."""
     sources = [open_volume(volume) for volume in scene.volumes]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
@@ -168,7 +168,7 @@ def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
 
 
 def _resized(scene: Scene, width: int) -> Scene:
-    """The scene at most so wide, of about the same shape."""
+    """Return the scene with a picture whose larger side is at most a width."""
     columns, rows = scene.image.size
     share = min(1.0, width / max(columns, rows))
     size = (max(1, round(columns * share)), max(1, round(rows * share)))

@@ -1,7 +1,7 @@
-"""The quality settings that are tried: one line each in `KNOBS`.
+"""Quality settings of the tradeoff report, one entry of `KNOBS` each.
 
-Settings whose values are names take them from the scene's own types, so a new value needs nothing here, and a new key
-one line. Each value is tried alone, everything else as the scene has it; then together with values of other knobs.
+The names that a setting allows are taken from the scene's types. Each value is tried alone, with everything else
+unchanged, and then in combinations with values of other settings.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from clusterviz.scene.values import Scene
 
 @dataclass(frozen=True)
 class Knob:
-    """One setting.
+    """Quality setting.
 
     Attributes
     ----------
-    name : the last name of its key in the scene
-    about : what it is, for the page
-    values : what is tried; empty: every name that the scene's type allows, except "auto"
-    together : the values that are also tried in combinations; empty: all
-    exact : the value that adds no error of its own
-    control : it must not change the picture; never combined
-    apart : it chooses the others; never combined
-    ranks : the least number of ranks at which it does anything
+    name : last name of its key in the scene
+    about : description on the page
+    values : values tried; empty for all names that the scene's type allows, except "auto"
+    together : values tried in combinations; empty for all
+    exact : the value without an error of its own
+    control : whether it must not change the picture; it is not combined
+    exclusive : whether it chooses other settings; it is not combined
+    ranks : smallest number of ranks for which it has an effect
     """
 
     name: str
@@ -46,7 +46,7 @@ class Knob:
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """The values that are tried alone."""
+        """Values tried alone."""
         return self.values or _names(self.name)
 
 
@@ -71,11 +71,11 @@ KNOBS = (
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to draw the scene.
+    """Combination of changes of a scene.
 
     Attributes
     ----------
-    changes : key -> value, by last names; what is not in it is as the scene has it
+    changes : last name of a key -> value
     kind : "scene" (no change), "alone", "together" or "control"
     """
 
@@ -87,19 +87,19 @@ class Setting:
 
 
 def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tuple[list[Setting], int]:
-    """What to try.
+    """Return the settings to measure.
 
     Parameters
     ----------
-    scene : whose own values need no second trial
-    ranks : how many will draw
-    names : of the knobs to turn
-    most : how many settings at most; those with the most changes go first
+    scene : the scene, whose own values are measured once
+    ranks : number of ranks
+    names : names of the settings to vary
+    most : largest number of settings; combinations with the most changes are left out first
 
     Returns
     -------
-    settings : the scene as it is, each value alone, then combinations
-    left_out : how many combinations there were beyond `most`
+    settings : the unchanged scene, each value alone, then combinations
+    left_out : number of combinations left out
     """
     idle = _idle(scene)
     knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks and knob.name not in idle]
@@ -116,12 +116,12 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
 
 
 def parse_knobs(text: str | None) -> list[str]:
-    """The knobs of a list like "step,filter"; all where there is none.
+    """Parse a list of settings such as "step,filter"; None is all.
 
     Raises
     ------
     InputError
-        One of them is not known.
+        A name is unknown.
     """
     known = [knob.name for knob in KNOBS]
     names = [name.strip() for name in text.split(",")] if text else known
@@ -132,12 +132,12 @@ def parse_knobs(text: str | None) -> list[str]:
 
 
 def exact_settings() -> dict[str, Any]:
-    """The values at which only the step is left to err."""
+    """Return the values for which the step is the only source of error."""
     return {knob.name: knob.exact for knob in KNOBS if knob.exact is not None}
 
 
 def value_of(scene: Scene, name: str) -> Any:
-    """What the scene has for a knob."""
+    """Return the scene's value of a setting."""
     value: Any = scene
     for part in KEY_PATHS[name]:
         value = value[part] if isinstance(part, int) else getattr(value, part)
@@ -145,18 +145,18 @@ def value_of(scene: Scene, name: str) -> Any:
 
 
 def changed(scene: Scene, setting: Setting) -> Scene:
-    """The scene with a setting in it.
+    """Return the scene with the changes of a setting.
 
     Raises
     ------
     SceneError
-        The scene cannot have it.
+        The changes are invalid for this scene.
     """
     return with_settings(scene, setting.changes)
 
 
 def _idle(scene: Scene) -> set[str]:
-    """The knobs that change nothing of how the scene's volumes are drawn."""
+    """Return the names of settings without effect on the scene's volumes."""
     volumes = scene.volumes
     works = {
         "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
@@ -168,7 +168,7 @@ def _idle(scene: Scene) -> set[str]:
 
 
 def _is_possible(scene: Scene, setting: Setting) -> bool:
-    """Whether a setting is drawn, and not refused, and nothing is asked of slabs that the scene does not have."""
+    """Return whether a setting is valid, and all of its changes have an effect."""
     try:
         other = changed(scene, setting)
     except SceneError:
@@ -184,7 +184,7 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
 
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
-    """All changes of two knobs or more."""
+    """Yield all combinations of two or more changes."""
     turned = [knob for knob in knobs if not (knob.control or knob.exclusive)]
     options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
     for values in product(*options):
@@ -195,18 +195,18 @@ def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any
 
 
 def _others(scene: Scene, knob: Knob, values: Sequence[Any]) -> list[Any]:
-    """The values that the scene does not have already."""
+    """Return the values that differ from the scene's."""
     return [value for value in values if value != value_of(scene, knob.name)]
 
 
 def _names(name: str) -> tuple[Any, ...]:
-    """What a setting may be by its type, where that is a list of names."""
+    """Return the names that a setting's type allows, except "auto"."""
     section = next(section for _, section in SECTIONS if name in section.model_fields)
     return tuple(value for value in get_args(section.model_fields[name].annotation) if value != "auto")
 
 
 def _shown(value: Any) -> str:
-    """A small share as it is thought of: 1/1024 and 4/255, not 0.0009766 and 0.01569."""
+    """Return a value as text, with small fractions such as 1/1024 and 4/255."""
     if isinstance(value, float) and 0 < value < 0.1 and len(f"{value:g}") > 6:
         for part, whole in ((1, round(1 / value)), (round(255 * value), 255)):
             if part / whole == value:

@@ -1,10 +1,8 @@
-"""One setting on all ranks: the same frame drawn several times, as an animation would draw it, and its picture.
+"""Measurement of one setting: the same frame drawn several times on all ranks, and its picture.
 
-Reading, uploading and compiling are done once, before; what is timed is drawing, reading back, compositing and bringing
-the pieces together. The first frame is not counted: drivers and kernels finish compiling in it.
-
-Where rays start by the last frame, that must be another one: the camera then turns half a degree a frame, and the last
-frame, whose picture counts, is that of the scene.
+Timed are drawing, readback, compositing and the final gather; reading, upload and compilation are done in the first
+frame, which is not counted. With frame coherence successive frames must differ: the camera turns half a degree a frame
+and ends at the scene's camera, whose picture is compared.
 """
 
 from __future__ import annotations
@@ -30,17 +28,18 @@ TURN = 0.5  # degrees
 
 @dataclass(frozen=True)
 class Cost:
-    """What a frame costs, of all ranks.
+    """Cost of a frame on all ranks.
 
     Attributes
     ----------
-    render_seconds : drawing on the slowest rank; the median frame
-    total_seconds : from a barrier until the picture is whole on rank 0; reading, uploading and writing apart; likewise
-    total_seconds_min, total_seconds_max : of the fastest and the slowest frame
+    render_seconds : seconds of drawing on the slowest rank, median of the frames
+    total_seconds : seconds from a barrier until the picture is complete on rank 0, without reading, upload and writing;
+        median of the frames
+    total_seconds_min, total_seconds_max : the same for the fastest and slowest frame
     samples : field samples of one frame, all ranks
-    voxel_bytes : memory in which voxels lie for drawing, all ranks
-    peak_memory_bytes : resident size of the largest rank's process, at its largest
-    bytes_sent, messages_sent : of compositing one frame, all ranks, the final gather apart
+    voxel_bytes : memory of the voxels for drawing, all ranks
+    peak_memory_bytes : largest peak resident size of a rank
+    bytes_sent, messages_sent : bytes and messages of compositing one frame, all ranks, without the final gather
     """
 
     render_seconds: float
@@ -54,24 +53,25 @@ class Cost:
     messages_sent: int
 
     def as_json(self) -> dict[str, Any]:
-        """Its attributes by name."""
+        """Return the attributes as a dict."""
         return asdict(self)
 
 
 def cost_from_json(data: dict[str, Any]) -> Cost:
-    """The cost that `as_json` gave."""
+    """Return the cost of a dict that `as_json` returned."""
     return Cost(**{field.name: data[field.name] for field in fields(Cost)})
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A setting's cost, and its picture on rank 0.
+    """Cost and picture of a setting.
 
     Attributes
     ----------
-    image : float32 (h, w, 4), premultiplied; None on other ranks
-    scene : completed
-    renderer : OpenGL's name of what drew; "" where nothing was visible
+    cost : cost of a frame
+    image : float32 (h, w, 4), premultiplied, on rank 0; None on other ranks
+    scene : the completed scene
+    renderer : name of the renderer, as in OpenGL; "" if nothing was visible
     """
 
     cost: Cost
@@ -85,13 +85,14 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
 
     Parameters
     ----------
-    scene : with a volume
-    frames, warm_up : how many are timed, after how many that are not: at least one, which reads, uploads and compiles
+    scene : a scene with a volume
+    channel : channel of the ranks
+    frames, warm_up : numbers of timed frames, and of frames before them, at least one
 
     Raises
     ------
     SceneError, RankError
-        On every rank: nothing to draw, or a rank failed.
+        On every rank: there is nothing to draw, or a rank failed.
     """
     if not scene.volumes:
         raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene with a volume"))
@@ -105,7 +106,7 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
 
 
 def _along(scene: Scene, frames: int) -> list[Scene]:
-    """A completed scene so many times; where one frame tells the next, on the way to its camera."""
+    """Return the scenes of all frames: the same scene, or an approach to its camera with frame coherence."""
     if not scene.quality.leaping:
         return [scene] * frames
     cameras = orbit(scene.camera, TURN * (frames - 1), frames)
@@ -113,7 +114,7 @@ def _along(scene: Scene, frames: int) -> list[Scene]:
 
 
 def _cost(frames: list[FrameStatistics]) -> Cost:
-    """Times are of the slowest rank in each frame; counts are of the last frame, and the same in each."""
+    """Return the cost: times of the slowest rank in each frame, counts of the last frame."""
     totals = [frame.seconds["total"] for frame in frames]
     last = frames[-1].per_rank
     return Cost(

@@ -1,4 +1,4 @@
-"""The report as files: one page that holds all it shows, and its numbers as JSON."""
+"""Files of the tradeoff report: a self-contained HTML page, and its numbers as JSON."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ PIXELATED = 200
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page shows.
+    """Contents of the page.
 
     Attributes
     ----------
-    name : what the scene is called
-    scene : completed
-    ranks, frames, rounds : how it was measured
-    renderer : OpenGL's name of what drew
-    rated : the scene as it is comes first
-    failed : what could not be drawn
-    left_out : how many combinations were not tried
-    seconds_again : a frame of the scene as it is, measured a second time after all others
+    name : name of the scene
+    scene : the completed scene
+    ranks, frames, rounds : parameters of the measurement
+    renderer : name of the renderer, as in OpenGL
+    truth : the ground truth
+    rated : settings with cost and error; the unchanged scene comes first
+    failed : settings that could not be drawn
+    left_out : number of combinations not measured
+    seconds_again : seconds of a frame of the unchanged scene, measured again at the end
     """
 
     name: str
@@ -52,18 +53,18 @@ class Report:
 
     @property
     def drift(self) -> float:
-        """Ratio of the two times of the scene as it is, the larger one first: 1 on a machine that does nothing else."""
+        """Ratio of both times of the unchanged scene, at least 1; 1 on an idle machine."""
         both = (self.rated[0].cost.total_seconds, self.seconds_again)
         return max(both) / min(both)
 
     @property
     def verdict(self) -> list[str]:
-        """What there is to say, in sentences."""
+        """Conclusions, in sentences."""
         return verdict(self.rated, self.truth, self.drift)
 
 
 def check_libraries() -> None:
-    """Find out before minutes of work whether the page can be made.
+    """Check before measuring that the libraries of the page are installed.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def write_report(folder: Path, report: Report) -> None:
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """The report without its pictures; docs/tradeoff.md says what each key means."""
+    """Return the report without pictures as JSON values; docs/tradeoff.md describes the keys."""
     truth = asdict(report.truth)
     del truth["picture"]
     return {
@@ -109,7 +110,7 @@ def numbers(report: Report) -> dict[str, Any]:
 
 
 def html(report: Report) -> str:
-    """The page."""
+    """Return the HTML page."""
     import jinja2
 
     from clusterviz.report.pages.tradeoff import charts
@@ -143,7 +144,7 @@ def html(report: Report) -> str:
 
 
 def _as_json(one: RatedSetting) -> dict[str, Any]:
-    """One entry of "settings"."""
+    """Return an entry of "settings" in the JSON file."""
     errors = {
         "max": one.max,
         "rms": one.rms,
@@ -155,7 +156,7 @@ def _as_json(one: RatedSetting) -> dict[str, Any]:
 
 
 def _row(one: RatedSetting, truth: GroundTruth, background: RGB | None) -> dict[str, Any]:
-    """One row of the table and one pair of pictures, in the page's units."""
+    """Return a row of the table with its pictures, in the page's units."""
     error, factor = error_map_url(one.image - truth.picture)
     return {
         "name": str(one.setting),

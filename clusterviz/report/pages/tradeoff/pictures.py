@@ -1,4 +1,4 @@
-"""Pictures for the page: small, over the scene's background, and what is wrong with them, magnified until it shows."""
+"""Thumbnails and magnified error maps of the tradeoff page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Bytes = NDArray[np.uint8]
 
 
 def thumbnail_url(rgba: NDArray[Any], background: RGB | None) -> str:
-    """A picture (h, w, 4), premultiplied, as a PNG in a data URL, at most `WIDTH` wide."""
+    """Return a premultiplied picture (h, w, 4) over a background as a PNG data URL, at most `WIDTH` wide."""
     from PIL import Image
 
     picture = Image.fromarray(finish(np.asarray(rgba, np.float32), background))
@@ -30,17 +30,17 @@ def thumbnail_url(rgba: NDArray[Any], background: RGB | None) -> str:
 
 
 def error_map_url(difference: NDArray[Any]) -> tuple[str, float]:
-    """The largest error of each pixel's channels, from black (none) over red and yellow to white (1 / factor or more).
+    """Return a map of each pixel's largest error, from black (0) over red and yellow to white (1 / factor or more).
 
     Parameters
     ----------
-    difference : float (h, w, 4), of two pictures
+    difference : float (h, w, 4), difference of two pictures
 
     Returns
     -------
-    url : a PNG in a data URL; made smaller, a pixel keeps the largest error of those that it stands for
-    factor : by how much the error is magnified: 1, 2 or 5 times a power of ten, at most `MAX_FACTOR`. All but
-        2 % of the wrong pixels stay below white.
+    url : a PNG data URL; a pixel of a reduced map has the largest error of its block
+    factor : magnification: 1, 2 or 5 times a power of ten, at most `MAX_FACTOR`; all but 2 % of the wrong pixels are
+        below white
     """
     from PIL import Image
 
@@ -51,7 +51,7 @@ def error_map_url(difference: NDArray[Any]) -> tuple[str, float]:
 
 
 def _round_below(value: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, … that is not above a value, from 1 to `MAX_FACTOR`."""
+    """Round down to 1, 2, 5, 10, 20, …, from 1 to `MAX_FACTOR`."""
     if not 1 < value < MAX_FACTOR:
         return 1.0 if value <= 1 else MAX_FACTOR
     power = 10.0 ** math.floor(math.log10(value))
@@ -59,14 +59,14 @@ def _round_below(value: float) -> float:
 
 
 def _heat(values: NDArray[np.float64]) -> Bytes:
-    """(h, w) in [0, 1] as (h, w, 3): red rises first, then green, then blue."""
+    """Map (h, w) in [0, 1] to colours (h, w, 3) from black over red and yellow to white."""
     rising = 3 * values[..., None] - np.arange(3)
     colours: Bytes = np.rint(255 * np.clip(rising, 0, 1)).astype(np.uint8)
     return colours
 
 
 def _largest_of_blocks(error: NDArray[Any]) -> NDArray[np.float64]:
-    """Made smaller by a whole number, so that no wrong pixel is averaged away."""
+    """Reduce by a whole number with the maximum of each block, so that no wrong pixel is lost."""
     side = -(-error.shape[1] // WIDTH)
     height, width = (-(-length // side) for length in error.shape)
     padded = np.zeros((height * side, width * side))

@@ -1,4 +1,4 @@
-"""Measurements beside the truth: errors, the Pareto front, and what there is to say of them in a few sentences."""
+"""Errors of settings relative to the ground truth, their Pareto front, and conclusions in sentences."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from clusterviz.scene.background import RGB
 
 LEVEL = 1 / 255
 INVISIBLE = 2 * LEVEL
-"""An error that a screen of 8 bits hardly shows."""
+"""Error that is hardly visible on an 8-bit screen."""
 MAX_DRIFT = 1.15
-"""Above this factor between two measurements of the same, other work is taken to be the reason."""
+"""Largest ratio of two measurements of one setting on an idle machine."""
 GREY: RGB = (0.5, 0.5, 0.5)
-"""Behind a transparent picture, for its structure: neither dark nor light parts vanish into it."""
+"""Background of transparent pictures for SSIM, on which dark and light parts are visible."""
 
 
 @dataclass(frozen=True)
 class RatedSetting:
-    """A setting, what it costs, and how far it is from the truth.
+    """Setting with its cost and error.
 
     Attributes
     ----------
-    setting, cost : as measured
-    max, rms : of the difference, any channel of the premultiplied picture, of full scale 1
-    wrong_pixels : how many differ by more than a level of 8 bits
-    ssim : structural similarity of the two over the background, as 8 bits show them
+    setting, cost : the setting, and its measured cost
+    max, rms : maximum and root mean square of the difference over all premultiplied channels, full scale 1
+    wrong_pixels : number of pixels that differ by more than 1/255
+    ssim : structural similarity of the 8-bit pictures over the background
     image : float32 (h, w, 4), the picture
-    front : its number on the Pareto front, from the fastest on; 0 where another setting is as fast and as exact
+    front : number on the Pareto front, starting at 1 for the fastest; 0 if not on it
     """
 
     setting: Setting
@@ -51,25 +51,25 @@ class RatedSetting:
 
 @dataclass(frozen=True)
 class FailedSetting:
-    """A setting that could not be drawn, and why."""
+    """Setting that could not be drawn, with the reason."""
 
     setting: Setting
     reason: str
 
 
 def rate(setting: Setting, cost: Cost, image: Image, truth: GroundTruth, background: RGB | None) -> RatedSetting:
-    """Compare one picture with the truth."""
+    """Compare one picture with the ground truth."""
     difference = compare(image.astype(np.float64), truth.picture, LEVEL)
-    alike = ssim(_grey(image, background), _grey(truth.picture.astype(np.float32), background))
-    return RatedSetting(setting, cost, difference.max, difference.rms, difference.count, alike, image)
+    similarity = ssim(_grey(image, background), _grey(truth.picture.astype(np.float32), background))
+    return RatedSetting(setting, cost, difference.max, difference.rms, difference.count, similarity, image)
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Which points no other one beats in one of two costs without losing in the other.
+    """Return which points are on the Pareto front of two costs.
 
     Parameters
     ----------
-    points : two costs each, less is better; of equal points all are kept
+    points : pairs of costs, smaller is better; equal points are all on the front
     """
     return [
         not any(a <= x and b <= y and (a < x or b < y) for a, b in points)
@@ -78,31 +78,30 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
 
 
 def by_rms(truth: GroundTruth) -> bool:
-    """Whether settings are judged by their rms errors, because single pixels of the truth are not known well enough.
+    """Return whether settings are rated by rms error, since the ground truth's maximum error is too large.
 
-    So it is where a pixel may fall on either side of the edge of a surface, whatever the step.
+    This occurs if pixels at the edge of a surface do not converge with the step.
     """
     return truth.max > INVISIBLE
 
 
 def error_of(one: RatedSetting, truth: GroundTruth) -> float:
-    """What a setting is judged by, and claimed to err by at most: its largest error, or rms, and the truth's own.
+    """Return the error bound by which a setting is rated: its distance from the ground truth plus that one's own error.
 
-    Both are distances, so that a setting is no farther from the real picture than their sum.
+    By the triangle inequality the distance from the exact picture is at most this sum.
     """
     return sum(_distances(one, truth))
 
 
 def _distances(one: RatedSetting, truth: GroundTruth) -> tuple[float, float]:
-    """Of a setting from the truth, and of the truth from the real picture, as settings are judged."""
+    """Return the distances of a setting from the ground truth, and of that from the exact picture."""
     return (one.rms, truth.rms) if by_rms(truth) else (one.max, truth.max)
 
 
 def with_front_numbers(rated: Sequence[RatedSetting], truth: GroundTruth) -> list[RatedSetting]:
-    """The same, with those numbered that lie on the front of time and error.
+    """Return the settings numbered along the Pareto front of time and error.
 
-    A third digit of an error counts not, nor one below the truth's own: to be nearer to it than it is to the real
-    picture is no merit.
+    Errors are rounded to two digits, and errors below the ground truth's own count as equal to it.
     """
     errors = [float(f"{max(_distances(one, truth)):.1e}") for one in rated]
     on_it = pareto_front([(one.cost.total_seconds, error) for one, error in zip(rated, errors, strict=True)])
@@ -112,12 +111,12 @@ def with_front_numbers(rated: Sequence[RatedSetting], truth: GroundTruth) -> lis
 
 
 def fastest_within(rated: Sequence[RatedSetting], largest: float, truth: GroundTruth) -> RatedSetting | None:
-    """The fastest whose error is no more than that."""
+    """Return the fastest setting within an error bound, or None."""
     return _fastest([one for one in rated if error_of(one, truth) <= largest])
 
 
 def fastest_as_exact(rated: Sequence[RatedSetting], scene: RatedSetting, truth: GroundTruth) -> RatedSetting | None:
-    """The fastest that errs by no more than the scene as it is: rms, and in the worst pixel where that is known."""
+    """Return the fastest setting whose rms error, and maximum error if it is known, do not exceed the scene's."""
     known = not by_rms(truth)
     return _fastest([one for one in rated if one.rms <= scene.rms and (one.max <= scene.max or not known)])
 
@@ -127,13 +126,13 @@ def _fastest(rated: Sequence[RatedSetting]) -> RatedSetting | None:
 
 
 def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.0) -> list[str]:
-    """What the scene's trade is, in sentences.
+    """Return the conclusions in sentences.
 
     Parameters
     ----------
-    rated : the scene as it is comes first
-    truth : what they were measured against
-    drift : by which factor two measurements of the same differ; gains below it are not told
+    rated : settings with cost and error; the unchanged scene comes first
+    truth : the ground truth
+    drift : ratio of two measurements of one setting; smaller gains are not mentioned
     """
     scene = rated[0]
     sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene, truth)}."]
@@ -166,7 +165,7 @@ def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.
 
 
 def levels(one: RatedSetting, truth: GroundTruth) -> str:
-    """An error in levels of 8 bits, rounded up."""
+    """Return an error in levels of 8 bits, rounded up, as text."""
     error = error_of(one, truth)
     in_levels, of_scale = _rounded_up(error / LEVEL), _rounded_up(error)
     text = f"{in_levels:g} levels of 255" if error >= LEVEL / 20 else f"{of_scale:.1e} of full scale"
@@ -174,7 +173,7 @@ def levels(one: RatedSetting, truth: GroundTruth) -> str:
 
 
 def _rounded_up(value: float) -> float:
-    """The next number of two digits that is not smaller, but for rounding of the value's own last digits."""
+    """Round up to two digits, with a tolerance for floating-point rounding."""
     if value <= 0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
@@ -182,17 +181,17 @@ def _rounded_up(value: float) -> float:
 
 
 def milliseconds(one: RatedSetting) -> str:
-    """A frame's time for reading."""
+    """Return the time of a frame as text."""
     return f"{1e3 * one.cost.total_seconds:.3g} ms"
 
 
 def ratio(slow: RatedSetting, fast: RatedSetting) -> str:
-    """How many times as fast."""
+    """Return the speed-up as text."""
     return f"{slow.cost.total_seconds / fast.cost.total_seconds:.2g} times"
 
 
 def faster(one: RatedSetting, other: RatedSetting, drift: float) -> bool:
-    """Whether the difference is more than noise: half of one's frames took less than the fastest of the other's."""
+    """Return whether the median of one is below the fastest frame of the other, and the gain exceeds the drift."""
     gain = max(1.05, drift)
     return one.cost.total_seconds < min(other.cost.total_seconds_min, other.cost.total_seconds / gain)
 

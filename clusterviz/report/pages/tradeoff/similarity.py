@@ -1,4 +1,4 @@
-"""How alike two pictures look: the structural similarity index, written from its paper.
+"""Structural similarity index (SSIM) of two pictures.
 
 References
 ----------
@@ -20,7 +20,7 @@ K1, K2, RANGE = 0.01, 0.03, 1.0
 
 
 def ssim(a: NDArray[Any], b: NDArray[Any]) -> float:
-    """Mean SSIM of two grey pictures.
+    """Return the mean SSIM of two grey pictures.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ def ssim(a: NDArray[Any], b: NDArray[Any]) -> float:
 
     Returns
     -------
-    index : 1 for equal pictures; the mean over all places where the window lies in the picture, and over all places
-        of a mirrored one where the picture is smaller than the window
+    index : 1 for equal pictures; the mean over all positions of the window inside the picture, which is mirrored at its
+        edges if it is smaller than the window
     """
     x, y = (_padded(np.asarray(picture, np.float64)) for picture in (a, b))
     mean_x, mean_y = _blur(x), _blur(y)
-    # Variances by differences of squares may come out below 0 by rounding; C2 is 10⁹ times as large.
+    # Rounding may give negative variances, which are 10⁻⁹ of c2.
     variance_x, variance_y = _blur(x * x) - mean_x**2, _blur(y * y) - mean_y**2
     covariance = _blur(x * y) - mean_x * mean_y
     c1, c2 = (K1 * RANGE) ** 2, (K2 * RANGE) ** 2
@@ -43,13 +43,13 @@ def ssim(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def luminance(rgb: NDArray[Any]) -> Floats:
-    """Grey (h, w) of colours (h, w, 3), with the weights of ITU-R BT.601, as the paper's own program takes them."""
+    """Return luminance (h, w) of colours (h, w, 3) with the weights of ITU-R BT.601, as in the paper's program."""
     grey: Floats = np.asarray(rgb, np.float64) @ (0.299, 0.587, 0.114)
     return grey
 
 
 def _blur(picture: Floats) -> Floats:
-    """Weighted means over all windows that lie in the picture; the Gaussian is a product of two."""
+    """Return Gaussian weighted means over all windows inside the picture, by separable filters."""
     offset = np.arange(SIDE) - SIDE // 2
     weights = np.exp(-(offset**2) / (2 * SIGMA**2))
     weights /= weights.sum()
@@ -59,7 +59,7 @@ def _blur(picture: Floats) -> Floats:
 
 
 def _padded(picture: Floats) -> Floats:
-    """Mirrored at its edges where it is smaller than the window."""
+    """Mirror a picture at its edges if it is smaller than the window."""
     if min(picture.shape) >= SIDE:
         return picture
     return np.pad(picture, SIDE // 2, mode="symmetric")

@@ -1,4 +1,4 @@
-"""All settings of a scene, drawn one after another and held against the truth."""
+"""Survey of all settings of a scene, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -19,24 +19,23 @@ TRUTH, AGAIN = "the picture without error", "the scene as it is, again"
 
 
 class Job(Protocol):
-    """Draws a scene so many times on all ranks, after so many frames that do not count; the picture is there."""
+    """Function that draws timed frames of a scene after warm-up frames, and returns cost and picture."""
 
     def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured: ...
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What is measured, and how thoroughly.
+    """Settings to measure, and the parameters of the measurement.
 
     Attributes
     ----------
-    settings : the scene as it is comes first
-    left_out : how many combinations are not among them
-    ranks : of a job
-    frames : timed in each job
-    rounds : how often all settings are gone through; of each the fastest job counts, since other work on the machine
-        only ever adds to a time
-    budget_seconds : for the picture without error
+    settings : the unchanged scene comes first
+    left_out : number of combinations left out
+    ranks : number of ranks of a job
+    frames : number of timed frames of a job
+    rounds : number of measurements of each setting, of which the fastest counts
+    budget_seconds : time limit of the ground truth
     """
 
     settings: Sequence[Setting]
@@ -48,29 +47,30 @@ class Survey:
 
     @property
     def steps(self) -> list[str]:
-        """The names of what is done, in order."""
+        """Names of the jobs in order."""
         first, *others = (str(setting) for setting in self.settings)
         again = [f"{name}, round {n + 2}" for n in range(self.rounds - 1) for name in (first, *others)]
         return [first, TRUTH, *others, *again, AGAIN]
 
     def run(self, name: str, scene: Scene, job: Job, progress: Callable[[str], None]) -> Report:
-        """Draw the scene as it is, find the truth, then draw all settings.
+        """Draw the unchanged scene, find the ground truth, then draw all settings.
 
         Parameters
         ----------
-        name : what the scene is called
-        scene : with a volume
-        progress : told each of `steps` as it begins
+        name : name of the scene
+        scene : a scene with a volume
+        job : draws a scene
+        progress : called with each of `steps` when it begins
 
         Raises
         ------
         ClustervizError
-            The scene as it is cannot be drawn. A setting that cannot is told in the report.
+            The unchanged scene cannot be drawn. Other settings that cannot be drawn are listed in the report.
         """
         steps = iter(self.steps)
         progress(next(steps))
         first = job(scene, self.frames)
-        # From here on nothing is left open, so that no setting can change what is shown.
+        # The scene is completed now, so that settings cannot change automatic choices.
         scene = first.scene
         progress(next(steps))
         truth = find_ground_truth(scene, _with_step(job), self.budget_seconds)
@@ -101,7 +101,7 @@ def _faster(known: RatedSetting | None, found: RatedSetting) -> RatedSetting:
 
 
 def _with_step(job: Job) -> Draw:
-    """The renderer as a function of scene and step."""
+    """Return the renderer as a function of scene and step."""
     return lambda scene, step: _picture(job(with_settings(scene, {"step": step}), 1, 0))
 
 

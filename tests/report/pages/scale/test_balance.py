@@ -26,7 +26,7 @@ def test_the_first_sentence_names_imbalance_where_it_takes_most() -> None:
     balance = tuple(make_balance(name, measured([[1.0, 3.0]], [10, 30])) for name in ("coherent", "dynamic"))
     said = verdict(SurveyResult((uneven,), (), (), balance), CURVE, "a network")
     assert said[0].startswith("The bottleneck is imbalance: 73% of a frame of 9.1 s on 4 ranks")
-    assert "busiest of 2 ranks takes so many times the mean samples: 1.50 (coherent) and 1.50 (dynamic)." in said[1]
+    assert "busiest of 2 ranks takes this multiple of the mean samples: 1.50 (coherent) and 1.50 (dynamic)." in said[1]
     plain = verdict(SurveyResult((even,), (), ()), CURVE, "a network")
     assert plain[0].startswith("The bottleneck is drawing: 99% of a frame of 9.1 s on 4 ranks")
     assert not any("orbit" in sentence for sentence in plain)
