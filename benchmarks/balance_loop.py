@@ -1,6 +1,7 @@
 """What each way to share costs in the real loop: `python benchmarks/balance_loop.py [--scene sparse] [--frames 90]`.
 
     python benchmarks/balance_loop.py --scene head --json F        a table a path, as CSV with --csv
+    python benchmarks/balance_loop.py --ways dynamic --bricks 8 16 8-32   bricks of one size, and of 8 to 32
     python benchmarks/balance_loop.py plot F G -o docs/balance.svg   the orbits of such files
 
 Ranks are threads of this process, so times mean nothing here, and bound nothing; samples are as on a cluster. The scene
@@ -87,12 +88,20 @@ def row_of(way: str, drawn: Sequence[Rendered]) -> dict[str, Any]:
         "after 10": float(imbalance[10]) if len(imbalance) > 10 else None,
         "last": float(imbalance[-1]),
         "most images": max(images) or "",
+        "bricks": sum(rank.bricks for rank in drawn[0].statistics.per_rank),
         "flights": sum(int(frame.statistics.per_rank[0].balance.get("flights", 0)) for frame in drawn),
         "recalled": sum(rank.balance.get("bricks_recalled", 0) for rank in per_rank),
         "MB sent": sum(rank.balance.get("bytes_sent", 0) for rank in per_rank) / 1e6,
         "MB a rank": max(rank.voxel_bytes for rank in per_rank) / 1e6,
+        "MB at first": sum(rank.voxel_bytes for rank in drawn[0].statistics.per_rank) / 1e6,
         "imbalance": imbalance.tolist(),
     }
+
+
+def sizes_of(text: str) -> dict[str, int]:
+    """The keys of bricks of one size, as "16", or of several, as "8-32"."""
+    smallest, *largest = map(int, text.split("-"))
+    return {"brick": smallest, **({"largest_brick": largest[0]} if largest else {})}
 
 
 def verdict(rows: Sequence[dict[str, Any]]) -> str:
@@ -142,7 +151,8 @@ def measure(options: argparse.Namespace) -> None:
     for file in (options.json, options.csv):
         if file:
             check_replaceable(file)
-    base = with_settings(scene_of(options.scene, options.size)[0], {"brick": options.brick})
+    look = {"shade": True} if options.lit else {}
+    base = with_settings(scene_of(options.scene, options.size)[0], look)
 
     def open_voxels() -> Source:
         return scene_of(options.scene, options.size)[1]
@@ -153,11 +163,18 @@ def measure(options: argparse.Namespace) -> None:
     for name in options.paths:
         scenes = scenes_of(base, name, options.frames)
         print(f"\n{options.scene}, {name}, {options.ranks} ranks, {len(scenes)} frames", flush=True)
-        tables[name] = [row_of(way, draw(scenes, open_voxels, options.ranks, WAYS[way])) for way in options.ways]
+        tables[name] = [
+            row_of(
+                way if len(options.bricks) == 1 else f"{way}, bricks of {size}",
+                draw(scenes, open_voxels, options.ranks, WAYS[way] | sizes_of(size)),
+            )
+            for way in options.ways
+            for size in options.bricks
+        ]
         show(tables[name])
-        if {"dynamic", *ONE_COPY} <= set(options.ways):
+        if len(options.bricks) == 1 and {"dynamic", *ONE_COPY} <= set(options.ways):
             print(f"\n{verdict(tables[name])}")
-    about = {key: getattr(options, key) for key in ("scene", "ranks", "frames", "size", "brick")}
+    about = {key: getattr(options, key) for key in ("scene", "ranks", "frames", "size", "bricks")}
     if options.json:
         with replacing(options.json) as temporary:
             temporary.write_text(json.dumps(about | {"tables": tables}, indent=1))
@@ -178,7 +195,8 @@ def main() -> None:
     parser.add_argument("--ranks", type=int, default=4)
     parser.add_argument("--frames", type=int, default=90)
     parser.add_argument("--size", type=int, default=96)
-    parser.add_argument("--brick", type=int, default=16)
+    parser.add_argument("--bricks", nargs="+", default=["16"])
+    parser.add_argument("--lit", action="store_true", help="shaded: bricks overlap by two more voxels")
     parser.add_argument("--paths", nargs="+", choices=("orbit", "to and fro", "near"), default=["orbit"])
     parser.add_argument("--ways", nargs="+", choices=tuple(WAYS), default=list(WAYS))
     parser.add_argument("--json", type=Path)
