@@ -11,7 +11,7 @@ two may also be given by the environment, as CLUSTERVIZ_PEER and CLUSTERVIZ_PEER
 equal error instead of equal step.
 
 Errors are those from the converged picture: ours at a sixteenth of the peer's step, which the tests hold to the float64
-witness within 1e-5.
+reference within 1e-5.
 """
 
 from __future__ import annotations

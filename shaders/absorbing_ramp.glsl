@@ -1,5 +1,5 @@
-// What a slab adds to a mixture where the transfer function of one volume is integrated between the slab's ends: optical depth, exact for a
-// field that is linear between them, and the mean colour of what absorbs. In which order it does so within a slab is of no account.
+// Pre-integrated absorption of a slab in one volume of a mixture: optical depth, exact for a field that is linear between the slab's ends,
+// and mean colour. The order of absorption within a slab is ignored.
 void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
     sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0);
 }

@@ -1,4 +1,4 @@
-// Bricks in the slots of one 3-D texture, for the texture unit's own filter; slot numbers run along x, then y, then z.
+// Brick atlas: bricks in the slots of one 3-D texture, for hardware filtering; slots are numbered along x, then y, then z.
 layout(binding = 0) uniform sampler3D atlas;
 
 vec3 slot_origin(int slot) {
@@ -8,7 +8,7 @@ vec3 slot_origin(int slot) {
     return vec3(place * side + MARGIN);
 }
 
-// Texels as they are, for kernels.
+// Unfiltered texels.
 float voxel_at(int slot, ivec3 place) {
     return fma(texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r, scalar.x, scalar.y);
 }

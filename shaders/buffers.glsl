@@ -1,4 +1,4 @@
-// What a draw reads and writes, beside the frame's constants. A driver need not have more than eight storage
+// Storage buffers of a draw. A driver need not have more than eight storage
 // blocks: 0 and 5 are the transfer function's.
 layout(std430, binding = 1) buffer PixelsBlock { vec4 pixels[]; };                    // row by row of frame.rect; all zeros: nothing yet; then what rounding has taken from each
 layout(std430, binding = 2) buffer ProgressBlock { uint unfinished; int progress[]; }; // where each pixel's ray goes on; then the samples of each work group

@@ -1,4 +1,4 @@
-// A cell of cubic B-splines: they stay between the 64 voxels around it, and are nearly the polynomial of third degree through four places.
+// Field in a cell of cubic B-splines: bounded by the 64 voxels around it, and approximated along a ray by the cubic through four points.
 const vec3 CELL_BEGINS = vec3(0.0);
 
 ivec3 cell_within(ivec3 at) {

@@ -1,5 +1,5 @@
-// A cell between eight voxels: between which scalars the field lies in it, and what it is along a ray, a polynomial of third degree (S. Parker
-// et al., Interactive ray tracing for isosurface rendering, IEEE Visualization 1998, section 3).
+// Field in a cell of eight voxels: its bounds, and its cubic polynomial along a ray (S. Parker et al., Interactive ray tracing for isosurface
+// rendering, IEEE Visualization 1998, section 3).
 const vec3 CELL_BEGINS = vec3(0.0); // from its first voxel
 
 // The cells that a brick holds of the volume.

@@ -1,4 +1,4 @@
-// The cell around a voxel, in which the field is that voxel.
+// Field in the cell around a voxel: constant.
 const vec3 CELL_BEGINS = vec3(-0.5);
 
 ivec3 cell_within(ivec3 at) {

@@ -1,4 +1,4 @@
-// A transfer function of scalars alone: straight colour, and the opacity of a unit distance.
+// 1-D transfer function: straight colour, and the opacity of a unit distance.
 vec4 classified(float s, vec3 gradient) {
     Segment segment = segment_at(s);
     return vec4(segment.colour, segment.unit_opacity);

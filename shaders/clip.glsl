@@ -1,4 +1,4 @@
-// Which slabs of a ray clipping planes keep: those that all of them do. Surfaces are cut where they are: their slabs are kept if any part is.
+// Clipping planes: the slabs of a ray that all planes keep. For surfaces, which are clipped at their own positions, a slab is kept if any part is.
 layout(std140, binding = 3) uniform ClipBlock { dvec4 clip_plane[PLANES]; }; // kept: dot(xyz, p) + w >= 0
 
 void cut(inout Ray ray, bool whole_slabs) {

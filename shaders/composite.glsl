@@ -1,4 +1,4 @@
-// Emission and absorption of a slab: premultiplied colour and opacity.
+// Emission and absorption of a slab from its midpoint: premultiplied colour and opacity.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
     Segment segment = segment_at(s);

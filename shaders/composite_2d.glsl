@@ -1,4 +1,4 @@
-// Emission and absorption of a slab whose transfer function is a table over scalars and magnitudes of the gradient.
+// Emission and absorption of a slab with a 2-D transfer function of scalar and gradient magnitude.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);

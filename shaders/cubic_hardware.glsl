@@ -1,5 +1,5 @@
-// Cubic B-splines by eight fetches of the texture unit, each of which weighs eight of the 64 voxels (C. Sigg, M. Hadwiger: Fast third-order
-// texture filtering, GPU Gems 2, 2005, chapter 20). Its weights are about 8 bits exact; cubic.glsl is the plain twin.
+// Cubic B-spline interpolation by eight hardware-filtered fetches of eight voxels each (C. Sigg, M. Hadwiger: Fast third-order texture
+// filtering, GPU Gems 2, 2005, chapter 20). The weights have about 8 bits; cubic.glsl is the exact variant.
 float spline_at(int slot, ivec3 at, vec3 t) {
     vec4 x = spline(t.x), y = spline(t.y), z = spline(t.z);
     // Along each axis: the share of the two voxels behind, and where between two voxels their own shares lie.

@@ -1,4 +1,4 @@
-// Every slab has a sample.
+// Uniform sampling: every slab has a sample.
 const int doublings = 0;
 
 int doublings_in(int words, int bit) {

@@ -1,4 +1,4 @@
-// The largest or the smallest scalar of a ray: it, 0, 0, 1, or all zeros where there is none.
+// Maximum and minimum projection: (scalar, 0, 0, 1), or zeros for a ray without samples.
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     bool further = LARGEST ? s > sum.x : s < sum.x;
     // NaN compares false.

@@ -1,4 +1,4 @@
-// Gradient opacity: what extinction is multiplied by, piecewise linear in the magnitude of the gradient.
+// Gradient opacity: factor of extinction, piecewise linear in the gradient magnitude.
 float faded(vec3 gradient) {
     float magnitude = magnitude_of(gradient), factor = grading[3].x;
     for (int n = 0; n < FADING_PIECES; ++n) {

@@ -1,4 +1,4 @@
-// The gradient of a field that is interpolated linearly, in units of clim per voxel: derivatives at voxels, interpolated as the field is.
+// Gradient of a trilinear field, in units of clim per voxel: derivatives at voxels, interpolated as the field is.
 // They are central differences. Where a neighbour lies outside of the volume, or is invalid, they are one-sided ones of three voxels, as exact
 // as the others: of the two derivatives at the ends of an edge, the mean is then the edge's own slope.
 bvec4 invalid(vec4 voxels) {

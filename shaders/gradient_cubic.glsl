@@ -1,4 +1,4 @@
-// The derivative of cubic B-splines, in units of clim per voxel: of the field itself, or as a smoother kernel than differences.
+// Gradient by derivatives of cubic B-splines, in units of clim per voxel: of the field itself, or as a smoother kernel than differences.
 vec4 spline_slope(float t) {
     float u = 1.0 - t;
     return 0.5 * vec4(-u * u, t * (3.0 * t - 4.0), u * (4.0 - 3.0 * u), t * t);

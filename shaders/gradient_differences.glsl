@@ -1,5 +1,5 @@
-// The gradient of a field that the texture unit interpolates, in units of clim per voxel: as in gradient.glsl, from samples of the field.
-// Its difference a voxel to either side is that of the voxels, interpolated. Beside an invalid voxel the line to the other side is taken.
+// Gradient of a hardware-filtered field, in units of clim per voxel: as in gradient.glsl, from samples of the field. The central difference of
+// samples equals the interpolated difference of voxels. Next to an invalid voxel the difference is one-sided.
 bool is_missing(float s) {
     return MAY_BE_INVALID && !(abs(s) <= 3e38);
 }

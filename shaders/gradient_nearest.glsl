@@ -1,5 +1,4 @@
-// The gradient at the nearest voxel, in units of clim per voxel: central differences. Where a neighbour lies outside of the volume, or is
-// invalid, it is the difference to the other one.
+// Gradient at the nearest voxel, in units of clim per voxel: central differences, one-sided if a neighbour is outside of the volume or invalid.
 float along(int brick, ivec3 at, ivec3 axis, float here, bool begins, bool ends) {
     float before = voxel_at(brick, at - axis), after = voxel_at(brick, at + axis);
     bool none_before = begins || (MAY_BE_INVALID && !(abs(before) <= 3e38));

@@ -1,4 +1,4 @@
-// Nothing that is shown depends on the gradient.
+// No gradient.
 vec3 gradient_at(int brick, ivec3 cell, vec3 beyond) {
     return vec3(0.0);
 }

@@ -1,5 +1,5 @@
-// One volume of a mixture. It is put in once for each volume, after the files that sample it; what belongs to one volume are macros then, and
-// face_before, begin_before and take_before are the same for the volumes put in before, or nothing.
+// One volume of a mixture. This file is included once for each volume, after the files that sample it. Names that belong to one volume are
+// macros; face_before, begin_before and take_before are the functions of the volumes included before, or empty.
 ivec2 seen;   // the slabs of the ray whose midpoints lie in the volume, decided for the whole ray: every box finds the same ones
 dvec2 within; // the part of the ray that lies in it, in slabs, whose midpoints lie at whole numbers
 dvec2 uncut;  // the part that no clipping plane cuts away

@@ -1,5 +1,5 @@
-// Every pixel's lattice of slabs begins a share of a slab before its ray enters the volume, so that errors of sampling are noise and not
-// rings. The share is a hash of the pixel's place in the picture: neither boxes nor ranks nor frames change it. The first slab is cut.
+// Jittered ray start: the slabs of each pixel begin a fraction of a slab before the ray enters the volume, so that sampling errors become noise
+// instead of rings. The fraction is a hash of the pixel's position in the picture, independent of boxes, ranks and frames. The first slab is cut.
 const bool JITTERED = true;
 
 // An integer hash with little bias (C. Wellons: Prospecting for hash functions, 2018, lowbias32).

@@ -1,5 +1,5 @@
-// Which slabs of a ray a plane keeps: those whose midpoint lies on its near side, dot(xyz, p) + w >= 0, decided in double precision for the
-// whole ray by one expression, so that every box finds the same ones. Midpoints lie in order along the ray, so what is kept is a range.
+// Range of a ray's slabs whose midpoints a clipping plane keeps, dot(xyz, p) + w >= 0, in double precision. All boxes use the same expression
+// for the whole ray, so that they agree.
 bool is_kept(double at, double by, int k) {
     return fma(double(k), by, at) >= 0.0LF;
 }

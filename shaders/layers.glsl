@@ -1,4 +1,4 @@
-// Isosurfaces in a slab of a mixture, from front to back; between them the slab absorbs evenly. Of two at one place the first volume's is in front.
+// Isosurfaces in a slab of a mixture, front to back, with uniform absorption between them. Of two at one position the first volume's is in front.
 float surface_place[MOST_SURFACES]; // from the slab's midpoint
 vec4 surface_light[MOST_SURFACES];  // premultiplied
 int surfaces = 0;

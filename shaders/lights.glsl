@@ -1,4 +1,4 @@
-// Ambient, diffuse and specular light (Phong), on both sides of a surface, as in VTK. A headlight shines from the eye, as if from afar.
+// Two-sided Phong shading as in VTK. A headlight is a directional light along the view.
 // The rows of `lighting` are those of plan/shading.py.
 
 // Of the ray and in the world: in a loop, a driver may fetch a block's member again each time.

@@ -1,4 +1,4 @@
-// Lights of which some have a place: it is told as whole voxels and a rest, so that nothing is lost in a large volume.
+// Positional lights: positions are whole voxels plus a fraction, for full precision in large volumes.
 vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength) {
     vec4 direction = lighting[row], whole = lighting[row + 2], powers = lighting[row + 4];
     if (direction.w < 2.0) return direction.w != 0.0 ? toward_eye : direction.xyz;

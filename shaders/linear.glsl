@@ -1,4 +1,4 @@
-// Trilinear, eight fetches, float32 weights. NaN in any corner makes the whole cell NaN, and with it transparent.
+// Trilinear interpolation by eight fetches with float32 weights. NaN in any corner makes the whole cell NaN, and so transparent.
 float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
     ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);

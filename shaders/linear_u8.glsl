@@ -1,4 +1,4 @@
-// Trilinear, eight 8-bit voxels by four fetches, float32 weights; `linear.glsl` is its plain twin.
+// Trilinear interpolation of eight 8-bit voxels by four fetches with float32 weights; equals `linear.glsl`.
 float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
     ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);

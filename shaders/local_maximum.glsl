@@ -1,5 +1,5 @@
-// The largest scalar of the first stretch of a ray that is not below a threshold; how parts merge is said in image/merge.py, which this
-// function follows: the stretch's largest scalar, the largest of all, what is known of the stretch, 1.
+// Local maximum projection: the largest scalar of the ray's first stretch not below a threshold. As in image/merge.py, a pixel is the largest
+// scalar of the stretch, the largest of all, the state of the stretch, 1.
 const int STARTS = 1, CLOSED = 2, EXISTS = 4;
 
 vec4 merged(vec4 front, vec4 behind) {

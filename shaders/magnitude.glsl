@@ -1,4 +1,4 @@
-// The magnitude of the gradient in the world. The rows of `grading` are those of plan/grading.py.
+// Gradient magnitude in world units. The rows of `grading` are those of plan/grading.py.
 mat3 world_from_gradient = mat3(grading[0].xyz, grading[1].xyz, grading[2].xyz);
 
 float magnitude_of(vec3 gradient) {

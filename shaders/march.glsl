@@ -1,4 +1,4 @@
-// The one march loop. It goes from brick to brick; inside a brick, runs of slabs are taken with brick-local float positions.
+// Ray marching loop: from brick to brick, and in a brick by runs of slabs with brick-local float positions.
 // `float scalar_at(int brick, ivec3 cell, vec3 beyond)` is the variant's: the field `beyond` the corner of a cell of the brick, NaN where a
 // voxel is invalid. Both are kept apart because their sum would lose as many digits as the cell's number has.
 float scalar_at(int brick, ivec3 cell, vec3 beyond);

@@ -1,4 +1,4 @@
-// The isosurfaces of one volume of a mixture, in a slab: those that are met in its part in the volume (root.glsl).
+// Isosurfaces of one volume of a mixture in a slab: those that the ray meets in the slab's part in the volume (root.glsl).
 void meet_surfaces(int at, dvec2 span) {
     double middle = 0.5LF * (span.x + span.y);
     vec2 part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);

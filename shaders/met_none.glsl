@@ -1,2 +1,2 @@
-// A volume of a mixture without isosurfaces.
+// Volume of a mixture without isosurfaces.
 void meet_surfaces(int at, dvec2 span) {}

@@ -1,6 +1,6 @@
-// Runs of slabs in which several volumes are mixed: extinctions add up, and a slab's colour is their mean, weighted by them. `ingredient.glsl`
-// gives what each volume adds, `in_order` what light makes of it. A brick begins with four words a volume: where its voxels begin from here,
-// -1 where there are none, and the volume's cell that is their first.
+// Runs of slabs in several volumes: extinctions add up, and a slab's colour is the mean weighted by them. `ingredient.glsl` gives the absorption
+// of each volume, `in_order` composites it. A brick begins with four words for each volume: the offset of its voxels from here (-1 for none),
+// and their first cell in the volume.
 void face(Ray ray) {
     face_all(ray);
 }

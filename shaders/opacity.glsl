@@ -1,4 +1,4 @@
-// Opacity of a slab from the opacity of a unit length, to float32's last bits. The drivers' own log2 and exp2 are not accurate enough for
+// Opacity of a slab from the opacity of a unit length, accurate to the last bits of float32. The drivers' log2 and exp2 are not accurate enough for
 // 10^4 slabs, and 1 - pow(1 - a, d) loses every digit of a small a.
 
 // -log(1 - a) for a in [0, 1 - 2^-24]: the exponent apart, and atanh's series for the mantissa in [sqrt(1/2), sqrt(2)).

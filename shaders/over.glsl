@@ -1,4 +1,4 @@
-// Emission and absorption, front to back.
+// Over operator, front to back.
 void add_run(inout Sum sum, vec4 run) {
     add(sum, (1.0 - sum.high.a) * run);
 }

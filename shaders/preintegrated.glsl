@@ -1,4 +1,4 @@
-// Pre-integrated classification: runs of slabs that are ramps (ramp.glsl). The field is sampled where slabs meet, once for both.
+// Pre-integrated classification: runs of slabs with linear scalars (ramp.glsl). The field is sampled once where two slabs meet.
 // A colour that changes linearly with the depth is seen as its mean and this share of its change: 1 / d - coth(d / 2) / 2.
 float leaning(float depth, float opacity) {
     float d2 = depth * depth;

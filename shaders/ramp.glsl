@@ -1,5 +1,5 @@
-// A slab along which the scalar goes linearly from its value in front to that behind: what lies between them in the transfer function is
-// integrated. The parts of a record and the sums are those of plan/preintegration.py.
+// Pre-integrated slab: the transfer function is integrated over a scalar that changes linearly from front to back. Records and sums are those
+// of plan/preintegration.py.
 struct Class {
     float s;
     int segment;

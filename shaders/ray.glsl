@@ -1,4 +1,4 @@
-// Rays and their lattice of slabs, in index space: units are voxels along (x, y, z), parameters are world lengths.
+// Rays and their slabs in index space: positions in voxels along (x, y, z), ray parameters in world lengths.
 
 struct Ray {
     dvec3 first;      // midpoint of slab 0

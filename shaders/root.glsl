@@ -1,4 +1,4 @@
-// Where rays meet isosurfaces: cell after cell, whatever the slabs are (J. Amanatides, A. Woo: A fast voxel traversal algorithm for ray tracing,
+// Ray-isosurface intersection, cell by cell, independent of the slabs (J. Amanatides, A. Woo: A fast voxel traversal algorithm for ray tracing,
 // Eurographics 1987). Along a ray the field is a polynomial of third degree in a cell; between its turns it is monotone and crosses each value
 // once at most (G. Marmitt et al.: Fast and accurate ray-voxel intersection techniques for iso-surface ray tracing, VMV 2004, section 3).
 // Most cells hold no surface between their least and their largest scalar.

@@ -1,4 +1,4 @@
-// Runs of slabs that are sampled at their midpoints; how a sample is taken is the blending's.
+// Runs of slabs that are sampled at their midpoints; the blend mode composites the samples.
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
 // A share of a slab: what the exit has left of the last one.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);

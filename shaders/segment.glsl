@@ -1,4 +1,4 @@
-// What the transfer function gives a sample.
+// Segment of the transfer function.
 // A slab's opacity is not linear where a unit length's is; segments are cut until its chord is (plan/segments.py).
 struct Segment {
     float opacity;      // of a whole slab

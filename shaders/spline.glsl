@@ -1,4 +1,4 @@
-// Weights and voxels of cubic B-splines, 4 along each axis. A voxel that is invalid counts as the cell's corner next to it; NaN in a corner
+// Weights and voxels of cubic B-splines, 4 along each axis. An invalid voxel is replaced by the cell's corner next to it; NaN in a corner
 // makes the whole cell NaN. Voxels are taken as differences from one of them, so that a constant field stays constant.
 vec4 spline(float t) {
     float u = 1.0 - t, t2 = t * t, u2 = u * u;

@@ -1,4 +1,4 @@
-// Slabs that are longer where a group of cells allows it (plan/stretching.py).
+// Adaptive step: longer slabs in groups of cells that allow it.
 int doublings = 0; // of the run that is taken now, or that the place found last allows
 
 int doublings_in(int words, int bit) {

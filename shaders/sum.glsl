@@ -1,4 +1,4 @@
-// Averages and sums: opacity times scalar, cut to clim's range, times slabs; and the slabs that had a sample.
+// Average and sum projection: opacity times scalar, clamped to clim, times slabs; and the number of slabs with a sample.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!(abs(s) <= 3e38)) return; // NaN compares false
     sum += share * vec4(segment_at(s).unit_opacity * clamp(s, 0.0, 1.0), 0.0, 0.0, 1.0);

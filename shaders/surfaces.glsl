@@ -1,5 +1,5 @@
-// Isosurfaces, which are met in cells (root.glsl), and the volume between them, slab after slab. A surface belongs to the slab that holds its
-// place. Its two rows of `surface` are those of plan/look.py: value, 0, 0, 0; colour, opacity.
+// Isosurfaces, found in cells (root.glsl), and slabs of the volume between them. A surface belongs to the slab that contains its position. It has
+// two rows of `surface`: value, 0, 0, 0; colour, opacity.
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);

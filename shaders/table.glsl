@@ -1,5 +1,4 @@
-// A transfer function of two dimensions: a table over scalars and magnitudes of the gradient. It is read texel by texel and interpolated in
-// float32: the texture unit's weights would have 8 bits.
+// 2-D transfer function: a table over scalar and gradient magnitude, interpolated in float32, as the texture unit's weights have only 8 bits.
 layout(binding = TABLE_BINDING) uniform sampler2D transfer_table; // straight colour, opacity over one unit distance; scalars along x, magnitudes along y
 
 vec4 entry_at(float s, float magnitude) {

@@ -1,4 +1,4 @@
-// The transfer function, piecewise linear: buckets of equal width say which segment to look at first. Scalars are in units of clim.
+// Piecewise linear transfer function. Buckets of equal width give the first segment to test. Scalars are in units of clim.
 vec4 part_of(int segment, int part);
 
 // The segment of a scalar: the last one that starts at or below it, so that a repeated control point is a step to the later value.

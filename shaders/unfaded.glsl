@@ -1,4 +1,4 @@
-// Opacity does not depend on the gradient.
+// No gradient opacity.
 float faded(vec3 gradient) {
     return 1.0;
 }

@@ -1,4 +1,4 @@
-// Every ray's slabs begin where it enters the volume.
+// No jitter: slabs begin where the ray enters the volume.
 const bool JITTERED = false;
 
 double shift_of(ivec2 pixel) {

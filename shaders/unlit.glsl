@@ -1,4 +1,4 @@
-// No light: colours are as the transfer function gives them.
+// No lighting: colours are those of the transfer function.
 void face(Ray ray) {}
 
 vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {

@@ -1,4 +1,4 @@
-// Slabs are taken whole, by the brick of their midpoint.
+// No splitting: a slab belongs to the brick of its midpoint.
 int first_slab(Ray ray) {
     return max(first_owned(ray), ray.begin);
 }

@@ -1,4 +1,4 @@
-"""The whole product at 16³: scene file to picture file, two ranks of this process beside one rank and the witness."""
+"""The whole product at 16³: scene file to picture file, two ranks of this process beside one rank and the reference."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from clusterviz.cli.console import print_info, show_progress
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
-from clusterviz.kernels.objects import folder, kept_path, read_code
+from clusterviz.kernels.objects import folder, object_path, read_code
 from clusterviz.render.vectors.kernel import Kernel
 from clusterviz.render.vectors.machine_code import compiled, sources
 from clusterviz.render.vectors.transfer.pieces import CAPACITIES, MOST
@@ -85,9 +85,9 @@ def first_kernels(lanes: int) -> list[Kernel]:
 def _files(kernels: list[Kernel]) -> dict[Path, Job]:
     """Return the cache file and the job of each kernel, including the kernels of compositing."""
     texts = sources()
-    files: dict[Path, Job] = {kept_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
+    files: dict[Path, Job] = {object_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
     for module, name in native.COMMON_KERNELS:
-        files[kept_path(name, native.sources())] = native.kernel, (module, name)
+        files[object_path(name, native.sources())] = native.kernel, (module, name)
     return files
 
 

@@ -1,7 +1,7 @@
-"""Running compute shaders without holding Python's lock, so that other threads of the rank work meanwhile.
+"""Compute shader dispatch without Python's lock, so that other threads of the rank can work.
 
-moderngl keeps the lock in all its calls, and a software driver draws the whole picture inside one of them. Here the
-three calls that take long go to the driver through ctypes, which lets the lock go.
+moderngl holds the lock in all its calls, and a software driver draws the whole picture inside one of them. Here the
+three long calls go to the driver through ctypes, which releases the lock.
 
 References
 ----------
@@ -19,7 +19,7 @@ import moderngl
 
 
 def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
-    """Run so many work groups of a program of the thread's current context, and wait until they are done."""
+    """Run `groups` work groups of a program of the thread's current context, and wait until they are done."""
     use, dispatch, finish = _functions()
     use(program.glo)
     dispatch(*(*groups, 1, 1)[:3])
@@ -27,7 +27,7 @@ def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> Non
 
 
 def gl_function(name: str, *arguments: Any) -> Any:
-    """A function of OpenGL that returns nothing, by the ctypes types of its arguments; calls let Python's lock go."""
+    """Return an OpenGL function without a result, given the ctypes types of its arguments; calls release the lock."""
     egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
     address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
     return ctypes.CFUNCTYPE(None, *arguments)(address(name.encode()))
@@ -35,6 +35,6 @@ def gl_function(name: str, *arguments: Any) -> Any:
 
 @cache
 def _functions() -> tuple[Any, Any, Any]:
-    """glUseProgram, glDispatchCompute, glFinish."""
+    """Return glUseProgram, glDispatchCompute, glFinish."""
     number = ctypes.c_uint
     return gl_function("glUseProgram", number), gl_function("glDispatchCompute", *[number] * 3), gl_function("glFinish")

@@ -1,4 +1,4 @@
-"""A headless OpenGL context: EGL on a GPU, or Mesa's llvmpipe where there is none.
+"""Headless OpenGL context: EGL on a GPU, or Mesa's llvmpipe if there is none.
 
 References
 ----------
@@ -19,12 +19,12 @@ HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl
 
 
 def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Context:
-    """A context on this rank's EGL device.
+    """Open a context on this rank's EGL device.
 
     Parameters
     ----------
-    local_rank : this rank's number on its node; GPUs are dealt round robin by it
-    device : an EGL device index that overrides the deal; so does CLUSTERVIZ_EGL_DEVICE
+    local_rank : index of this rank on its node; GPUs are assigned round robin by it
+    device : EGL device index that overrides the assignment; so does CLUSTERVIZ_EGL_DEVICE
 
     Raises
     ------
@@ -45,7 +45,7 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
 
 
 def compile_compute(context: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:
-    """Compile a compute shader; a complaint names the shader's files and lines.
+    """Compile a compute shader; error messages name the shader's files and lines.
 
     Raises
     ------

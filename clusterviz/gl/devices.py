@@ -1,8 +1,8 @@
-"""Which EGL devices a node has, and which of them a rank draws on.
+"""EGL devices of a node, and the choice of a rank's device.
 
-A node with four GPUs and four ranks should use all four, yet EGL gives everyone its first device unless told. The order
-here is that of `eglQueryDevicesEXT`, and so that of the device index which moderngl's EGL backend takes. It is not
-CUDA's order, which is why the CUDA number is listed beside it. Asking costs no context and no OpenGL.
+Four ranks on a node with four GPUs should use all four, but by default EGL gives each rank its first device. The order
+is that of `eglQueryDevicesEXT`, which the device index of moderngl's EGL backend uses. CUDA's order may differ, so the
+CUDA number is listed too. Listing devices needs no context and no OpenGL.
 
 References
 ----------
@@ -39,9 +39,9 @@ class EglDevice:
     ----------
     index : position in `eglQueryDevicesEXT`, the device index that a context is made with
     software : True for Mesa's llvmpipe, which draws on the CPU
-    drm_node : "/dev/dri/renderD128" or the like; "" where the driver names none
-    cuda_id : CUDA's number of the same device, None where it has none
-    renderer, vendor : the driver's names, "" where it gives none before a context exists
+    drm_node : "/dev/dri/renderD128" or similar; "" if the driver names none
+    cuda_id : CUDA's number of the same device, None if it has none
+    renderer, vendor : the driver's names, "" if it gives none before a context exists
     extensions : the device extensions
     """
 
@@ -55,19 +55,19 @@ class EglDevice:
 
     @property
     def label(self) -> str:
-        """What a person would call it: "software", "hardware, /dev/dri/renderD128, CUDA 0"."""
+        """Description for users: "software", "hardware, /dev/dri/renderD128, CUDA 0"."""
         kind = "software" if self.software else "hardware"
         cuda = "" if self.cuda_id is None else f"CUDA {self.cuda_id}"
         return ", ".join(filter(None, (kind, self.renderer or self.vendor, self.drm_node, cuda)))
 
 
 def egl_devices() -> tuple[EglDevice, ...]:
-    """The EGL devices of this node, in EGL's own order; empty where EGL lists none.
+    """Return the EGL devices of this node, in EGL's order; empty if EGL lists none.
 
     Raises
     ------
     DeviceError
-        libEGL is not there, or it has no driver that lists devices.
+        libEGL is missing, or has no driver that lists devices.
     """
     name = find_library("EGL")
     if name is None:
@@ -82,14 +82,14 @@ def choose_device(
     override: int | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> int:
-    """The index of the device that a rank draws on: the one asked for, else hardware in turn, else the software device.
+    """Return the index of a rank's device: the requested one, else hardware round robin, else the software device.
 
     Parameters
     ----------
-    devices : what `egl_devices` found
-    local_rank : the rank's number on its node, from 0
-    override : an index that the user asked for; where there is none, CLUSTERVIZ_EGL_DEVICE is asked
-    environment : variables to read, this process's own by default
+    devices : devices of `egl_devices`
+    local_rank : index of the rank on its node, from 0
+    override : index that the user requested; by default that of CLUSTERVIZ_EGL_DEVICE
+    environment : environment variables, this process's own by default
 
     Raises
     ------
@@ -114,7 +114,7 @@ def choose_device(
 
 
 def _asked_in(environment: Mapping[str, str]) -> int | None:
-    """The device index in CLUSTERVIZ_EGL_DEVICE, None where that is unset or empty."""
+    """Return the device index in CLUSTERVIZ_EGL_DEVICE, None if that is unset or empty."""
     text = environment.get(ENVIRONMENT, "").strip()
     if not text:
         return None
@@ -124,7 +124,7 @@ def _asked_in(environment: Mapping[str, str]) -> int | None:
 
 
 class _Egl:
-    """The four EGL entry points that list devices, with their C types."""
+    """EGL entry points that list devices, with their C types."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
         library.eglGetProcAddress.restype = ctypes.c_void_p
@@ -146,7 +146,7 @@ class _Egl:
         return ctypes.CFUNCTYPE(result, *arguments)(address)
 
     def handles(self) -> list[int]:
-        """The opaque device handles, in EGL's order."""
+        """Return the opaque device handles, in EGL's order."""
         found = (ctypes.c_void_p * _MOST_DEVICES)()
         count = ctypes.c_int(0)
         if not self._query_devices(_MOST_DEVICES, found, ctypes.byref(count)):
@@ -154,19 +154,19 @@ class _Egl:
         return [int(handle) for handle in found[: count.value] if handle]
 
     def string(self, handle: int, name: int) -> str:
-        """One of the device's strings, "" where it has none."""
+        """Return one of the device's strings, "" if it has none."""
         text: bytes | None = self._query_string(handle, name)
         return (text or b"").decode(errors="replace")
 
     def attribute(self, handle: int, name: int) -> int | None:
-        """One of the device's numbers, None where it has none."""
+        """Return one of the device's numbers, None if it has none."""
         value = ctypes.c_ssize_t(0)
         return value.value if self._query_attribute(handle, name, ctypes.byref(value)) else None
 
 
 def _describe(egl: _Egl, index: int, handle: int) -> EglDevice:
     extensions = tuple(egl.string(handle, _EXTENSIONS).split())
-    # A string may only be asked for where its extension is listed; other names are EGL errors.
+    # A string may only be queried if its extension is listed; other names are EGL errors.
     drm_node = egl.string(handle, _DRM_RENDER_NODE_FILE) if "EGL_EXT_device_drm_render_node" in extensions else ""
     if not drm_node and "EGL_EXT_device_drm" in extensions:
         drm_node = egl.string(handle, _DRM_DEVICE_FILE)

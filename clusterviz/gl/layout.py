@@ -1,7 +1,7 @@
-"""One truth for layouts: a NumPy dtype makes the GLSL block that a shader reads.
+"""GLSL blocks generated from NumPy dtypes, so that both have one layout.
 
-Members are 16-byte or 32-byte columns (vec4, dvec4, ivec4, uvec4) or end the block as single 4-byte scalars, so that
-std140's rules agree with a packed C struct and no padding has to be guessed.
+Members are 16-byte or 32-byte columns (vec4, dvec4, ivec4, uvec4), or 4-byte scalars at the end of the block, so that
+std140 agrees with a packed C struct and needs no padding.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SCALARS = {("f", 4): "float", ("i", 4): "int", ("u", 4): "uint"}
 
 
 def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
-    """GLSL text of a std140 uniform block with the members of a structured dtype.
+    """Return the GLSL text of a std140 uniform block with the members of a structured dtype.
 
     Raises
     ------
@@ -30,13 +30,13 @@ def glsl_block(name: str, binding: int, dtype: np.dtype[np.void]) -> str:
 
 
 def glsl_rows(name: str, binding: int, rows: Mapping[str, int]) -> str:
-    """GLSL text of a std140 uniform block whose members are arrays of so many vec4s, one behind the other."""
+    """Return the GLSL text of a std140 uniform block whose members are arrays of `rows` vec4s."""
     members = " ".join(f"vec4 {member}[{count}];" for member, count in rows.items())
     return f"layout(std140, binding = {binding}) uniform {name}Block {{ {members} }};\n"
 
 
 def glsl_array(name: str, binding: int, dtype: np.dtype[np.void], count: int) -> str:
-    """GLSL text of a std140 uniform block that is an array of records.
+    """Return the GLSL text of a std140 uniform block that is an array of records.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def glsl_array(name: str, binding: int, dtype: np.dtype[np.void], count: int) ->
 
 
 def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:
-    """The GLSL type of one member, checked to lie where std140 puts it."""
+    """Return the GLSL type of one member; its offset is checked against std140."""
     key = (kind.base.kind, kind.base.itemsize)
     if kind.shape == (4,) and key in COLUMNS and offset % kind.itemsize == 0:
         return COLUMNS[key]

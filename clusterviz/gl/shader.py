@@ -1,8 +1,8 @@
-"""The include assembler: shader files become one source whose complaints still name the file and the line.
+"""Shader assembler: joins shader files by includes; error messages name the original file and line.
 
-A top-level shader may say `#include "name.glsl"`; included files may not include further, so that the order of the
-parts is read off one file. `#include <NAME>` stands for a text or a file that the caller chooses by variant. Every part
-is preceded by a `#line` with a source number, and a driver's message is translated back to file names.
+A top-level shader may contain `#include "name.glsl"`; included files may not include others, so that one file shows the
+order of the parts. `#include <NAME>` is replaced by a text or a file that the caller chooses by variant. Every part is
+preceded by a `#line` with a source number, which is translated back to a file name in the driver's messages.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ PLACE = re.compile(
 
 @dataclass(frozen=True)
 class ShaderSource:
-    """An assembled shader: its text, and the name behind each source number in its `#line` directives."""
+    """An assembled shader: its text, and the file name of each source number in its `#line` directives."""
 
     text: str
     names: tuple[str, ...]
 
     def explain(self, complaint: str) -> str:
-        """The driver's complaint with file names in the place of source numbers."""
+        """Return the driver's error message with file names instead of source numbers."""
 
         def name(match: re.Match[str]) -> str:
             source, line = int(match["source"]), match["mesa"] or match["nvidia"]
@@ -41,7 +41,7 @@ class ShaderSource:
 
 @cache
 def shader_folder() -> Path:
-    """Where the .glsl files are: inside the installed package, or beside it in a checkout."""
+    """Return the folder of the .glsl files: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "shaders", package.parent / "shaders"):
         if folder.is_dir():
@@ -52,12 +52,12 @@ def shader_folder() -> Path:
 
 
 def assemble(name: str, slots: Mapping[str, str | tuple[str, ...]] | None = None) -> ShaderSource:
-    """Put a top-level shader together.
+    """Assemble a top-level shader.
 
     Parameters
     ----------
     name : file name of the top-level shader in the shader folder; its first line is `#version`
-    slots : for each `#include <NAME>`, the name of a file, or GLSL text if it holds a line break; or several of them
+    slots : for each `#include <NAME>`, the name of a file, or GLSL text if it contains a line break; or several of them
 
     Raises
     ------
@@ -78,7 +78,7 @@ def assemble(name: str, slots: Mapping[str, str | tuple[str, ...]] | None = None
 
 
 def _parts(match: re.Match[str], slots: Mapping[str, str | tuple[str, ...]], where: str) -> list[tuple[str, str]]:
-    """The names and the texts that an include line stands for."""
+    """Return the names and the texts that replace an include line."""
     if match["slot"] and match["slot"] not in slots:
         raise DeviceError(f"{where}: nothing given for #include <{match['slot']}>; given {sorted(slots)}")
     given = slots[match["slot"]] if match["slot"] else match["file"]

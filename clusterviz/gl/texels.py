@@ -1,4 +1,4 @@
-"""A box of texels read back: moderngl reads three-dimensional textures as a whole only.
+"""Reading a box of texels of a 3-D texture; moderngl can only read whole ones.
 
 References
 ----------
@@ -25,13 +25,13 @@ TYPES = {"u1": 0x1401, "<u2": 0x1403, "<f4": 0x1406}
 def read_box(
     texture: moderngl.Texture3D, corner: tuple[int, int, int], shape: tuple[int, int, int], kind: str
 ) -> NDArray[Any]:
-    """Texels of one component, (z, y, x), of a texture of the thread's current context.
+    """Return texels of one component, (z, y, x), of a texture of the thread's current context.
 
     Parameters
     ----------
-    corner : the first texel, (x, y, z)
-    shape : how many, (z, y, x)
-    kind : of their components, as NumPy names it: u1, <u2 or <f4
+    corner : first texel, (x, y, z)
+    shape : number of texels, (z, y, x)
+    kind : NumPy name of the component type: u1, <u2 or <f4
     """
     found = np.empty(shape, kind)
     if texture.ctx.version_code < SINCE:
@@ -47,7 +47,7 @@ def read_box(
 
 @cache
 def _functions() -> tuple[Any, Any]:
-    """glPixelStorei, glGetTextureSubImage."""
+    """Return glPixelStorei, glGetTextureSubImage."""
     number, size = ctypes.c_uint, ctypes.c_int
     box = [number, *[size] * 7, number, number, size, ctypes.c_void_p]
     return gl_function("glPixelStorei", number, size), gl_function("glGetTextureSubImage", *box)

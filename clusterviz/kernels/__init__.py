@@ -1,6 +1,6 @@
-"""The kernels room: machine code that is made here, kept as files, and loaded without a compiler.
+"""Machine code of kernels: generated with LLVM, saved as object files, and loaded without a compiler.
 
-- objects.py  object files: made once for a processor, found again by what they were made from
-- lanes.py    values of code, numbers and vectors, and expressions of them
-- code.py     functions that are written
+- objects.py  object files, made once for a CPU and its sources
+- lanes.py    expressions of numbers and vectors
+- code.py     functions, loops and branches
 """

@@ -1,4 +1,4 @@
-"""Functions that are written: where values of code come from, and loops and branches."""
+"""Code generation of functions: variables, constants, memory access, loops and branches."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from clusterviz.kernels.lanes import (
     Number,
     Operand,
     Value,
-    alike,
     kind_of,
     splat,
+    unify,
 )
 
 
 class Variable:
-    """A place for a value that loops change."""
+    """A mutable variable in generated code."""
 
     def __init__(self, value: Value) -> None:
         self._builder = value.builder
@@ -37,22 +37,22 @@ class Variable:
         self.set(value)
 
     def set(self, value: Value) -> None:
-        """Write it."""
+        """Assign a value."""
         self._builder.store(value.raw, self._place)
 
     @property
     def now(self) -> Value:
-        """Read it."""
+        """Current value."""
         return Value(self._builder, self._builder.load(self._place))
 
 
 class Code:
-    """A function that is being written; it takes an address and gives nothing back.
+    """A function that is being generated; it takes an address and returns nothing.
 
     Parameters
     ----------
-    name : of the function
-    lanes : of the vectors that it works with
+    name : name of the function
+    lanes : lanes of its vectors
     """
 
     def __init__(self, name: str, lanes: int) -> None:
@@ -60,7 +60,7 @@ class Code:
         self.module = ir.Module(name)
         self.function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [I64]), name)
         self.function.attributes.add("nounwind")
-        # The entry block holds the variables' places only; code begins behind it.
+        # The entry block only allocates variables; code begins behind it.
         entry, first = (self.function.append_basic_block(label) for label in ("entry", "first"))
         self.builder = ir.IRBuilder(entry)
         self.builder.branch(first)
@@ -68,70 +68,70 @@ class Code:
 
     @property
     def argument(self) -> Value:
-        """The address that the function is called with."""
+        """Argument of the function, an address."""
         return Value(self.builder, self.function.args[0])
 
     def text(self) -> str:
-        """The finished module."""
+        """Finish the function, and return the module's text."""
         self.builder.ret_void()
         return str(self.module)
 
     def number(self, element: Any, value: Number) -> Value:
-        """A constant."""
+        """Return a constant."""
         return Value(self.builder, ir.Constant(element, float(value) if element in (F32, F64) else int(value)))
 
     def vector(self, element: Any, values: Sequence[Number]) -> Value:
-        """A constant vector."""
+        """Return a constant vector."""
         return Value(self.builder, ir.Constant(kind_of(element, len(values)), list(values)))
 
     def same(self, element: Any, value: Number) -> Value:
-        """A constant for all lanes."""
+        """Return a constant vector of equal lanes."""
         return self.vector(element, [float(value) if element in (F32, F64) else int(value)] * self.lanes)
 
     def splat(self, value: Value) -> Value:
-        """A number for all lanes."""
+        """Return a vector with a number in all lanes."""
         return splat(value, self.lanes)
 
     def select(self, mask: Value, a: Operand, b: Operand) -> Value:
-        """`a` where the mask is set, else `b`."""
-        first, second = alike(a, b)
+        """Return `a` where the mask is set, else `b`."""
+        first, second = unify(a, b)
         if mask.lanes and not first.lanes:
             first, second = (splat(value, mask.lanes) for value in (first, second))
         return Value(self.builder, self.builder.select(mask.raw, first.raw, second.raw))
 
     def least(self, a: Operand, b: Operand) -> Value:
-        """The lesser; `b` where one is NaN."""
-        a, b = alike(a, b)
+        """Return the minimum; `b` where one is NaN."""
+        a, b = unify(a, b)
         return self.select(a < b, a, b)
 
     def most(self, a: Operand, b: Operand) -> Value:
-        """The greater; `b` where one is NaN."""
-        a, b = alike(a, b)
+        """Return the maximum; `b` where one is NaN."""
+        a, b = unify(a, b)
         return self.select(a > b, a, b)
 
     def within(self, value: Value, low: Operand, high: Operand) -> Value:
-        """Cut to a closed range; `high` for NaN."""
+        """Return the value clamped to a closed range; `high` for NaN."""
         return self.most(self.least(value, high), low)
 
     def call(self, name: str, *operands: Value) -> Value:
-        """One of LLVM's own functions of operands of one type; its name without the type."""
+        """Call an LLVM intrinsic with operands of one type; `name` is without the type."""
         kind, lanes, element = operands[0].raw.type, operands[0].lanes, operands[0].element
         letter = ("f" if operands[0].is_real else "i") + str(8 * BYTES[element])
         return self._intrinsic(f"llvm.{name}.{f'v{lanes}' if lanes else ''}{letter}", kind, *operands)
 
     def fma(self, a: Operand, b: Operand, c: Operand) -> Value:
-        """a · b + c, rounded once where the processor can."""
-        a, b = alike(a, b)
-        a, c = alike(a, c)
-        a, b = alike(a, b)
+        """Return a · b + c, rounded once if the CPU can."""
+        a, b = unify(a, b)
+        a, c = unify(a, c)
+        a, b = unify(a, b)
         return self.call("fmuladd", a, b, c)
 
     def size(self, value: Value) -> Value:
-        """The absolute value of floats."""
+        """Return the absolute value of floats."""
         return self.call("fabs", value)
 
     def any(self, mask: Value) -> Value:
-        """Whether any lane of a mask is set."""
+        """Return whether any lane of a mask is set."""
         bits = self.builder.bitcast(mask.raw, ir.IntType(mask.lanes))
         return Value(self.builder, self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0)))
 
@@ -144,16 +144,16 @@ class Code:
         return self._intrinsic(f"llvm.vector.reduce.smin.v{value.lanes}i32", I32, value)
 
     def total(self, value: Value) -> Value:
-        """The sum of the lanes of int64."""
+        """Return the sum of the lanes of int64."""
         return self._intrinsic(f"llvm.vector.reduce.add.v{value.lanes}i64", I64, value)
 
     def shuffle(self, a: Value, b: Value, numbers: Sequence[int]) -> Value:
-        """Lanes of two vectors, laid end to end, by number."""
+        """Return lanes of two concatenated vectors, by index."""
         mask = ir.Constant(kind_of(I32, len(numbers)), list(numbers))
         return Value(self.builder, self.builder.shuffle_vector(a.raw, b.raw, mask))
 
     def packed(self, values: Sequence[Value]) -> Value:
-        """Numbers as the lanes of a vector."""
+        """Return numbers as the lanes of a vector."""
         kind = kind_of(values[0].element, len(values))
         found = Value(self.builder, ir.Constant(kind, ir.Undefined))
         for lane, value in enumerate(values):
@@ -161,36 +161,36 @@ class Code:
         return found
 
     def permuted(self, table: Value, numbers: Value) -> Value:
-        """Of 16 floats, those with the numbers of 16 lanes; only where `HAS_PERMUTATIONS` says so."""
+        """Return a table of 16 floats at the indices of 16 lanes; only if `HAS_PERMUTATIONS`."""
         return self._intrinsic("llvm.x86.avx512.permvar.sf.512", table.raw.type, table, numbers)
 
     def join(self, a: Value, b: Value) -> Value:
-        """The lanes of two vectors, end to end."""
+        """Return two vectors concatenated."""
         return self.shuffle(a, b, range(2 * a.lanes))
 
     def load(self, element: Any, address: Value, lanes: int = 0) -> Value:
-        """A number or a vector at an address, aligned to nothing but its element's size."""
+        """Load a number or a vector at an address that is aligned to its element's size."""
         kind = kind_of(element, lanes)
         place = self.builder.inttoptr(address.raw, POINTER)
         return Value(self.builder, self.builder.load(place, align=min(BYTES[element], 4), typ=kind))
 
     def store(self, value: Value, address: Value) -> None:
-        """Write a number or a vector to an address."""
+        """Store a number or a vector at an address."""
         self.builder.store(value.raw, self.builder.inttoptr(address.raw, POINTER), align=4)
 
     def gather(self, element: Any, address: Value, index: Value, scale: int) -> Value:
-        """What lies at address + scale · index of each lane, as read by a gathering load."""
+        """Load the elements at address + scale · index of each lane."""
         unit = {1: I8, 2: I16, 4: I32, 8: I64}[scale]
         place = splat(Value(self.builder, self.builder.inttoptr(address.raw, POINTER)), index.lanes)
         return self._gathered(element, self.builder.gep(place.raw, [index.raw], source_etype=unit), index.lanes)
 
     def prefetch(self, addresses: Iterable[Value]) -> None:
-        """Ask for the cache lines at addresses."""
+        """Prefetch the cache lines at addresses."""
         kinds = [POINTER, I32, I32, I32]
         fetch = self._declared("llvm.prefetch.p0", ir.FunctionType(ir.VoidType(), kinds))
         for address in addresses:
             place = self.builder.inttoptr(address.raw, POINTER)
-            # For reading, into the nearest cache, of data.
+            # For reading, into the L1 data cache.
             self.builder.call(fetch, [place, I32(0), I32(3), I32(1)])
 
     def _gathered(self, element: Any, pointers: Any, lanes: int) -> Value:
@@ -202,12 +202,12 @@ class Code:
         return Value(self.builder, self.builder.call(load, [pointers, I32(4), every, ir.Constant(kind, ir.Undefined)]))
 
     def add_atomically(self, address: Value, more: Value) -> Value:
-        """Add to an int64 that other threads add to as well; what it was before."""
+        """Add to an int64 atomically; return the value before."""
         place = self.builder.inttoptr(address.raw, ir.PointerType(I64))
         return Value(self.builder, self.builder.atomic_rmw("add", place, more.raw, "monotonic"))
 
     def scratch(self, bytes_: int) -> Value:
-        """The address of so many bytes of the function's own, aligned to a cache line."""
+        """Return the address of `bytes_` bytes on the function's stack, aligned to a cache line."""
         with self.builder.goto_entry_block():
             place = self.builder.alloca(ir.ArrayType(ir.VectorType(F32, 16), -(-bytes_ // 64)))
             place.align = 64
@@ -215,7 +215,7 @@ class Code:
 
     @contextmanager
     def loop(self, condition: Callable[[], Value]) -> Iterator[None]:
-        """While a number's lowest bit is set: `condition` writes its code anew."""
+        """Loop while the lowest bit of `condition()` is set; it generates its code in the loop's head."""
         head, body, behind = (self.function.append_basic_block(label) for label in ("while", "do", "done"))
         self.builder.branch(head)
         self.builder.position_at_end(head)
@@ -227,7 +227,7 @@ class Code:
 
     @contextmanager
     def when(self, condition: Value, likely: bool | None = None) -> Iterator[None]:
-        """Only if a number's lowest bit is set."""
+        """Branch: only if the lowest bit of a number is set."""
         with self.builder.if_then(condition.raw, likely):
             yield
 

@@ -1,8 +1,7 @@
-"""Code for vectors, written as expressions: what the kernels of a room are put together from, in LLVM's words.
+"""Vector code written as expressions, from which kernels are generated with LLVM.
 
-A `Value` is a number or a vector of numbers in code that is being written; operators on it write further instructions.
-What a processor lacks, LLVM makes of what it has: the same text serves AVX-512, AVX2 and NEON. An operator between a
-vector and a number takes the number for all lanes.
+A `Value` is a number or a vector of numbers in generated code; operators on it generate instructions. LLVM lowers them
+for each CPU: the same code serves AVX-512, AVX2 and NEON. A number in an operation with a vector is used for all lanes.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ _REAL: Text = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 
 
 class Value:
-    """A number or a vector in code.
+    """A number or a vector in generated code.
 
     Attributes
     ----------
-    builder : llvmlite's, where instructions are written
+    builder : llvmlite's builder of instructions
     raw : llvmlite's value
     """
 
@@ -39,12 +38,12 @@ class Value:
 
     @property
     def element(self) -> Any:
-        """LLVM's type of a lane."""
+        """LLVM type of a lane."""
         return self.raw.type.element if isinstance(self.raw.type, ir.VectorType) else self.raw.type
 
     @property
     def lanes(self) -> int:
-        """How many; 0 for a number."""
+        """Number of lanes; 0 for a number."""
         return self.raw.type.count if isinstance(self.raw.type, ir.VectorType) else 0
 
     @property
@@ -53,14 +52,14 @@ class Value:
         return self.element in (F32, F64)
 
     def _binary(self, sign: str, other: Operand, swapped: bool = False) -> Value:
-        mine, theirs = alike(self, other)
+        mine, theirs = unify(self, other)
         if swapped:
             mine, theirs = theirs, mine
         write = getattr(self.builder, (_REAL if self.is_real else _WHOLE)[sign])
         return Value(self.builder, write(mine.raw, theirs.raw))
 
     def _compare(self, sign: str, other: Operand) -> Value:
-        mine, theirs = alike(self, other)
+        mine, theirs = unify(self, other)
         builder = self.builder
         write = builder.fcmp_ordered if self.is_real else builder.icmp_signed
         return Value(self.builder, write(sign, mine.raw, theirs.raw))
@@ -102,12 +101,12 @@ class Value:
         return self._binary("<<", other)
 
     def __rshift__(self, other: Operand) -> Value:
-        """Zeros come in from the left."""
+        """Logical shift to the right."""
         return self._binary(">>", other)
 
     def shifted(self, bits: int) -> Value:
-        """To the right, the sign coming in from the left."""
-        return Value(self.builder, self.builder.ashr(self.raw, alike(self, bits)[1].raw))
+        """Arithmetic shift to the right."""
+        return Value(self.builder, self.builder.ashr(self.raw, unify(self, bits)[1].raw))
 
     def __invert__(self) -> Value:
         return Value(self.builder, self.builder.not_(self.raw))
@@ -128,11 +127,11 @@ class Value:
         return self._compare(">=", other)
 
     def equals(self, other: Operand) -> Value:
-        """Lane by lane."""
+        """Compare for equality, lane by lane."""
         return self._compare("==", other)
 
     def to(self, element: Any) -> Value:
-        """Converted: floats to integers towards zero, integers as signed ones."""
+        """Convert: floats to integers towards zero, integers as signed ones."""
         if element is self.element:
             return self
         builder, kind = self.builder, kind_of(element, self.lanes)
@@ -147,22 +146,22 @@ class Value:
         return Value(self.builder, write(self.raw, kind))
 
     def unsigned(self, element: Any) -> Value:
-        """Integers as wider ones, or as they are; taken as unsigned ones."""
+        """Convert unsigned integers to wider ones."""
         if element is self.element:
             return self
         return Value(self.builder, self.builder.zext(self.raw, kind_of(element, self.lanes)))
 
     def bits(self, element: Any) -> Value:
-        """The same bits as lanes of another type; as many bits in all."""
+        """Return the same bits as lanes of another type."""
         lanes = self.lanes and self.lanes * BYTES[self.element] // BYTES[element]
         return Value(self.builder, self.builder.bitcast(self.raw, kind_of(element, lanes)))
 
     def lane(self, number: int) -> Value:
-        """One lane."""
+        """Return one lane."""
         return Value(self.builder, self.builder.extract_element(self.raw, I32(number)))
 
     def with_lane(self, number: int, value: Value) -> Value:
-        """The same with another lane."""
+        """Return the vector with one lane replaced."""
         return Value(self.builder, self.builder.insert_element(self.raw, value.raw, I32(number)))
 
 
@@ -171,27 +170,27 @@ Vector = tuple[Value, Value, Value]
 
 
 def vector_of(parts: Iterable[Value]) -> Vector:
-    """Three values as a vector."""
+    """Return three values as a 3-D vector."""
     x, y, z = parts
     return x, y, z
 
 
 def kind_of(element: Any, lanes: int) -> Any:
-    """LLVM's type."""
+    """Return the LLVM type of a number (0 lanes) or a vector."""
     return ir.VectorType(element, lanes) if lanes else element
 
 
 def splat(value: Value, lanes: int) -> Value:
-    """A number for all lanes."""
+    """Return a vector with a number in all lanes."""
     builder, empty = value.builder, ir.Constant(kind_of(value.element, lanes), ir.Undefined)
     one = builder.insert_element(empty, value.raw, I32(0))
     return Value(builder, builder.shuffle_vector(one, one, ir.Constant(kind_of(I32, lanes), [0] * lanes)))
 
 
-def alike(a: Operand, b: Operand) -> tuple[Value, Value]:
-    """Two operands of one type: constants follow values, numbers follow vectors."""
+def unify(a: Operand, b: Operand) -> tuple[Value, Value]:
+    """Convert two operands to one type: constants to the type of values, numbers to vectors."""
     if not isinstance(a, Value):
-        second, first = alike(b, a)
+        second, first = unify(b, a)
         return first, second
     if not isinstance(b, Value):
         constant = float(b) if a.is_real else int(b)

@@ -1,8 +1,8 @@
-"""Machine code as object files: compiled once, loaded by later runs.
+"""Object files of machine code: compiled once, loaded by later runs.
 
-Importing numba and loading from its own cache takes each rank a quarter of a second, all ranks of a node at once;
-loading an object file takes a few hundredths. A file's name tells the sources, the compilers and the processor that it
-was made from, and its first bytes whether it is whole.
+Importing numba and loading from its cache takes each rank a quarter of a second; loading an object file takes a few
+hundredths. The name of a file contains a hash of the sources, the compilers and the CPU, and its first bytes are a
+checksum.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from clusterviz.errors import OutputError
 from clusterviz.image.replace import replacing
 
 _DIGEST_BYTES = 32
-# Loaded code lives as long as its engine.
+# Loaded code is valid as long as its engine exists.
 _ENGINES: list[Any] = []
 
 
-def _untold(name: str) -> None:
-    """Where nobody wants to know."""
+def _ignore(name: str) -> None:
+    """Ignore that a kernel is compiled."""
 
 
-on_compiling: Callable[[str], None] = _untold
-"""Called with the name of a kernel that no file holds, before it is compiled; commands may set it."""
+on_compiling: Callable[[str], None] = _ignore
+"""Called with the name of a kernel before it is compiled; commands may set it."""
 
 
 def function_address(name: str, sources: Iterable[bytes], make: Callable[[], bytes]) -> int:
-    """Where a function lies in memory.
+    """Return the address of a function, from its object file.
 
     Parameters
     ----------
-    name : of the function, and of its file
-    sources : what the code is made from
-    make : compiles an object file that holds the function; called only where no file is found
+    name : name of the function, and of its file
+    sources : sources of the code
+    make : compiles an object file with the function; called only if no file is found
     """
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
@@ -46,7 +46,7 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
     if code is None:
         on_compiling(name)
         code = make()
-        _keep(path, code)
+        _save(path, code)
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -57,24 +57,24 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
 
 @cache
 def machine() -> Any:
-    """The compiler for this processor."""
+    """Return the LLVM target machine of this CPU."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
     features = llvm.get_host_cpu_features().flatten()
-    # Code and the C library's functions may lie anywhere, so addresses have all their 64 bits.
+    # Code and the C library's functions may lie anywhere in the address space.
     return target.create_target_machine(llvm.get_host_cpu_name(), features, opt=3, reloc="static", codemodel="large")
 
 
-def kept_path(name: str, sources: Iterable[bytes]) -> Path:
-    """The file of a function's object code, be it there or not."""
+def object_path(name: str, sources: Iterable[bytes]) -> Path:
+    """Return the path of a function's object file, which need not exist."""
     return _find(name, sources)[0]
 
 
 def _find(name: str, sources: Iterable[bytes]) -> tuple[Path, bytes | None]:
-    """Where a function's code is, and the code; where it would be kept, and None."""
+    """Return the path and the code of a function's object file; without a file the path for it, and None."""
     file = f"{name}-{fingerprint(sources)}.o"
     for each in folders():
         code = read_code(each / file)
@@ -84,13 +84,13 @@ def _find(name: str, sources: Iterable[bytes]) -> tuple[Path, bytes | None]:
 
 
 def folders() -> tuple[Path, ...]:
-    """Where object files are looked for: beside Python's own compiled files, and in the user's cache."""
+    """Return the folders of object files: beside Python's compiled files, and the user's cache."""
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return Path(__file__).with_name("__pycache__"), cache_home / "clusterviz"
 
 
 def folder() -> Path:
-    """Where new object files are kept: the first of `folders` that can be written, else the last."""
+    """Return the folder for new object files: the first of `folders` that is writeable, else the last."""
     *first, last = folders()
     return next((each for each in first if os.access(each if each.is_dir() else each.parent, os.W_OK)), last)
 
@@ -104,7 +104,7 @@ def _engine() -> Any:
 
 
 def fingerprint(sources: Iterable[bytes]) -> str:
-    """What tells code apart that was made from other sources, by another compiler, or for another processor."""
+    """Return a hash of the sources, the compiler's version and the CPU."""
     import llvmlite.binding as llvm
 
     made_from = [
@@ -120,7 +120,7 @@ def fingerprint(sources: Iterable[bytes]) -> str:
 
 
 def read_code(path: Path) -> bytes | None:
-    """A file's code, None where there is none or it is damaged."""
+    """Return the code of a file, None if it is missing or damaged."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -129,8 +129,8 @@ def read_code(path: Path) -> bytes | None:
     return code if hashlib.sha256(code).digest() == digest else None
 
 
-def _keep(path: Path, code: bytes) -> None:
-    """Write the code for the next process; where nothing can be kept, each process compiles for itself."""
+def _save(path: Path, code: bytes) -> None:
+    """Save the code for later processes; if that is not possible, each process compiles its own."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:

@@ -1,19 +1,21 @@
-"""The witness room: plain float64 twins of the fast paths, which stay for ever and are compared in tests.
+"""Float64 reference of the renderer: plain NumPy implementations with which tests compare the fast paths.
 
-- rays.py         pixels to rays, rays to the box
-- slabs.py        rays to slabs
-- sample.py       trilinear and nearest look-up
-- spline.py       cubic B-splines
-- fields.py       all of these by name
-- clipping.py     what planes and boxes keep
-- lighting.py     gradients and lights
-- projections.py  maximum, minimum, local maximum, average, sum
-- surfaces.py     isosurfaces
-- crossings.py    where rays cross them
-- preintegrated.py  slabs that are classified between their ends
-- mixture.py      several volumes
-- raycast.py      the picture of a scene
-- over.py         layers to one picture
+- rays.py           rays of the camera, and their part in the volume
+- slabs.py          slabs of rays
+- sample.py         trilinear and nearest interpolation
+- spline.py         cubic B-splines
+- fields.py         interpolations by name
+- clipping.py       clipping by planes and a box
+- grading.py        gradient opacity and 2-D transfer functions
+- lighting.py       gradients and lights
+- projections.py    maximum, minimum, local maximum, average, sum
+- surfaces.py       isosurfaces
+- crossings.py      crossings of rays with isosurfaces
+- preintegrated.py  pre-integrated classification
+- ingredients.py    one volume of a mixture
+- mixture.py        several volumes
+- raycast.py        picture of a scene
+- over.py           compositing of layers
 """
 
 from __future__ import annotations

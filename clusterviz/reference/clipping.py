@@ -1,4 +1,4 @@
-"""The witness's clipping: which points planes and the box keep, in the world."""
+"""Reference of clipping by planes and a box, in the world."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from clusterviz.scene.values import Clip
 
 
 def kept(point: Floats, clip: Clip, grid: Grid) -> NDArray[np.bool_]:
-    """Which points are not cut away, bool (n,).
+    """Return which points are not clipped, bool (n,).
 
     Parameters
     ----------

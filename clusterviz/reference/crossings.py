@@ -1,9 +1,9 @@
-"""The witness of where rays cross isosurfaces: all crossings, exactly, whatever the slabs are.
+"""Reference of the crossings of rays with isosurfaces: all crossings, independent of the slabs.
 
-Along a ray, a field that is interpolated linearly is a polynomial of third degree in each cell. So slabs are cut at the
-faces of cells, and each piece where that polynomial turns; between turns the field is monotone and crosses a value once
-or not at all. There it is found by bisection. Splines are of ninth degree in a cell: the polynomial through four places
-tells where they turn. Between nearest voxels the field is constant and jumps, at the faces half-way between voxels.
+Along a ray, a trilinear field is a cubic polynomial in each cell. Slabs are cut at the faces of cells, and each piece
+at the extrema of the polynomial. Between extrema the field is monotone and crosses a value at most once; the crossing
+is found by bisection. Splines have degree nine in a cell: their extrema are those of the cubic through four points.
+Nearest voxels give a constant field that jumps at the faces half-way between voxels.
 
 References
 ----------
@@ -26,20 +26,20 @@ from clusterviz.reference.fields import SAMPLERS
 from clusterviz.reference.rays import Floats, Rays
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of
 
-HALVINGS = 48  # of what lies between two turns: float64's last digits
+HALVINGS = 48  # of an interval between two extrema, to the last digits of float64
 THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
 
 
 @dataclass(frozen=True)
 class Crossings:
-    """The n-th crossing of some rays in their slabs.
+    """The n-th crossing of rays in their slabs.
 
     Attributes
     ----------
-    slabs : int (c,), which of the slabs
+    slabs : int (c,), indices of the slabs
     place : float64 (c,), world lengths along the rays
-    surface : int (c,), which of the values
-    inside : float64 (c, 3), in the cell that the ray is in: where the field has a gradient
+    surface : int (c,), indices of the values
+    inside : float64 (c, 3), points in the rays' cells, where the field has a gradient
     """
 
     slabs: NDArray[np.int64]
@@ -50,7 +50,7 @@ class Crossings:
 
 @dataclass(frozen=True)
 class _Piece:
-    """The pieces of rays in one cell each, which is valid.
+    """Pieces of rays in one valid cell each.
 
     Attributes
     ----------
@@ -65,27 +65,27 @@ class _Piece:
     cell: Floats
 
 
-class Course:
-    """The field along rays, from slab to slab.
+class RayField:
+    """Field along rays, from slab to slab.
 
     Parameters
     ----------
-    rays : in samples of the volume
-    values : of the surfaces, rising
+    rays : rays in index space
+    values : values of the isosurfaces, ascending
     """
 
     def __init__(self, rays: Rays, voxels: NDArray[Any], interpolation: str, values: Floats) -> None:
         self._voxels, self._sample, self._values = voxels, SAMPLERS[interpolation], np.asarray(values, np.float64)
-        # The cells of nearest voxels lie around them.
+        # Nearest voxels are the centres of their cells.
         self._shift = 0.5 if interpolation == "nearest" else 0.0
         self._rays = rays
         self._before = np.full(len(rays.direction), np.nan)
 
     def crossings(self, which: NDArray[np.int64], begin: Floats, end: Floats) -> Iterator[Crossings]:
-        """The first crossing of each ray in its slab, then the second, and so on.
+        """Yield the first crossing of each ray in its slab, then the second, and so on.
 
-        Where a piece ends, and the next begins, the field is one value, so that no crossing is lost between them; next
-        to an invalid voxel there is no field, and nothing is crossed.
+        The field is continuous between pieces, so that no crossing is lost between them. Next to an invalid voxel there
+        is no field, and no crossing.
         """
         rays = Rays(self._rays.start[which] + self._shift, self._rays.direction[which])
         shape = tuple(samples + int(2 * self._shift) for samples in self._voxels.shape)
@@ -100,7 +100,7 @@ class Course:
     def _in_cells(
         self, part: Slab, rays: Rays, which: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64], Floats]:
-        """What crossings in one cell of each slab are, front to back."""
+        """Return the crossings in one cell of each slab, front to back."""
         some = np.flatnonzero(part.end > part.begin)
         valid = self._field(rays, some, part.point[some], part.begin[some])[1]
         self._before[which[some[~valid]]] = np.nan
@@ -110,7 +110,7 @@ class Course:
         before = self._before[which[some]]
         at_cuts[0] = np.where(np.isnan(before), at_cuts[0], before)
         self._before[which[some]] = at_cuts[-1]
-        # Along (part, number of the crossing in it, piece): a field that falls meets the highest value first.
+        # Along (part, number of the crossing in it, piece): a decreasing field meets the highest value first.
         reached = at_cuts[:, None] >= self._values[:, None]
         rises = (at_cuts[1:] > at_cuts[:-1])[:, None]
         nth = np.arange(len(self._values))[:, None]
@@ -124,7 +124,7 @@ class Course:
         return some[piece_of], place, met, inside
 
     def _monotone(self, rays: Rays, piece: _Piece) -> tuple[Floats, Floats]:
-        """Between which places the field is monotone, and itself there, float64 (4, p) each."""
+        """Return ends of the intervals in which the field is monotone, and its values there, float64 (4, p) each."""
         length = piece.end - piece.begin
         places = piece.begin + THIRDS[:, None] * length
         fields = np.stack([self._field(rays, piece.rays, piece.cell, at)[0] for at in places])
@@ -142,7 +142,7 @@ class Course:
         value: Floats,
         rises: NDArray[np.bool_],
     ) -> Floats:
-        """Where the field crosses values, each in one of the pieces."""
+        """Return where the field crosses values, each in one of the pieces."""
         low, high = between
         for _ in range(HALVINGS if len(of) else 0):
             middle = low + (high - low) / 2
@@ -151,7 +151,7 @@ class Course:
         return low
 
     def _field(self, rays: Rays, of: NDArray[np.int64], cell: Floats, at: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """The field of cells, which a place on a face between two may leave by rounding."""
+        """Return the field of given cells; a point on a face may lie outside of its cell by rounding."""
         field: tuple[Floats, NDArray[np.bool_]] = self._sample(self._voxels, *self._inside(rays, of, cell, at).T)
         return field
 
@@ -161,11 +161,11 @@ class Course:
 
 
 def extrema(fields: Floats) -> Floats:
-    """Where polynomials of third degree turn, float64 (2, p) in 0 … 1; 1 where they do not.
+    """Return the extrema of cubic polynomials, float64 (2, p) in 0 … 1; 1 where there is none.
 
     Parameters
     ----------
-    fields : float64 (4, p), the polynomials at 0, 1/3, 2/3 and 1
+    fields : float64 (4, p), values of the polynomials at 0, 1/3, 2/3 and 1
     """
     a, b, c, d = fields / np.maximum(np.abs(fields).max(axis=0), np.finfo(np.float64).tiny)
     slope, bend, twist = -11 * a + 18 * b - 9 * c + 2 * d, 9 * (2 * a - 5 * b + 4 * c - d), 27 * (3 * (b - c) + d - a)

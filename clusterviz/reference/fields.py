@@ -1,4 +1,4 @@
-"""The witness's fields by the scene's name of their interpolation: their scalars, and their gradients."""
+"""Reference fields by the scene's name of their interpolation: scalars and gradients."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ _GRADIENTS = {"linear": trilinear_gradient, "nearest": nearest_gradient, "cubic"
 
 
 def gradient_at(volume: Volume, voxels: NDArray[Any], point: Floats) -> Floats:
-    """The gradient that a volume is lit by, float64 (n, 3), per voxel along (x, y, z)."""
+    """Return the gradient by which a volume is lit, float64 (n, 3), per voxel along (x, y, z)."""
     kernel = cubic_gradient if volume.gradient == "smooth" else _GRADIENTS[volume.interpolation]
     return kernel(voxels, point)

@@ -1,4 +1,4 @@
-"""The witness of opacity that depends on the gradient: gradient opacity, and tables over scalars and magnitudes."""
+"""Reference of opacity that depends on the gradient: gradient opacity, and 2-D transfer functions."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from clusterviz.scene.values import Volume
 
 
 def needs_gradient(volume: Volume) -> bool:
-    """Whether what is seen of a composited volume depends on its gradient."""
+    """Return whether a composited volume depends on its gradient."""
     return volume.shade or bool(volume.gradient_opacity) or volume.transfer_2d is not None
 
 
 def optics(
     volume: Volume, classify: TransferFunction, scalar: Floats, gradient: Floats | None, grid: Grid
 ) -> tuple[Floats, Floats]:
-    """Straight colour (n, 3) and extinction (n,) of samples.
+    """Return straight colour (n, 3) and extinction (n,) of samples.
 
     Parameters
     ----------
     scalar : float64 (n,)
-    gradient : float64 (n, 3), per voxel along (x, y, z); None where nothing depends on it
+    gradient : float64 (n, 3), per voxel along (x, y, z); None if nothing depends on it
     """
     if gradient is None or not (volume.gradient_opacity or volume.transfer_2d):
         return classify.colour(scalar), classify.extinction(scalar)
@@ -40,19 +40,19 @@ def optics(
 
 
 def magnitude_of(gradient: Floats, grid: Grid) -> Floats:
-    """Data values per world unit, (n,)."""
+    """Return the magnitude of gradients in data values per world unit, (n,)."""
     found: Floats = np.linalg.norm(gradient @ np.linalg.inv(grid.world_from_index[:3, :3]), axis=1)
     return found
 
 
 def fading(volume: Volume, magnitude: Floats) -> Floats:
-    """What gradient opacity multiplies extinction by."""
+    """Return the factor of extinction by gradient opacity."""
     magnitudes, factors = np.array(volume.gradient_opacity, np.float64).T
     return interpolate(magnitude, magnitudes, factors[:, None])[:, 0]
 
 
 def _between_entries(table: TransferTable, entries: Floats, scalar: Floats, magnitude: Floats) -> Floats:
-    """Bilinear interpolation of entries (m, v, c), constant beyond them: (n, c)."""
+    """Interpolate entries (m, v, c) bilinearly, constant beyond them: (n, c)."""
     places = []
     for found, (low, high), count in zip(
         (magnitude, scalar), (table.magnitudes, table.values), entries.shape[:2], strict=True

@@ -1,10 +1,9 @@
-"""The witness of one volume of a mixture: what it absorbs in a slab, and its isosurfaces there.
+"""Reference of one volume of a mixture: its absorption and isosurfaces in a slab.
 
-By its midpoint a slab lies in a volume or it does not. Where the transfer function is integrated between the ends of
-slabs, and where there are isosurfaces, what counts is the part of the slab that lies in the volume: the scalar goes
-linearly from one end of that part to the other, or crosses an isosurface's value between them. The integral gives the
-part's optical depth and the mean colour of what absorbs in it, weighted by κ; in which order it does so within a slab
-is of no account, since it is mixed with other volumes.
+The midpoint of a slab decides whether the slab lies in a volume. For pre-integrated classification and isosurfaces, the
+part of the slab in the volume is used: the scalar changes linearly from one end of that part to the other, or crosses
+an isosurface's value between them. The integral gives the optical depth of the part and its mean colour weighted by κ.
+The order of absorption within a slab is ignored, as it is mixed with other volumes.
 
 References
 ----------
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.crossings import Course, Crossings
+from clusterviz.reference.crossings import Crossings, RayField
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient, optics
 from clusterviz.reference.lighting import lit
@@ -40,7 +39,7 @@ SLACK = 1e-9
 
 @dataclass(frozen=True)
 class Body:
-    """One of the volumes: its scene entry, its grid and its voxels (z, y, x)."""
+    """One volume: its scene entry, its grid and its voxels (z, y, x)."""
 
     volume: Volume
     grid: Grid
@@ -48,18 +47,18 @@ class Body:
 
     @property
     def has_extent(self) -> bool:
-        """Whether it is thick along every axis; else it shows nothing."""
+        """Whether it has an extent along every axis; else it is not drawn."""
         return min(self.grid.shape_zyx) > 1
 
 
 @dataclass(frozen=True)
-class Met:
-    """A surface in a slab of some rays.
+class SurfaceHit:
+    """An isosurface in a slab of rays.
 
     Attributes
     ----------
     place : float64 (m,), world length along the ray
-    opacity : float64 (m,), 0 where the slab has none
+    opacity : float64 (m,), 0 where the slab has no surface
     colour : float64 (m, 3), straight
     """
 
@@ -69,22 +68,22 @@ class Met:
 
 
 def is_ramped(volume: Volume, scene: Scene) -> bool:
-    """Whether the transfer function is integrated between the ends of slabs."""
+    """Return whether classification is pre-integrated."""
     has_ramps = volume.interpolation != "nearest" and not volume.isosurfaces and volume.transfer_2d is None
     return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def has_ends(volume: Volume, scene: Scene) -> bool:
-    """Whether what is shown depends on the field at the ends of slabs."""
+    """Return whether the picture depends on the field at the ends of slabs."""
     return bool(volume.isosurfaces) or is_ramped(volume, scene)
 
 
-class Passage:
-    """Some rays on their way through one volume.
+class VolumeRays:
+    """Rays through one volume.
 
     Parameters
     ----------
-    rays : in the world
+    rays : rays in the world
     """
 
     def __init__(self, rays: Rays, body: Body, scene: Scene) -> None:
@@ -96,21 +95,21 @@ class Passage:
         entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in self.volume.isosurfaces)
         self.wanted = sorted(entry for entry in entries if entry[1] > 0)
         values = np.array([value for value, _ in self.wanted])
-        self.course = Course(self.rays, self.voxels, self.volume.interpolation, values)
+        self.course = RayField(self.rays, self.voxels, self.volume.interpolation, values)
 
     def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
-        """The optical depth (m,) of a slab, and its colour times that (m, 3).
+        """Return the optical depth (m,) of a slab, and its colour times that (m, 3).
 
         Parameters
         ----------
-        seen : bool (m,), what is not clipped
+        seen : bool (m,), rays whose slab is not clipped
         """
         if self.volume.blending != "composite":
             return np.zeros(len(seen)), np.zeros((len(seen), 3))
         return self._ramp(slab, seen) if is_ramped(self.volume, self.scene) else self._midpoint(slab, seen)
 
-    def surfaces(self, slab: Slab) -> Iterator[Met]:
-        """The isosurfaces in a slab; clipping cuts them where they are."""
+    def surfaces(self, slab: Slab) -> Iterator[SurfaceHit]:
+        """Return the isosurfaces in a slab; they are clipped at their own positions."""
         if not self.wanted:
             return
         values, opacities = np.array(self.wanted).T
@@ -118,8 +117,8 @@ class Passage:
         for met in self.course.crossings(slab.rays, *self._part(slab)):
             yield self._met(slab, met, opacities[met.surface], colours[met.surface])
 
-    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats) -> Met:
-        """A surface, where it is."""
+    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats) -> SurfaceHit:
+        """Return a surface at its position."""
         here, count = met.slabs, len(slab.rays)
         alpha, place, colours = np.zeros(count), np.full(count, np.inf), np.zeros((count, 3))
         place[here] = met.place
@@ -127,10 +126,10 @@ class Passage:
         alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
         gradient = gradient_at(self.volume, self.voxels, met.inside) if self.volume.shade else None
         colours[here] = self._lit(slab.rays[here], point, colour, gradient, ())
-        return Met(place, alpha, colours)
+        return SurfaceHit(place, alpha, colours)
 
     def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
-        """All of a slab is what its midpoint is."""
+        """Return absorption of a slab with the sample of its midpoint."""
         middle = slab.begin + (slab.end - slab.begin) / 2
         inside = np.flatnonzero(seen & (middle >= self.entry[slab.rays]) & (middle <= self.leave[slab.rays]))
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
@@ -144,7 +143,10 @@ class Passage:
         return depth, glow
 
     def _ramp(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
-        """Light, and opacity by the gradient, are those of the part's midpoint; an end without a scalar is as it is."""
+        """Return absorption of a slab with a linear scalar.
+
+        Light and gradient opacity are those of the part's midpoint; an end without a scalar has the midpoint's.
+        """
         begin, end = self._part(slab)
         middle = begin + (end - begin) / 2
         scalar, known = self._sample(slab, middle)
@@ -163,20 +165,20 @@ class Passage:
         return depth, depth[:, None] * self._lit(slab.rays, point, colour, gradient)
 
     def _part(self, slab: Slab) -> tuple[Floats, Floats]:
-        """From where to where, (m,) each, a slab lies in the volume; the end not behind the begin where it does not.
+        """Return begin and end, (m,) each, of the part of a slab in the volume; end ≤ begin if there is none.
 
-        Both lie in the slab: rays that never meet the volume enter it at infinity.
+        Both lie in the slab; rays that miss the volume enter it at infinity.
         """
         entry, leave = self.entry[slab.rays], self.leave[slab.rays]
         return np.clip(entry, slab.begin, slab.end), np.clip(leave, slab.begin, slab.end)
 
     def _points(self, slab: Slab, at: Floats) -> Floats:
-        """The points (m, 3) of a slab's rays at some lengths."""
+        """Return the points (m, 3) of a slab's rays at given lengths."""
         points: Floats = self.rays.start[slab.rays] + at[:, None] * self.rays.direction[slab.rays]
         return points
 
     def _sample(self, slab: Slab, at: Floats) -> tuple[Floats, Flags]:
-        """The field at some lengths along a slab's rays, and where it is valid."""
+        """Return the field at given lengths along a slab's rays, and where it is valid."""
         scalar, valid = self.sampler(self.voxels, *np.clip(self._points(slab, at), 0, self.last).T)
         return scalar, valid
 
@@ -188,7 +190,7 @@ class Passage:
         gradient: Floats | None,
         box: tuple[int, ...] | None = None,
     ) -> Floats:
-        """Straight colours (m, 3) under the scene's lights, where the volume is lit; `box` as in `lit`."""
+        """Return straight colours (m, 3), lit by the scene's lights if the volume is lit; `box` as in `lit`."""
         if not self.volume.shade:
             return colour
         if gradient is None:

@@ -1,4 +1,4 @@
-"""The witness's light: gradients by differences of voxels, and Phong's model on both sides of a surface, as in VTK."""
+"""Reference of lighting: gradients by differences of voxels, and two-sided Phong shading as in VTK."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CAP_UNITS, CAP_STEEP, FACE_STEEP = 4.0, 1 / 4, 1 / 128
 
 
 def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """Derivatives at voxels by second-order differences, interpolated linearly; per voxel.
+    """Return derivatives at voxels by second-order differences, interpolated linearly; per voxel.
 
     Differences are central, and one-sided where a neighbour lies outside of the volume or is invalid.
 
@@ -28,7 +28,7 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
     Returns
     -------
-    gradient : float64 (n, 3), (x, y, z); anything where a corner is invalid
+    gradient : float64 (n, 3), (x, y, z); undefined where a corner is invalid
     """
     cell, fraction = trilinear_cell(voxels, point)
     gradient = np.zeros(point.shape)
@@ -39,7 +39,7 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
 
 def nearest_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """Differences at the nearest voxel: central, or to its only neighbour; otherwise as `trilinear_gradient`."""
+    """Return differences at the nearest voxel: central, or to its only neighbour; otherwise as `trilinear_gradient`."""
     return _slopes(voxels, nearest_voxel(voxels, point), curved=False)
 
 
@@ -53,11 +53,12 @@ def lit(
     grid: Grid,
     box: tuple[int, ...] = (),
 ) -> Floats:
-    """Straight colours under the scene's lights, cut at 1.
+    """Return straight colours under the scene's lights, clamped to 1.
 
-    What is next to a plane that cuts the volume, its own faces among them, is lit as the plane is: by a share that
-    falls from 1 to 0 over `CAP_UNITS` opacity unit distances behind it, and with the gradient's magnitude up to
-    `CAP_STEEP`, or, at the volume's faces, `FACE_STEEP`. Of several planes the one with the largest share counts.
+    Samples next to a plane that cuts the volume, or to a face of the volume, are lit with the plane's normal. Its
+    weight falls from 1 to 0 over `CAP_UNITS` opacity unit distances behind the plane, and with the gradient's magnitude
+    up to `CAP_STEEP`, or, at the volume's faces, `FACE_STEEP`. Of several planes the one with the largest weight is
+    used.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def lit(
 def _cap(
     gradient: Floats, point: Floats, volume: Volume, clip: Clip, grid: Grid, box: tuple[int, ...]
 ) -> tuple[Floats, Floats]:
-    """The share (n,) of a cut face's light, and the face's unit normal (n, 3) in the world."""
+    """Return the weight (n,) of a cut face's light, and the face's unit normal (n, 3) in the world."""
     transfer, index_from_world = transfer_function(volume), np.linalg.inv(grid.world_from_index[:3, :3])
     low, high = transfer.domain
     scale = np.abs(index_from_world).max()
@@ -135,7 +136,7 @@ def _cap(
 
 
 def _arriving(light: Light, way: Floats) -> Floats:
-    """What share of a positional light arrives over the way (n, 3) to it."""
+    """Return the fraction of a positional light that arrives over the way (n, 3) to it."""
     distance = np.linalg.norm(way, axis=1)
     constant, linear, square = light.attenuation
     share = 1 / (constant + linear * distance + square * distance**2)
@@ -148,7 +149,7 @@ def _arriving(light: Light, way: Floats) -> Floats:
 
 
 def _slopes(voxels: NDArray[Any], at: NDArray[np.int64], curved: bool) -> Floats:
-    """Derivatives (n, 3) at voxels (x, y, z): central differences, one-sided where a neighbour is missing or invalid.
+    """Return derivatives (n, 3) at voxels (x, y, z): central, one-sided where a neighbour is missing or invalid.
 
     One-sided differences are those of the parabola through three voxels, or, where the third is missing or not
     `curved`, of the line through two; 0 where there is no neighbour at all.
@@ -163,11 +164,11 @@ def _slopes(voxels: NDArray[Any], at: NDArray[np.int64], curved: bool) -> Floats
                 line = 2 * _half(here, near)
                 parabola = 2 * line - _half(here, far)
             found[:, axis] = np.where(alone, sign * np.where(has_far & curved, parabola, line), found[:, axis])
-    return np.nan_to_num(found)  # what overflows is as steep as can be
+    return np.nan_to_num(found)  # overflow counts as the largest slope
 
 
 def _beside(voxels: NDArray[Any], at: NDArray[np.int64], axis: int, distance: int) -> tuple[Floats, Flags]:
-    """The voxels (n,) so far along an axis, 0 where there is none; and where there is one that is valid."""
+    """Return the voxels (n,) at a distance along an axis, 0 where there is none; and where there is a valid one."""
     place = at.copy()
     place[:, axis] += distance
     inside = (place[:, axis] >= 0) & (place[:, axis] < voxels.shape[2 - axis])
@@ -177,14 +178,14 @@ def _beside(voxels: NDArray[Any], at: NDArray[np.int64], axis: int, distance: in
 
 
 def _half(low: Floats, high: Floats) -> Floats:
-    """(high − low) / 2; the other form where the difference overflows."""
+    """Return (high − low) / 2; the other form where the difference overflows."""
     with np.errstate(over="ignore", invalid="ignore"):
         half: Floats = (high - low) / 2
     return np.where(np.isfinite(half), half, high / 2 - low / 2)
 
 
 def _unit(vectors: Floats) -> Floats:
-    """At length 1; the zero vector stays."""
+    """Return unit vectors; the zero vector stays."""
     largest = np.abs(vectors).max(axis=1, keepdims=True)
     scaled = vectors / np.where(largest > 0, largest, 1)
     length = np.linalg.norm(scaled, axis=1, keepdims=True)

@@ -1,8 +1,8 @@
-"""The witness of several volumes in one scene: emission and absorption of their mixture, slab by slab.
+"""Reference of several volumes in one scene: emission and absorption of their mixture, slab by slab.
 
-Rays are cut into slabs in the axis-aligned box around all volumes. A slab lies in every volume that holds its midpoint;
-there the extinctions add up, κ = Σ κ_i, and its colour is that of the particles in it: Σ κ_i c_i / Σ κ_i. What is
-classified between the ends of slabs, and isosurfaces, are said in `ingredients.py`.
+Rays are cut into slabs in the axis-aligned box around all volumes. A slab lies in every volume that contains its
+midpoint. The extinctions of these volumes add up, κ = Σ κ_i, and its colour is the mean Σ κ_i c_i / Σ κ_i. See
+`ingredients.py` for pre-integrated classification and isosurfaces.
 
 References
 ----------
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.ingredients import Body, Met, Passage, has_ends
+from clusterviz.reference.ingredients import Body, SurfaceHit, VolumeRays, has_ends
 from clusterviz.reference.rays import Floats, Rays, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.scene.values import Scene
@@ -30,12 +30,12 @@ LONGEST = 2.0
 
 
 def march_mixture(rays: Rays, bodies: Sequence[Body], step: float, scene: Scene) -> Floats:
-    """The colours of some rays, float64 (n, 4), premultiplied.
+    """Return the colours of rays, float64 (n, 4), premultiplied.
 
     Parameters
     ----------
-    rays : in the world
-    bodies : the volumes, in any order: a mixture has none
+    rays : rays in the world
+    bodies : the volumes, in any order
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
     """
@@ -46,7 +46,7 @@ def march_mixture(rays: Rays, bodies: Sequence[Body], step: float, scene: Scene)
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    passages = [Passage(rays, body, scene) for body in bodies if body.has_extent]
+    passages = [VolumeRays(rays, body, scene) for body in bodies if body.has_extent]
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
@@ -59,13 +59,15 @@ def march_mixture(rays: Rays, bodies: Sequence[Body], step: float, scene: Scene)
     return rgba
 
 
-def _pass(rgba: Floats, transmittance: Floats, slab: Slab, depth: Floats, colour: Floats, met: Sequence[Met]) -> None:
-    """Add a slab behind what the pixels hold: its surfaces by their places, and between them its depth, spread evenly.
+def _pass(
+    rgba: Floats, transmittance: Floats, slab: Slab, depth: Floats, colour: Floats, met: Sequence[SurfaceHit]
+) -> None:
+    """Composite a slab behind the pixels: its surfaces at their positions, and between them its uniform absorption.
 
     Parameters
     ----------
-    depth, colour : float64 (m,), (m, 3), of the whole slab
-    met : its surfaces
+    depth, colour : float64 (m,), (m, 3), optical depth and colour of the whole slab
+    met : surfaces of the slab
     """
     places = np.array([one.place for one in met]).reshape(-1, len(depth))
     order = np.argsort(places, axis=0, kind="stable")

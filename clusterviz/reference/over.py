@@ -1,4 +1,4 @@
-"""Serial compositing in float64: the oracle of every compositing algorithm."""
+"""Reference of compositing: serial, in float64."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The witness of pre-integrated classification: slabs along which the scalar goes linearly from one end to the other.
+"""Reference of pre-integrated classification: slabs along which the scalar changes linearly.
 
-Written without sums or parabolas: each slab is cut where it meets a control point of the transfer function, and each
-piece, in which everything is smooth, is integrated by Gauss' rule with the attenuation inside of it.
+It uses no tables: each slab is cut at the control points of the transfer function, and each piece, which is smooth, is
+integrated by Gaussian quadrature, with attenuation.
 
 References
 ----------
@@ -30,21 +30,20 @@ from clusterviz.scene.values import Scene
 NODES = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2
 WEIGHTS = np.polynomial.legendre.leggauss(8)[1] / 2
 ENDS = np.array([0.0, 1.0])
-# Cuts of slabs that are nearly opaque: little is seen behind their fronts.
+# More cuts of nearly opaque slabs, of which little is visible behind the front.
 FINE = np.concatenate([ENDS, np.arange(1, 16) / 16, 2.0 ** -np.arange(5, 13)])
 NEARER = 4.0 ** -np.arange(1, 13)
-# From values at the nodes to integrals from 0 to each node, exact for what 8 nodes are.
+# Matrix from values at the nodes to integrals from 0 to each node, exact for polynomials through 8 nodes.
 POWERS = np.arange(8)
 TO_NODES = (NODES[:, None] ** (POWERS + 1) / (POWERS + 1)) @ np.linalg.inv(NODES[:, None] ** POWERS)
 
 
 def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
-    """The colours of some rays, (n, 4).
+    """Return the colours of rays, (n, 4).
 
-    Whether a slab is clipped is its midpoint's matter. With `quality.borders: split` slabs are cut at the faces of
-    bricks of `cluster.brick` cells. A part knows the cells of its own brick alone, at its ends, too: voxels behind a
-    face are of no account. The light of each part is that of its midpoint; an end without a scalar has the midpoint's,
-    and a part whose midpoint has none either is transparent.
+    The midpoint of a slab decides whether it is clipped. With `quality.borders: split` slabs are cut at the faces of
+    bricks of `cluster.brick` cells, and a part uses only the cells of its own brick. Each part has the light of its
+    midpoint. An end without a scalar has the midpoint's; a part whose midpoint has none either is transparent.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
@@ -81,12 +80,12 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
 def integrate(
     classify: TransferFunction, front: Floats, back: Floats, length: Floats, attenuated: bool = True
 ) -> tuple[Floats, Floats]:
-    """Emission and optical depth of slabs along which the scalar goes linearly from front to back.
+    """Return emission and optical depth of slabs along which the scalar changes linearly from front to back.
 
     Parameters
     ----------
     front, back, length : float64 (n,)
-    attenuated : whether what is in front in a slab hides what is behind; else the integral of κc is given
+    attenuated : whether emission is attenuated within the slab; else the integral of κc is returned
 
     Returns
     -------
@@ -116,7 +115,7 @@ def integrate(
 
 
 def _knots(classify: TransferFunction) -> Floats:
-    """Where colour or extinction is not smooth; near full opacity extinction rises ever more steeply."""
+    """Return the scalars between which colour and extinction are smooth, denser near full opacity."""
     values, steep = classify.opacity_values, np.zeros(0)
     for at in np.flatnonzero(classify.opacities > 0.95).tolist():
         for beside in (values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]):

@@ -1,4 +1,4 @@
-"""The witness of pictures in which light is not blended: maximum, minimum, local maximum, average, sum."""
+"""Reference of projections: maximum, minimum, local maximum, average, sum."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Flags = NDArray[np.bool_]
 
 
 class Extreme:
-    """Maximum and minimum: the colour and the opacity of the ray's largest or smallest scalar.
+    """Maximum and minimum: colour and opacity of the ray's largest or smallest scalar.
 
     Parameters
     ----------
-    rays : how many
+    rays : number of rays
     sign : 1 for the largest, −1 for the smallest
     """
 
@@ -25,11 +25,11 @@ class Extreme:
         self.sign, self.found = sign, np.full(rays, -np.inf)
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, _: Floats) -> None:
-        """The next samples of some rays."""
+        """Add the next samples of rays."""
         self.found[rays] = np.maximum(self.found[rays], np.where(valid, self.sign * scalar, -np.inf))
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """rgba, float64 (rays, 4)."""
+        """Return rgba, float64 (rays, 4)."""
         return _classified(self.sign * self.found, np.isfinite(self.found), classify)
 
 
@@ -42,7 +42,7 @@ class LocalMaximum:
         self.ended = np.zeros(rays, bool)
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, _: Floats) -> None:
-        """The next samples of some rays; an invalid one is none."""
+        """Add the next samples of rays; invalid ones are ignored."""
         rays, scalar = rays[valid], scalar[valid]
         self.largest[rays] = np.maximum(self.largest[rays], scalar)
         above = scalar >= self.threshold
@@ -51,19 +51,19 @@ class LocalMaximum:
         self.first[rays[grows]] = np.maximum(self.first[rays[grows]], scalar[grows])
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """rgba, float64 (rays, 4)."""
+        """Return rgba, float64 (rays, 4)."""
         scalar = np.where(self.first > -np.inf, self.first, self.largest)
         return _classified(scalar, np.isfinite(scalar), classify)
 
 
 class Sum:
-    """Average and sum: of opacity × scalar, in grey.
+    """Average and sum of opacity × scalar, in grey.
 
     Parameters
     ----------
-    rays : how many
-    classify : scalars are cut to its domain and count 0 … 1 in it
-    divisor : None for the mean over the ray's way through valid voxels, or the length that counts as 1
+    rays : number of rays
+    classify : transfer function; scalars are clamped to its domain and scaled to 0 … 1
+    divisor : None for the mean over the ray's length in valid voxels, or the length that counts as 1
     """
 
     def __init__(self, rays: int, classify: TransferFunction, divisor: float | None) -> None:
@@ -71,13 +71,13 @@ class Sum:
         self.total, self.way = np.zeros(rays), np.zeros(rays)
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, length: Floats) -> None:
-        """The next samples of some rays."""
+        """Add the next samples of rays."""
         share = np.clip(_share(scalar, *self.classify.domain), 0, 1)
         self.total[rays] += np.where(valid, self.classify.opacity(scalar) * share * length, 0)
         self.way[rays] += np.where(valid, length, 0)
 
     def finish(self, _: TransferFunction) -> Floats:
-        """rgba, float64 (rays, 4); opaque wherever the ray met valid voxels."""
+        """Return rgba, float64 (rays, 4); opaque where the ray met valid voxels."""
         hit = self.way > 0
         grey = self.total / np.where(hit, self.way if self.divisor is None else self.divisor, 1)
         rgba = np.repeat(np.clip(grey, 0, 1)[:, None], 4, axis=1)
@@ -89,7 +89,7 @@ Projection = Extreme | LocalMaximum | Sum
 
 
 def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Projection:
-    """What a completed volume's blending asks for."""
+    """Return the projection for a completed volume's blending."""
     if volume.blending == "local-maximum":
         return LocalMaximum(rays, float(volume.threshold))  # type: ignore[arg-type]
     if volume.blending in ("maximum", "minimum"):
@@ -98,7 +98,7 @@ def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Proj
 
 
 def _share(scalar: Floats, low: float, high: float) -> Floats:
-    """Scalars in units of a range; all by a power of two, so that neither the range nor its inverse overflows."""
+    """Return scalars in units of a range, scaled by a power of two so that nothing overflows."""
     exponent = -int(np.frexp([low, high])[1].max())
     with np.errstate(over="ignore"):  # of scalars far beyond the range
         scaled, begin, end = (np.ldexp(value, exponent) for value in (scalar, low, high))
@@ -107,7 +107,7 @@ def _share(scalar: Floats, low: float, high: float) -> Floats:
 
 
 def _classified(scalar: Floats, known: Flags, classify: TransferFunction) -> Floats:
-    """Premultiplied colour of scalars, with the opacity as it is given, for no length."""
+    """Return the premultiplied colour of scalars, with the opacity of the transfer function for any length."""
     scalar = np.where(known, scalar, 0)
     alpha = classify.opacity(scalar)[:, None]
     return np.where(known[:, None], np.append(classify.colour(scalar) * alpha, alpha, axis=1), 0)

@@ -1,10 +1,10 @@
-"""The witness: volume ray casting in float64 NumPy, as plain as can be, against which every fast path is measured.
+"""Reference ray caster in float64 NumPy, with which every fast path is compared.
 
-It is written from the definition of the picture (docs/, frames and units: the optical model, the sampling lattice) and
-shares no code with the renderer: only the scene's values and transfer function, and the grid.
+It follows the definition of the picture (docs/, frames and units: the optical model, the sampling lattice) and shares
+no code with the renderer, only the scene's values and transfer function, and the grid.
 
-What it does not imitate, because these are the errors that it measures: early termination, the hardware's texture
-filter, float32 pixels. It stops a ray only where no more than 2⁻⁶⁰ of the light gets through, below float64's last bit.
+It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
+only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ def render_reference(
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
     step: float | None = None,
 ) -> Floats:
-    """Ray cast the scene's volume; several are mixed as `mixture.py` says.
+    """Ray cast the scene's volume; `mixture.py` handles several.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
-    box [first sample, last sample]; jittered, t0 lies a share of h in front of the box, and the first slab is cut as
-    well. Its scalar is interpolated at its midpoint and then classified; a slab of length d adds T · c · (1 − e^{−κd})
-    and multiplies the transmittance T by e^{−κd}; other blendings are said in `projections.py` and `surfaces.py`. Next
-    to NaN and infinite voxels (in the cells that they touch; for `nearest`, where they are the nearest) the volume is
-    transparent, and where a midpoint is clipped.
+    box [first sample, last sample]. With jitter, t0 lies a fraction of h in front of the box, and the first slab is cut
+    as well. The scalar is interpolated at the midpoint and then classified. A slab of length d adds T · c · (1 −
+    e^{−κd}) and multiplies the transmittance T by e^{−κd}. See `projections.py` and `surfaces.py` for other blend
+    modes. The volume is transparent next to NaN and infinite voxels (in the cells that they touch; for `nearest`, where
+    they are the nearest), and where a midpoint is clipped.
 
     Parameters
     ----------
     scene : complete (every default filled in)
-    grid : where the samples lie; any invertible direction matrix; of several volumes, of each
-    voxels : (z, y, x), of the grid's shape, any integer or float type; of several volumes, of each
+    grid : grid of the samples, with any invertible direction matrix; a sequence for several volumes
+    voxels : (z, y, x), of the grid's shape, any integer or float type; a sequence for several volumes
     step : h in units of the smallest spacing; by default the scene's `quality.step`
 
     Returns
@@ -108,7 +108,7 @@ def render_reference(
 
 
 def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArray[Any]], step: float | None) -> Floats:
-    """The picture of several volumes."""
+    """Return the picture of several volumes."""
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
         raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))
@@ -130,7 +130,7 @@ def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArra
 
 
 def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
-    """The colours of some rays, (n, 4): slab after slab, for all rays that are still inside and still see something."""
+    """Return the colours of rays, (n, 4), slab after slab for all rays that are inside and not opaque."""
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     rgba = np.zeros((len(rays.direction), 4))
@@ -153,14 +153,14 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
 
 
 def _is_preintegrated(scene: Scene) -> bool:
-    """Whether slabs have ramps to integrate: between nearest voxels there are none."""
+    """Return whether slabs are pre-integrated; nearest voxels have no linear scalars."""
     volume, classification = scene.volumes[0], str(scene.quality.classification)
     has_ramps = volume.interpolation != "nearest" and volume.transfer_2d is None
     return classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
-    """The colours of some rays, (n, 4), of a blending that is not `composite`."""
+    """Return the colours of rays, (n, 4), in a projection or of isosurfaces."""
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     projection = projection_of(volume, len(rays.direction), classify)
@@ -172,7 +172,7 @@ def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid
 
 
 def _slab_length(step: float, grid: Grid) -> float:
-    """h in world units."""
+    """Return the slab length h in world units."""
     if not (step > 0 and math.isfinite(step)):
         raise InputError("no step", where="step", found=step, allowed="above 0")
     return step * min(grid.spacing)

@@ -1,4 +1,4 @@
-"""The witness's rays: where each pixel looks, and which part of its ray lies in the volume. All float64."""
+"""Reference rays in float64: the ray of each pixel, and its part in the volume."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rays:
-    """One ray a pixel, in pixel order (row 0 on top); a point of it is start + t · direction, t in world length.
+    """One ray per pixel, in pixel order (row 0 on top): start + t · direction, t in world length.
 
     Attributes
     ----------
     start : float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
     direction : float64 (n, 3); of unit length in the world
-    shift : float64 (n,) or one for all: by what share of a slab the first one begins before the volume; it is cut
+    shift : float64 (n,) or one for all: fraction of a slab by which the first one begins before the volume
     """
 
     start: Floats
@@ -32,7 +32,7 @@ class Rays:
 
 
 def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
-    """The rays through the centres of all pixels, in the world, by VTK's camera model.
+    """Return the rays through the centres of all pixels, in the world, by VTK's camera model.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
 
 
 def pixel_shifts(size: tuple[int, int]) -> Floats:
-    """The shift of every pixel where slabs are jittered, in pixel order: a hash of its column and row in [0, 1).
+    """Return the jitter of every pixel, in pixel order: a hash of its column and row in [0, 1).
 
     References
     ----------
@@ -79,7 +79,7 @@ def pixel_shifts(size: tuple[int, int]) -> Floats:
 
 
 def to_index_space(rays: Rays, grid: Grid) -> Rays:
-    """The same rays in sample indices (x, y, z); t keeps its meaning, world length."""
+    """Return rays in index space (x, y, z); t remains the world length."""
     world_from_index = grid.world_from_index[:3, :3]
     if np.linalg.matrix_rank(world_from_index / np.linalg.norm(world_from_index, axis=0)) < 3:
         raise InputError("the grid's axes lie in one plane", where="grid: direction", found=grid.direction)
@@ -88,11 +88,11 @@ def to_index_space(rays: Rays, grid: Grid) -> Rays:
 
 
 def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
-    """The part [entry, exit] of each ray that lies in the closed box [0, last] and not behind its start.
+    """Return the part [entry, exit] of each ray in the closed box [0, last] and not behind its start.
 
     Parameters
     ----------
-    rays : in index space
+    rays : rays in index space
     last : (x, y, z) of the last sample
 
     Returns
@@ -106,18 +106,18 @@ def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
     with np.errstate(divide="ignore", invalid="ignore"):
         to_first = (0 - rays.start) / rays.direction
         to_last = (last - rays.start) / rays.direction
-    # A ray along a pair of faces never crosses them: it is between them (the faces included) for ever, or never.
+    # A ray parallel to a pair of faces lies between them (the faces included) entirely or not at all.
     along = rays.direction == 0
     between = (rays.start >= 0) & (rays.start <= last)
     near = np.where(along, np.where(between, -np.inf, np.inf), np.minimum(to_first, to_last))
     far = np.where(along, np.where(between, np.inf, -np.inf), np.maximum(to_first, to_last))
-    # Nothing behind the eye is seen, nor, in parallel projection, behind the plane through `position`: VTK's
-    # renderer, too, never lets the near clipping plane go behind the camera.
+    # Nothing behind the eye is visible, nor, in parallel projection, behind the plane through `position`. VTK does the
+    # same: its near clipping plane is never behind the camera.
     return np.maximum(near.max(axis=1), 0), far.min(axis=1)
 
 
 def _frame(camera: Camera) -> tuple[Floats, Floats, Floats]:
-    """Unit vectors to the right, up and forward."""
+    """Return unit vectors to the right, up and forward."""
     forward = _unit(_given(camera.focal_point, "focal_point") - _given(camera.position, "position"), "position")
     view_up = _unit(_given(camera.view_up, "view_up"), "view_up")
     right = np.cross(forward, view_up)
@@ -134,7 +134,7 @@ def _given(vector: tuple[float, float, float] | None, key: str) -> Floats:
 
 
 def _unit(vector: Floats, key: str) -> Floats:
-    """The vector at length 1, also where its square would vanish or overflow."""
+    """Return the unit vector, also if the square of its length would underflow or overflow."""
     largest = np.abs(vector).max()
     if not largest > 0:
         raise InputError("gives no direction", where=f"camera: {key}", found=vector.tolist())

@@ -1,4 +1,4 @@
-"""The witness's look-up: the scalar of a volume between its samples, in float64."""
+"""Reference interpolation in float64: trilinear and nearest."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Flags = NDArray[np.bool_]
 def trilinear(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats, Flags]:
     """Interpolate linearly along x, then y, then z.
 
-    A point belongs to the cell [floor, floor + 1) along each axis, the last cell to its end as well. If one of that
-    cell's eight samples is NaN or infinite, the point has no scalar.
+    A point belongs to the cell [floor, floor + 1) along each axis; the last cell includes its end. If one of the eight
+    samples of the cell is NaN or infinite, the point has no scalar.
 
     Parameters
     ----------
@@ -54,18 +54,18 @@ def nearest(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floa
 
 
 def trilinear_cell(voxels: NDArray[Any], point: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """The cells (n, 3) that points (n, 3) are in, along (x, y, z), and how far."""
+    """Return the cells (n, 3) of points (n, 3), along (x, y, z), and the positions in them."""
     cells, fractions = zip(*(_cell(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)), strict=True)
     return np.stack(cells, axis=1), np.stack(fractions, axis=1)
 
 
 def nearest_voxel(voxels: NDArray[Any], point: Floats) -> NDArray[np.int64]:
-    """The voxels (n, 3) that are nearest to points (n, 3), along (x, y, z)."""
+    """Return the nearest voxels (n, 3) of points (n, 3), along (x, y, z)."""
     return np.stack([_round(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)], axis=1)
 
 
 def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
-    """The cell that a position is in, and how far."""
+    """Return the cell of a position, and the position in it."""
     cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)
     # Rounding may put the ends of a ray an ulp outside the box.
     return cell, np.clip(position - cell, 0, 1)
@@ -76,7 +76,7 @@ def _round(position: Floats, samples: int) -> NDArray[np.int64]:
 
 
 def _between(a: Floats, b: Floats, fraction: Floats) -> Floats:
-    """a + fraction · (b − a), which keeps a constant field exact; the other form where b − a overflows."""
+    """Return a + fraction · (b − a), exact for a constant field; the other form where b − a overflows."""
     with np.errstate(over="ignore", invalid="ignore"):
         scalar = a + fraction * (b - a)
     if np.isfinite(scalar).all():

@@ -1,4 +1,4 @@
-"""The witness's slabs: the pieces into which every ray is cut, and where each is sampled."""
+"""Reference slabs: the segments into which rays are cut, and their sample positions."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from clusterviz.reference.rays import Floats, Rays, inside
 
 @dataclass(frozen=True)
 class Slab:
-    """The k-th slab of some rays.
+    """The k-th slab of rays.
 
     Attributes
     ----------
-    rays : int (m,), which of the rays
-    begin, end : float64 (m,), from where to where, world lengths along the ray
-    point : float64 (m, 3), (x, y, z) of its midpoint in the rays' space: for one volume, in samples
+    rays : int (m,), indices of the rays
+    begin, end : float64 (m,), world lengths along the ray
+    point : float64 (m, 3), (x, y, z) of the midpoint in the rays' space: for one volume, in samples
     """
 
     rays: NDArray[np.int64]
@@ -32,14 +32,14 @@ class Slab:
 def slabs(
     rays: Rays, shape_zyx: tuple[int, ...], length: float, goes_on: Callable[[], NDArray[np.bool_] | bool]
 ) -> Iterator[Slab]:
-    """Slab after slab, for all rays that are still inside the volume.
+    """Yield slab after slab of all rays that are still inside the volume.
 
     Parameters
     ----------
-    rays : in index space
+    rays : rays in index space
     shape_zyx : samples of the volume
-    length : of a slab, world units
-    goes_on : asked before each slab; the rays that still want one, bool (n,) or one for all
+    length : length of a slab, world units
+    goes_on : called before each slab; returns the rays that continue, bool (n,) or one for all
     """
     yield from slabs_in(rays, np.array(shape_zyx[::-1], np.float64) - 1, length, goes_on)
 
@@ -47,7 +47,7 @@ def slabs(
 def slabs_in(
     rays: Rays, last: Floats, length: float, goes_on: Callable[[], NDArray[np.bool_] | bool]
 ) -> Iterator[Slab]:
-    """The same in the box [0, last], (x, y, z) in the rays' own units."""
+    """Yield the slabs in the box [0, last], (x, y, z) in the rays' own units."""
     entry, leave = inside(rays, last)
     first = entry - rays.shift * length
     alive, k = np.flatnonzero(leave > entry), 0
@@ -62,11 +62,11 @@ def slabs_in(
 
 
 def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | None) -> Iterator[Slab]:
-    """The parts of a slab between the faces of bricks, from front to back, some of no length; without bricks the slab.
+    """Yield the parts of a slab between the faces of bricks, front to back, some empty; without bricks the slab.
 
     Parameters
     ----------
-    brick : cells along the side of a brick, no less than the slab's length
+    brick : cells along the side of a brick, at least the slab's length
     """
     if brick is None:
         yield slab
@@ -79,7 +79,7 @@ def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | N
         for face in (first, first + 1):
             with np.errstate(divide="ignore", invalid="ignore"):
                 met = (face * brick - at) / by
-            # The volume's own faces cut nothing.
+            # Slabs are not cut at the faces of the volume.
             cuts.append(np.where((by != 0) & (face > 0) & (face * brick < samples - 1), met, slab.begin))
     ordered = np.sort(np.clip(cuts, slab.begin, slab.end), axis=0)
     for begin, end in pairwise(ordered):
@@ -87,7 +87,7 @@ def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | N
 
 
 def in_brick(point: Floats, beside: Floats, brick: int | None) -> Floats:
-    """Points, float64 (m, 3), moved by rounding's worth into the bricks of others, [first cell, first of the next)."""
+    """Return points, float64 (m, 3), moved by at most rounding into the bricks of other points."""
     if brick is None:
         return point
     first = np.floor(beside / brick) * brick

@@ -1,4 +1,4 @@
-"""The witness's cubic B-splines: the field and its gradient from 4 × 4 × 4 voxels, in float64.
+"""Reference cubic B-splines in float64: field and gradient from 4 × 4 × 4 voxels.
 
 References
 ----------
@@ -17,10 +17,10 @@ from clusterviz.reference.sample import Flags, trilinear_cell
 
 
 def cubic(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats, Flags]:
-    """The field of cubic B-splines whose coefficients are the voxels; parameters and result as in `trilinear`.
+    """Return the field of cubic B-splines with the voxels as coefficients; parameters and result as in `trilinear`.
 
-    A voxel beyond the volume is its neighbour in it, and an invalid one that is no corner of the cell is the corner
-    next to it. If a corner is invalid, the point has no scalar.
+    A voxel beyond the volume is replaced by its neighbour in it, and an invalid one that is not a corner of the cell by
+    the corner next to it. If a corner is invalid, the point has no scalar.
     """
     taps, fraction, valid = _taps(voxels, np.stack([x, y, z], axis=1))
     along = [_weights(t) for t in fraction.T]
@@ -30,7 +30,7 @@ def cubic(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Floats
 
 
 def cubic_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
-    """The derivative of the field, float64 (n, 3), per voxel along (x, y, z); anything where there is no scalar."""
+    """Return the gradient of the field, float64 (n, 3), per voxel along (x, y, z); undefined where it has no scalar."""
     taps, fraction, _ = _taps(voxels, point)
     apart, _, factor = _apart(taps)
     along, slopes = [_weights(t) for t in fraction.T], [_slopes(t) for t in fraction.T]
@@ -42,7 +42,7 @@ def cubic_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
 
 def _taps(voxels: NDArray[Any], point: Floats) -> tuple[Floats, Floats, Flags]:
-    """Voxels around points (n, 4, 4, 4) in (z, y, x), how far these are in their cells (n, 3), and which are valid."""
+    """Return voxels around points (n, 4, 4, 4) in (z, y, x), positions in the cells (n, 3), and which are valid."""
     cell, fraction = trilinear_cell(voxels, point)
     x, y, z = (
         np.clip(cell[:, axis, None] + np.arange(-1, 3), 0, samples - 1)
@@ -58,9 +58,9 @@ def _taps(voxels: NDArray[Any], point: Floats) -> tuple[Floats, Floats, Flags]:
 
 
 def _apart(taps: Floats) -> tuple[Floats, Floats, float]:
-    """Taps less a corner, so that a constant field stays constant; the corner; and by what both are too small.
+    """Return voxels minus a corner, so that a constant field stays constant; the corner; and the scale of both.
 
-    That is 1, and more where differences overflow.
+    The scale is 1, and more where differences overflow.
     """
     for factor in (1.0, 4.0):
         base = taps[:, 1, 1, 1] / factor
@@ -72,12 +72,12 @@ def _apart(taps: Floats) -> tuple[Floats, Floats, float]:
 
 
 def _weights(t: Floats) -> Floats:
-    """The four B-splines that meet in a cell, (n, 4)."""
+    """Return the weights of the four B-splines in a cell, (n, 4)."""
     weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
     return np.stack(weights, axis=1) / 6
 
 
 def _slopes(t: Floats) -> Floats:
-    """Their derivatives."""
+    """Return the derivatives of the weights."""
     slopes = [-3 * (1 - t) ** 2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
     return np.stack(slopes, axis=1) / 6

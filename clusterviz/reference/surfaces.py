@@ -1,4 +1,4 @@
-"""The witness of isosurfaces, alone or in a volume: every crossing of every ray (`crossings.py`), front to back."""
+"""Reference of isosurfaces, alone or in a volume: every crossing of every ray (`crossings.py`), front to back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference.clipping import kept
-from clusterviz.reference.crossings import Course
+from clusterviz.reference.crossings import RayField
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
@@ -20,7 +20,7 @@ from clusterviz.scene.values import Scene
 
 
 def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
-    """The colours of some rays, (n, 4).
+    """Return the colours of rays, (n, 4).
 
     The surfaces of a slab are all of its crossings. In a composited volume the parts of a slab before, between and
     behind its surfaces absorb light as its midpoint does.
@@ -46,7 +46,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
             return colour
         return lit(colour, gradient, point, rays.direction[pixels], volume, scene, grid, box)
 
-    course = Course(rays, voxels, volume.interpolation, np.array([value for value, _ in wanted]))
+    course = RayField(rays, voxels, volume.interpolation, np.array([value for value, _ in wanted]))
     opacities, colours = (np.array([entry[1] for entry in wanted]), classify.colour(np.array([v for v, _ in wanted])))
     for slab in slabs(rays, voxels.shape, length, lambda: rgba[:, 3] < 1):
         middle, known = sample(voxels, *slab.point.T)

@@ -19,7 +19,7 @@ from clusterviz.render.vectors.kernel import Kernel
 
 def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     path = tmp_path / "cast-1.o"
-    monkeypatch.setattr(prepare, "_files", lambda kernels: {path: (objects._keep, (path, b"code"))})
+    monkeypatch.setattr(prepare, "_files", lambda kernels: {path: (objects._save, (path, b"code"))})
     found = [json.loads(cli("prepare", "--json").out) for _ in range(2)]
     assert [(each["compiled"], each["kept"]) for each in found] == [(["cast"], []), ([], ["cast"])]
 

@@ -27,7 +27,7 @@ LEVELS = (
 )
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 LIBRARY_ROOMS = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
-WITNESS_ROOMS = {"scene", "data", "image", "errors", "reference"}
+REFERENCE_IMPORTS = {"scene", "data", "image", "errors", "reference"}
 
 
 @functools.cache
@@ -67,7 +67,7 @@ def test_imports_follow_the_order_of_the_rooms(name: str) -> None:
         if library == "clusterviz" and mine != other:
             assert other or mine == "cli", f"{name} imports the front door"
             assert not other or LEVEL[other] < LEVEL[mine], f"{name} imports {imported}, against the order"
-            assert mine != "reference" or other in WITNESS_ROOMS, f"the witness imports {imported}"
+            assert mine != "reference" or other in REFERENCE_IMPORTS, f"the reference imports {imported}"
 
 
 def test_no_module_imports_itself_round_a_circle() -> None:

@@ -81,7 +81,7 @@ def _absorb(pixel: np.ndarray, depth: float, mean: np.ndarray, change: np.ndarra
 
 
 def truth(transfer: TransferFunction, ends: Ends, units: float) -> np.ndarray:
-    """The witness's integrals."""
+    """The reference's integrals."""
     length = np.full(len(ends.front), units * transfer.unit_distance)
     colour, depth = integrate(transfer, ends.front, ends.back, length)
     return np.append(colour, -np.expm1(-depth)[:, None], axis=1)

@@ -44,7 +44,7 @@ def rays_of(view: View) -> Rays:
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_ray_of_a_pixel_is_the_witnesss(camera: Camera, grid: Grid) -> None:
+def test_ray_of_a_pixel_is_the_reference(camera: Camera, grid: Grid) -> None:
     for size in ((13, 9), (1, 1), (1, 7)):
         found, expected = rays_of(make_view(camera, size, grid)), to_index_space(camera_rays(camera, size), grid)
         scale = np.abs(expected.start).max()

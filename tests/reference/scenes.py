@@ -1,4 +1,4 @@
-"""Small scenes of one volume, and voxels for them, that the tests of the witness share."""
+"""Small scenes of one volume, and voxels for them, that the tests of the reference share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The witness's crossings against the roots of polynomials that NumPy finds, cell by cell."""
+"""The reference's crossings against the roots of polynomials that NumPy finds, cell by cell."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clusterviz.reference.crossings import Course, extrema
+from clusterviz.reference.crossings import RayField, extrema
 from clusterviz.reference.rays import Floats, Rays, inside
 from clusterviz.reference.sample import trilinear
 
@@ -26,7 +26,7 @@ def some_rays(count: int) -> Rays:
 
 def found_in_slabs(rays: Rays, voxels: np.ndarray, slabs: int) -> list[tuple[int, float, int]]:
     """Which ray crosses which surface where, of the course through so many slabs."""
-    course, every = Course(rays, voxels, "linear", VALUES), np.arange(len(rays.direction))
+    course, every = RayField(rays, voxels, "linear", VALUES), np.arange(len(rays.direction))
     enter, leave = inside(rays, np.array(SHAPE[::-1]) - 1.0)
     ends: Floats = np.linspace(enter, leave, slabs + 1)
     met = [one for begin, end in pairwise(ends) for one in course.crossings(every, begin, end)]

@@ -1,4 +1,4 @@
-"""The witness of several volumes against closed forms, and against the witness of one."""
+"""The reference of several volumes against closed forms, and against the reference of one."""
 
 from __future__ import annotations
 

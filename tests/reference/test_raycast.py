@@ -1,4 +1,4 @@
-"""The witness against closed forms and one plain ray at a time."""
+"""The reference against closed forms and one plain ray at a time."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def test_negative_zero_is_a_direction_along_the_faces_too() -> None:
 
 
 def test_cameras_without_a_picture_are_refused() -> None:
-    # Scenes refuse these as well; the witness checks for itself.
+    # Scenes refuse these as well; the reference checks for itself.
     for camera, key in (
         (Camera.model_construct(position=(1, 1, 1), focal_point=(1, 1, 1), view_up=(0, 0, 1)), "position"),
         (Camera.model_construct(position=(1, 1, 1), focal_point=(1, 1, 2), view_up=(0, 0, -3)), "view_up"),

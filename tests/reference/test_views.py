@@ -1,4 +1,4 @@
-"""The witness from every place: cameras in and on the box, and motions that must not change the picture."""
+"""The reference from every place: cameras in and on the box, and motions that must not change the picture."""
 
 from __future__ import annotations
 

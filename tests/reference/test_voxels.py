@@ -1,4 +1,4 @@
-"""The witness and its voxels: bad ones, nearest ones, and those of every type."""
+"""The reference and its voxels: bad ones, nearest ones, and those of every type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clipped volumes against the witness: slabs are kept by their midpoints, by all boxes alike."""
+"""Clipped volumes against the reference: slabs are kept by their midpoints, by all boxes alike."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ CLIPS = ("box", "plane", "wedge", "both")
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("name", CLIPS)
-def test_clipped_picture_is_that_of_the_witness(context: moderngl.Context, name: str, camera: str) -> None:
+def test_clipped_picture_is_that_of_the_reference(context: moderngl.Context, name: str, camera: str) -> None:
     voxels = noise(dtype="uint8")
     parts = {"clip": clip_of(GRID, name)}
     for step in (1.03, 0.31, 40.0):

@@ -1,4 +1,4 @@
-"""Cubic B-splines against the witness, lit and unlit, in any bricks."""
+"""Cubic B-splines against the reference, lit and unlit, in any bricks."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def cubic_scene(voxels: np.ndarray, camera: str = "outside", grid: Grid = GRID, 
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
 @pytest.mark.parametrize("camera", ["outside", "inside", "parallel"])
-def test_picture_is_that_of_the_witness(context: moderngl.Context, camera: str, dtype: str) -> None:
+def test_picture_is_that_of_the_reference(context: moderngl.Context, camera: str, dtype: str) -> None:
     voxels = noise(dtype=dtype)
     low, high = (
         float(voxels.min()) / 2 + float(voxels.max()) / 2 + s * np.ptp(voxels.astype(float)) for s in (-0.2, 0.2)

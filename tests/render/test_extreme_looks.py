@@ -33,7 +33,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 def error(
     context: moderngl.Context, name: str, voxels: np.ndarray, camera: str, grid: Grid | None = None, **keys: Any
 ) -> float:
-    """The largest difference from the witness, but for one pixel in a hundred, where a surface may only just be met."""
+    """Largest difference from the reference, but for one pixel in a hundred, where a surface may only just be met."""
     grid = grid or Grid(voxels.shape)
     brick = keys.pop("brick", 7)
     scene = scene_of(voxels, camera_at(camera, grid), clim=(0.0, 1.0), **(LOOKS[name] | keys))

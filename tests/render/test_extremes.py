@@ -21,7 +21,7 @@ GRID = Grid(SHAPE)
 
 
 def error(context: moderngl.Context, scene: Scene, voxels: np.ndarray, brick: int = 16) -> float:
-    """Largest difference from the witness, of every caster's pictures."""
+    """Largest difference from the reference, of every caster's pictures."""
     grid = Grid(voxels.shape)
     expected = render_reference(scene, grid, voxels)
     return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick))

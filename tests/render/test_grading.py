@@ -1,4 +1,4 @@
-"""Two-dimensional transfer functions against the witness: gradient opacity, and tables over scalars and magnitudes."""
+"""2-D transfer functions against the reference: gradient opacity, and tables over scalars and magnitudes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def entries(colours: bool = False) -> np.ndarray:
 
 
 def off_by(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid = GRID) -> float:
-    """Largest difference from the witness, of a picture to which the gradient matters."""
+    """Largest difference from the reference, of a picture to which the gradient matters."""
     expected = render_reference(scene, grid, voxels)
     plain = {"gradient_opacity": (), "transfer_2d": None, "opacity": scene.volumes[0].opacity or 0.3}
     without = scene.model_copy(update={"volumes": (scene.volumes[0].model_copy(update=plain),)})
@@ -92,7 +92,7 @@ def off_by(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Gr
     ],
     ids=["u8", "i16", "cubic", "nearest", "lit", "with a surface", "pre-integrated"],
 )
-def test_gradient_opacity_is_that_of_the_witness(context: moderngl.Context, dtype: str, keys: dict[str, Any]) -> None:
+def test_gradient_opacity_is_that_of_the_reference(context: moderngl.Context, dtype: str, keys: dict[str, Any]) -> None:
     voxels = smooth(dtype=dtype)
     # A surface is found to float32's last bits; what lies in front of it in its slab is absorbed by its length.
     bound = 4 * BOUND if "look" in keys else BOUND
@@ -123,7 +123,7 @@ def test_units_of_data_do_not_matter(context: moderngl.Context, scale: float) ->
 
 
 @pytest.mark.parametrize("colours", [False, True], ids=["opacity", "colour"])
-def test_tables_are_those_of_the_witness(context: moderngl.Context, colours: bool, tmp_path: Path) -> None:
+def test_tables_are_those_of_the_reference(context: moderngl.Context, colours: bool, tmp_path: Path) -> None:
     voxels, path = smooth(dtype=np.uint8), tmp_path / "table.npy"
     keys: dict[str, Any] = {"look": LIT, "step": 0.5} if colours else {"classification": "pre-integrated"}
     assert off_by(context, table_scene(voxels, path, entries(colours), **keys), voxels) <= 4 * BOUND
@@ -143,7 +143,7 @@ def test_one_point_is_a_factor(context: moderngl.Context, factor: float) -> None
     assert error(context, factor * plain, graded_scene(voxels, points=((0.1, factor),)), voxels) <= 2e-6
 
 
-def test_invalid_voxels_are_left_out_as_in_the_witness(context: moderngl.Context) -> None:
+def test_invalid_voxels_are_left_out_as_in_the_reference(context: moderngl.Context) -> None:
     voxels = smooth()
     scene = graded_scene(voxels, points=(RISE[0], RISE[-1]), clim=(0.1, 0.9))
     voxels[np.random.default_rng(1).random(SHAPE) < 0.03] = np.nan

@@ -1,4 +1,4 @@
-"""Slabs that begin elsewhere in every pixel, against the witness; all boxes and bricks must see the same ones."""
+"""Slabs that begin elsewhere in every pixel, against the reference; all boxes and bricks must see the same ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_pictures_are_those_of_the_witness(context: moderngl.Context, name: str) -> None:
+def test_pictures_are_those_of_the_reference(context: moderngl.Context, name: str) -> None:
     voxels = smooth() if name == "lit" else noise(dtype="uint8")
     for camera in ("outside", "inside") if name in ("clipped", "pre-integrated") else ("parallel",):
         scene = scene_of(voxels, camera_at(camera, GRID), jitter=True, **CASES[name])

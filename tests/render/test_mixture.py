@@ -1,4 +1,4 @@
-"""Several volumes in one picture: against the float64 witness, in any parts, and at no cost for one alone."""
+"""Several volumes in one picture: against the float64 reference, in any parts, and at no cost for one alone."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def expected(scene: Scene, parts: tuple[Part, ...]) -> np.ndarray:
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("name", SCENES)
-def test_pictures_are_the_witness_s(context: moderngl.Context, name: str, camera: str) -> None:
+def test_pictures_are_the_reference(context: moderngl.Context, name: str, camera: str) -> None:
     parts, sections = SCENES[name]
     scene = scene_of(parts, camera, **dict(sections))
     picture, _ = drawn(context, scene, parts)

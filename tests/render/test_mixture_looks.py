@@ -42,7 +42,7 @@ def wrong(found: np.ndarray, right: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("name", "camera"), [("beside nearest voxels", "inside"), ("lit, clipped, jittered", "outside")]
 )
-def test_integrals_are_the_witness_s(context: moderngl.Context, name: str, camera: str) -> None:
+def test_integrals_are_the_reference(context: moderngl.Context, name: str, camera: str) -> None:
     parts, sections = INTEGRATED[name]
     scene = scene_of(parts, camera, **sections)
     picture, _ = drawn(context, scene, parts)
@@ -51,7 +51,7 @@ def test_integrals_are_the_witness_s(context: moderngl.Context, name: str, camer
 
 
 @pytest.mark.parametrize(("name", "camera"), [("through each other", "inside"), ("beside integrals", "parallel")])
-def test_surfaces_are_the_witness_s(context: moderngl.Context, name: str, camera: str) -> None:
+def test_surfaces_are_the_reference(context: moderngl.Context, name: str, camera: str) -> None:
     parts, sections = SURFACES[name]
     scene = scene_of(parts, camera, **sections)
     assert wrong(drawn(context, scene, parts)[0], expected(scene, parts)) <= FEW

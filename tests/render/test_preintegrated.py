@@ -1,4 +1,4 @@
-"""Pre-integrated classification against the witness; and that neither bricks nor what is skipped change it."""
+"""Pre-integrated classification against the reference; and that neither bricks nor what is skipped change it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def scene_between(voxels: np.ndarray, camera: str, grid: Grid = GRID, **keys: An
 
 
 def error(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid = GRID) -> float:
-    """Largest difference from the witness, by every ray caster that can draw it, of a picture that shows something."""
+    """Error against the reference, by every ray caster that can draw it, of a picture that shows something."""
     expected = render_reference(scene, grid, voxels)
     assert expected[..., 3].max() > 0.05
     return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick=7))
@@ -57,7 +57,7 @@ def error(context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Gri
 
 @pytest.mark.parametrize("opacity", [PEAKS, JUMPS, 0.3], ids=["peaks", "jumps", "number"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
-def test_pictures_are_those_of_the_witness(context: moderngl.Context, dtype: str, opacity: Any) -> None:
+def test_pictures_are_those_of_the_reference(context: moderngl.Context, dtype: str, opacity: Any) -> None:
     voxels = noise(dtype=dtype)
     for step in (0.4, 1.0, 2.0):
         assert error(context, scene_between(voxels, "outside", opacity=opacity, step=step), voxels) <= BOUND, step
@@ -84,7 +84,7 @@ def test_light_and_planes(context: moderngl.Context, interpolation: str) -> None
     assert error(context, scene, voxels) <= BOUND
 
 
-def test_invalid_voxels_are_left_out_as_in_the_witness(context: moderngl.Context) -> None:
+def test_invalid_voxels_are_left_out_as_in_the_reference(context: moderngl.Context) -> None:
     voxels = noise()
     voxels[np.random.default_rng(1).random(SHAPE) < 0.01] = np.nan
     scene = scene_between(voxels, "outside", clim=(-0.8, 0.8))

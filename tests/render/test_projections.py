@@ -1,4 +1,4 @@
-"""Projections, against the witness, and merged from parts that were drawn apart."""
+"""Projections, against the reference, and merged from parts that were drawn apart."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def projected(
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
 @pytest.mark.parametrize("blending", BLENDINGS)
-def test_projection_is_that_of_the_witness(context: moderngl.Context, blending: str, dtype: str) -> None:
+def test_projection_is_that_of_the_reference(context: moderngl.Context, blending: str, dtype: str) -> None:
     voxels = noise(dtype=dtype)
     for camera in ("outside", "inside", "parallel"):
         scene = scene_of(voxels, camera_at(camera, GRID), step=0.6, unit=30.0, look=look_of(blending, voxels))

@@ -1,4 +1,4 @@
-"""The picture against the float64 witness, for everything that a scene or a file may vary.
+"""The picture against the float64 reference, for everything that a scene or a file may vary.
 
 The bound is 1e-5 of full scale for float32 weights (what is seen is near 1e-6). The texture unit's filter has a bound
 of its own: it may round weights to 8 bits, and 8- and 16-bit voxels to as few.
@@ -38,7 +38,7 @@ STEPS = {"linear": (2.0, 1.0, 0.25), "nearest": (2.2, 0.7, 0.26)}
 
 
 def worst(context: moderngl.Context, scene: object, voxels: np.ndarray, grid: Grid = GRID, brick: int = 16) -> float:
-    """Largest difference from the witness, of every caster's pictures, which show something."""
+    """Largest difference from the reference, of every caster's pictures, which show something."""
     expected = render_reference(scene, grid, voxels)
     assert expected[..., 3].max() > 0.3, "the scene shows nothing that could be wrong"
     return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick))

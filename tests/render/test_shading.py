@@ -1,4 +1,4 @@
-"""Lit volumes against the witness. Lights and gradients are float32: the bound is four times that of unlit ones."""
+"""Lit volumes against the reference. Lights and gradients are float32: the bound is four times that of unlit ones."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def lit_scene(voxels: np.ndarray, camera: str, grid: Grid = GRID, lights: Any = 
 
 @pytest.mark.parametrize("lights", [(), LIGHTS, LIGHTS[:1]], ids=["headlight", "three", "one"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
-def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: str, lights: Any) -> None:
+def test_lit_picture_is_that_of_the_reference(context: moderngl.Context, dtype: str, lights: Any) -> None:
     voxels = smooth(dtype=dtype)
     for camera in ("outside", "inside", "parallel"):
         scene = lit_scene(voxels, camera, lights=lights)
@@ -54,7 +54,7 @@ def test_lit_picture_is_that_of_the_witness(context: moderngl.Context, dtype: st
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
-def test_smooth_gradients_are_those_of_the_witness(context: moderngl.Context, dtype: str) -> None:
+def test_smooth_gradients_are_those_of_the_reference(context: moderngl.Context, dtype: str) -> None:
     voxels = smooth(dtype=dtype)
     keys: dict[str, Any] = {"look": {"gradient": "smooth"}}
     if dtype == "float32":

@@ -1,4 +1,4 @@
-"""Slabs that are cut where they leave a brick, against the witness; who draws which bricks changes nothing."""
+"""Slabs that are cut where they leave a brick, against the reference; who draws which bricks changes nothing."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def split_scene(
     ],
     ids=["outside", "inside", "on an edge", "along an axis", "lit and cubic", "clipped and jittered"],
 )
-def test_pictures_are_those_of_the_witness(
+def test_pictures_are_those_of_the_reference(
     context: moderngl.Context, camera: str, brick: int, keys: dict[str, Any]
 ) -> None:
     voxels = smooth() if "look" in keys else noise(dtype="uint8")

@@ -1,4 +1,4 @@
-"""Isosurfaces against the witness: every crossing, lit, cut by planes, in any bricks."""
+"""Isosurfaces against the reference: every crossing, lit, cut by planes, in any bricks."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def wrong(found: np.ndarray, expected: np.ndarray, bound: float = BOUND) -> floa
 
 @pytest.mark.parametrize("lit", [False, True], ids=["flat", "lit"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
-def test_surfaces_are_those_of_the_witness(context: moderngl.Context, dtype: str, lit: bool) -> None:
+def test_surfaces_are_those_of_the_reference(context: moderngl.Context, dtype: str, lit: bool) -> None:
     voxels = smooth(dtype=dtype)
     look = surfaces(voxels, 0.55, 0.7, 0.4) | (LIT if lit else {})
     for camera, step in (("outside", 1.0), ("inside", 1.4), ("parallel", 0.6)):

@@ -38,7 +38,7 @@ def between(scene: Scene) -> Scene:
 
 
 def by_reference(scene: Scene, source: ArraySource) -> Picture:
-    """By the witness."""
+    """By the reference."""
     return render_reference(scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx))
 
 
@@ -78,7 +78,7 @@ def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> No
 def test_order_against_the_step_whatever_the_transfer_function(
     way: Way, opacity: Any, midpoints: float | None, record_property: Record
 ) -> None:
-    """Aslant through waves between voxels: a ramp misses their curvature. Against the witness at a step of 1/32.
+    """Aslant through waves between voxels: a ramp misses their curvature. Against the reference at a step of 1/32.
 
     The orders are those of three halvings together: where kinks of the field fall in slabs makes single ones uneven.
     """

@@ -1,4 +1,4 @@
-"""The processor's ray caster in every width of vectors; test_raycast.py and others hold it to the witness too."""
+"""The processor's ray caster in every width of vectors; test_raycast.py and others hold it to the reference too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several volumes by the processor: against the float64 witness and OpenGL; ../test_mixture.py holds the scenes."""
+"""Several volumes by the processor: against the float64 reference and OpenGL; ../test_mixture.py holds the scenes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ WITH_ENDS = {"quality": {"classification": "pre-integrated", "jitter": True}} | 
     ],
     ids=[*CAMERAS, "nearest, lit, clipped, jittered", "integrated beside nearest", "integrated, from inside"],
 )
-def test_pictures_are_the_witness_s(parts: tuple[Part, ...], sections: dict[str, Any], camera: str) -> None:
+def test_pictures_are_the_reference(parts: tuple[Part, ...], sections: dict[str, Any], camera: str) -> None:
     scene = scene_of(parts, camera, **dict(sections))
     found, _ = drawn(scene, parts)
     assert found[..., 3].max() > 0.3

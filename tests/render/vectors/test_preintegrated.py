@@ -24,7 +24,7 @@ def scene_between(voxels: np.ndarray, **keys: Any) -> Any:
 
 
 @pytest.mark.parametrize("width", [None, *NARROWER], ids=["own", *(width.lanes for width in NARROWER)])
-def test_all_widths_give_the_picture_of_the_witness(width: Width | None) -> None:
+def test_all_widths_give_the_picture_of_the_reference(width: Width | None) -> None:
     """Slabs that pass many whole segments, and such that are opaque at once."""
     voxels = noise()
     voxels[np.random.default_rng(3).random(SHAPE) < 0.01] = np.nan

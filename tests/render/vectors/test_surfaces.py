@@ -25,7 +25,7 @@ def drawn(scene: Scene, voxels: np.ndarray, grid: Grid = GRID, brick: int = 7, w
 
 
 @pytest.mark.parametrize("width", [None, WIDTHS[-1]], ids=["own", "narrowest"])
-def test_surfaces_are_those_of_the_witness(width: Width | None) -> None:
+def test_surfaces_are_those_of_the_reference(width: Width | None) -> None:
     voxels = smooth(dtype="uint8")
     for camera, step in (("outside", 1.0), ("inside", 1.4), ("parallel-along-an-axis", 0.6)):
         scene = scene_of(voxels, camera_at(camera, GRID), step=step, look=surfaces(voxels, 0.55, 0.7, 0.4))
