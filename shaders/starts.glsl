@@ -1,4 +1,4 @@
-// Rays start where the last frame says (docs/leaping.md), by the rules of the processor's caster (render/vectors/marching/starts.py). A ray goes
+// Rays start where the last frame says (docs/concepts/frame-coherence.md), by the rules of the processor's caster (render/vectors/marching/starts.py). A ray goes
 // on from its start as if it had leapt over what is empty: where no start is too late, pictures are the same bit for bit. One whose very
 // first slab adds something may have started too late: it is drawn again, from its entry. Rays that are checked start at their entry and tell
 // what they gathered before what would have been their start. `progress` holds planes of floats behind the samples of work groups.

@@ -66,7 +66,7 @@ def test_unknown_extensions_are_answered_with_the_known_ones(tmp_path: Path) -> 
 
 
 def test_the_page_on_formats_has_every_extension_and_key_of_the_sidecar() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "data-formats.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
     for word in (*EXTENSIONS, *KEYS):
         assert f"`{word}`" in page
 
