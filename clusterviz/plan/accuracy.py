@@ -7,7 +7,7 @@ the same picture: only the one that promises to be cheaper is made finer, unless
 to frame a choice is followed: of the way that was chosen, pictures around the last step tell whether it still holds.
 
 An eighth of the bound is for rays that end early (what is behind them adds no more than the residual), the rest for the
-step. docs/accuracy.md says how often the choice was right.
+step. docs/measurements/accuracy.md says how often the choice was right.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from clusterviz.plan.look import Classification
 
 WEIGHTS: dict[Classification, float] = {"post": 1.0, "pre-integrated": 1.8}
-"""Time of a sample, measured (docs/accuracy.md)."""
+"""Time of a sample, measured (docs/measurements/accuracy.md)."""
 TAIL, MOST_TAIL = 16, 4.0
 """How many of the largest errors tell how the tail goes on, and what it may add at most."""
 SLOWEST, FASTEST = 1 / 2, 1 / 4

@@ -10,7 +10,7 @@ what a stretch can pass of it: length/8 · steepness times how far the slope cha
 
 An error of κ or κc relative to κ is the error of a pixel at most, since what a ray sees of all its slabs together is 1
 at most; where κ is small, the error along the whole diagonal is less. Each of the two gets half of the bound, and a
-sixteenth of the worst case counts: errors were measured to be less than a fifth of the bound (docs/accuracy.md).
+sixteenth of the worst case counts: measured errors are less than a fifth of the bound (docs/measurements/accuracy.md).
 
 A stretch of slabs begins at a multiple of its length in the lattice of the whole volume, and lies in one group, so
 neither ranks nor bricks of 8, 16, … cells change it; other bricks have other groups, and pictures within the bound.

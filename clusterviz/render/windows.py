@@ -1,6 +1,6 @@
 """Windows: how many slabs of a ray are placed and summed together, wherever runs begin and however many there are.
 
-Both casters cut rays into them, so that leaping over what is empty changes no bit of a picture (docs/accuracy.md).
+Both casters cut rays into them, so that empty-space skipping changes no bit of a picture (docs/concepts/accuracy.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-CONFIDENCE = "no proof: see docs/accuracy.md for how often such bounds are held"
+CONFIDENCE = "no proof: see docs/measurements/accuracy.md for how often such bounds are held"
 
 
 @dataclass(frozen=True)

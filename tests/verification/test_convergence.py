@@ -1,7 +1,7 @@
 """The error falls with the step and the voxel at the order that theory gives, and at no other.
 
 Each case halves one parameter three or four times. Steps are long enough that truncation is measured, not float32: the
-renderer is held to the same bands as the float64 reference. docs/verification.md lists what was seen.
+renderer is held to the same bands as the float64 reference. docs/measurements/accuracy.md lists what was seen.
 """
 
 from __future__ import annotations

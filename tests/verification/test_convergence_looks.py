@@ -1,6 +1,6 @@
 """Reconstruction, light, surfaces and control points: each error falls at the order that theory gives.
 
-The pictures are held to formulas, not to samples of them; docs/verification.md lists what was seen.
+The pictures are held to formulas, not to samples of them; docs/measurements/accuracy.md lists what was seen.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Looks at the ends of what numbers can: types, units of length, opacities, thousands of slabs, few pixels.
 
 Each is drawn with the range that the renderer chooses, by the processor's vectors on one rank and by OpenGL on two, and
-held to the float64 reference at 1e-5 of the picture's own largest value, as in `test_extremes.py`. docs/extremes.md
-lists what was seen.
+held to the float64 reference at 1e-5 of the picture's own largest value, as in `test_extremes.py`.
+docs/reference/extremes.md lists what was seen.
 """
 
 from __future__ import annotations

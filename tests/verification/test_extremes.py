@@ -2,7 +2,7 @@
 
 Every picture is drawn by the processor's vectors on one rank and by OpenGL on several, and each is held to the float64
 reference at 1e-5 of its own largest value, so that faint pictures are judged as strictly as opaque ones.
-docs/extremes.md lists what was seen.
+docs/reference/extremes.md lists what was seen.
 """
 
 from __future__ import annotations
