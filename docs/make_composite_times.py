@@ -1,8 +1,8 @@
-"""Write docs/composite-times.svg and .md: predicted time against ranks of all algorithms on the networks that ship.
+"""Write docs/measurements/compositing-times.svg and .md: predicted times of all algorithms on the shipped networks.
 
 Run `python docs/make_composite_times.py` after changing an algorithm or a network file; it takes some minutes, most of
-them for the parallel pipeline. `--loads F.json` keeps what was counted, which networks do not change, and takes it
-from there the next time. `--png F.png` makes the same picture for looking at, `--most N` stops earlier.
+them for the parallel pipeline. `--loads F.json` saves the counts, which do not depend on networks, and reads them the
+next time. `--png F.png` writes the picture only, as PNG. `--most N` stops at N ranks.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from clusterviz.composite.model.network import Network, open_network, shipped_ne
 from clusterviz.composite.schedules.load import Load
 from clusterviz.composite.simulation.simulate import MOST_RANKS, MOST_SPARSE_RANKS, Options, count_load
 
-PICTURE = Path(__file__).with_name("composite-times.svg")
+PICTURE = Path(__file__).with_name("measurements") / "compositing-times.svg"
 PAGE = PICTURE.with_suffix(".md")
 SIZE = (2048, 2048)
 BYTES_PER_PIXEL = 16
 KINDS = {"dense": "dense images", "cubes": "sparse images: bricks of a cube"}
-# Within this, two algorithms are as fast as each other: no network keeps to a model more closely.
+# Ratio up to which two algorithms count as equally fast: no network agrees with a model more closely.
 TIE = 1.1
-# Of algorithms as fast as each other, the first is named.
+# Of equally fast algorithms, the first is named.
 STYLES = {
     "direct-send": ("#d62728", "-"),
     "radix-k": ("#9467bd", "-"),
@@ -52,23 +52,24 @@ OVERTAKEN = (
 # Seconds by number of ranks.
 Curve = dict[int, float]
 
-TEXT = """# How long compositing takes, from 2 to 65,536 ranks
+TEXT = """# Predicted compositing times, from 2 to 65,536 ranks
 
-![Predicted seconds against ranks, all algorithms, three networks](composite-times.svg)
+![Predicted seconds against ranks, all algorithms, three networks](compositing-times.svg)
 
-Predicted by `clusterviz simulate`, made by `python docs/make_composite_times.py`: {width}x{height} pixels of
-{bytes} bytes (float32), the final gather apart, at 2, 3, 4, 6, 8, 12, … ranks. Above, every rank covers the picture;
-below, each has a brick of a cube, so that a rank's image shrinks as ranks are added. SLIC of sparse images is followed
-up to {slic:,} ranks. The model is T = rounds·α + messages·o + bytes·β + pixels·γ of the busiest rank, see
-[compositing](compositing.md#networks): links are as fast for all at once as for one alone, so a crowded network is
-slower.
+Written by `python docs/make_composite_times.py` from predictions of `clusterviz simulate`: {width}x{height} pixels of
+{bytes} bytes (float32), without the final gather, at 2, 3, 4, 6, 8, 12, … ranks. In the upper row every rank covers the
+picture; in the lower row each has a brick of a cube. SLIC of sparse images is simulated up to {slic:,} ranks. The
+[time model](../concepts/time-model.md) assumes that all links are used at once at full speed; a crowded network is slower.
 """
 
-LESSON = """Dense images take about as long with every algorithm that keeps all ranks busy, since all move the same
-bytes; only messages tell them apart, and n² of them are too many in the end. Sparse images reward those that move no
-pixel twice: with direct send and SLIC a composition gets faster as ranks are added, until their messages count. A fold
-is dear: at 3·2^k ranks binary swap takes up to {fold:.1f} times as long as 2-3 swap. Serial (which leaves the frame)
-and the tree work on whole images and are right only for two or three ranks.
+LESSON = """Dense images take about as long with every algorithm in which all ranks work, since all send the same bytes.
+The number of messages makes the difference: n² are too many on many ranks. For sparse images, algorithms that move no pixel
+twice (direct send, SLIC) get faster with more ranks, until their messages count. At 3·2^k ranks the fold makes binary swap
+up to {fold:.1f} times as slow as 2-3 swap. Serial and tree work on whole images; they suit two or three ranks.
+
+## Networks
+
+The constants of the time model for these networks. `clusterviz bench network` measures those of your own.
 """
 
 
@@ -77,7 +78,7 @@ Loads = dict[tuple[str, str], dict[int, Load]]
 
 
 def count_loads(most: int) -> Loads:
-    """Count them all."""
+    """Return the loads of all algorithms up to `most` ranks."""
     found: Loads = {}
     for kind in KINDS:
         for name in ALGORITHMS:
@@ -89,13 +90,13 @@ def count_loads(most: int) -> Loads:
 
 
 def busiest(load: Load) -> Load:
-    """As if one rank had the most of everything: what the time model looks at."""
+    """Return a load of one rank that has the most of everything, which is all that the time model uses."""
     columns = (load.messages_sent, load.messages_received, load.pixels_sent, load.pixels_received)
     return Load(load.rounds, *(column.max(keepdims=True) for column in columns))
 
 
 def kept_loads(path: Path, most: int) -> Loads:
-    """What the file holds, or else what is counted now, and kept there."""
+    """Return the loads of a file, after writing it if it does not exist."""
     if not path.exists():
         counted = count_loads(most).items()
         rows = [
@@ -111,13 +112,13 @@ def kept_loads(path: Path, most: int) -> Loads:
 
 
 def rank_numbers(most: int) -> list[int]:
-    """Powers of two, and between them three halves of each, where the swaps differ."""
+    """Return powers of two, and 3/2 of each, where the swaps differ."""
     numbers = {2**k for k in range(1, 17)} | {3 * 2**k for k in range(15)}
     return sorted(number for number in numbers if number <= most)
 
 
 def curves(kind: str, network: Network, loads: Loads) -> dict[str, Curve]:
-    """Seconds of each algorithm."""
+    """Return the seconds of each algorithm."""
     return {
         name: {n: network.seconds(load, BYTES_PER_PIXEL) for n, load in found.items()}
         for (which, name), found in loads.items()
@@ -126,7 +127,7 @@ def curves(kind: str, network: Network, loads: Loads) -> dict[str, Curve]:
 
 
 def draw(loads: Loads) -> Any:
-    """Small multiples: footprints by networks."""
+    """Return the figure: a row for each kind of footprints, a column for each network."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -140,14 +141,14 @@ def draw(loads: Loads) -> Any:
             found = curves(kind, network, loads)
             for name, (colour, dashes) in STYLES.items():
                 curve = found[name]
-                # Under the others, which are as fast in many places.
+                # Wide lines lie below the others, which are equally fast in many places.
                 width = {"direct-send": 3.2, "slic": 1.8}.get(name, 1.1)
                 axis.loglog(list(curve), list(curve.values()), dashes, color=colour, label=name, linewidth=width)
             axis.grid(which="major", color="#dddddd", linewidth=0.6)
             axis.set_title(f"{network.name}\n{KINDS[kind]}", fontsize=9)
     for axis, kind in zip(axes[:, 0], KINDS, strict=True):
         axis.set_ylabel("seconds")
-        # Serial leaves the frame, or the others would lie on each other at its foot.
+        # Serial leaves the axes, or the others could not be told apart.
         shown = [curves(kind, network, loads) for network in networks]
         axis.set_ylim(top=2 * max(max(found["tree"].values()) for found in shown))
     for axis in axes[-1]:
@@ -161,22 +162,32 @@ def draw(loads: Loads) -> Any:
 
 
 def text(loads: Loads) -> str:
-    """The page: the picture, how it was made, and who wins where."""
+    """Return the page: the figure, the fastest algorithms and the networks."""
     head = TEXT.format(width=SIZE[0], height=SIZE[1], bytes=BYTES_PER_PIXEL, slic=MOST_SPARSE_RANKS["slic"])
-    rows = ["| network | images | fastest or within a tenth of it, by number of ranks |", "|---|---|---|"]
+    rows = ["| network | images | fastest, or within a tenth of it, by number of ranks |", "|---|---|---|"]
     for name in shipped_networks():
         network = open_network(name)
         best = {kind: "; ".join(winners(curves(kind, network, loads))) for kind in KINDS}
         rows += [f"| {network.name} | {kind} | {found} |" for kind, found in best.items()]
-    rows += ["", "From how many ranks on the first takes a tenth longer than the second, for good:", ""]
+    rows += ["", "The number of ranks from which the first is slower than the second by more than a tenth:", ""]
     rows += [f"- {KINDS[kind]}, {a} against {b}: {crossings(kind, a, b, loads)}" for kind, a, b in OVERTAKEN]
     folds = [curves("dense", open_network(name), loads) for name in shipped_networks()]
     worst = max(found["binary-swap"][n] / seconds for found in folds for n, seconds in found["2-3-swap"].items())
-    return "\n".join([head, *rows, "", LESSON.format(fold=worst)])
+    return "\n".join([head, *rows, "", LESSON.format(fold=worst), *networks()])
+
+
+def networks() -> list[str]:
+    """Return the table of network constants, and their sources."""
+    found = [open_network(name) for name in shipped_networks()]
+    rows = ["| file | α (s) | o (s) | β (s) | γ (s) | source |", "|---|---|---|---|---|---|"]
+    for name, n in zip(shipped_networks(), found, strict=True):
+        constants = (n.latency_seconds, n.overhead_seconds, n.seconds_per_byte, n.seconds_per_pixel)
+        rows.append(f"| `{name}` | {' | '.join(f'{constant:g}' for constant in constants)} | {n.source} |")
+    return [*rows, ""]
 
 
 def crossings(kind: str, slower: str, faster: str, loads: Loads) -> str:
-    """For each network, from how many ranks on."""
+    """Return the number of ranks for each network."""
     found = []
     for network in map(open_network, shipped_networks()):
         both = curves(kind, network, loads)
@@ -187,9 +198,9 @@ def crossings(kind: str, slower: str, faster: str, loads: Loads) -> str:
 
 
 def winners(found: Mapping[str, Curve]) -> list[str]:
-    """Runs of rank numbers with the same fastest algorithm; of those as fast as each other, the first of `STYLES`."""
+    """Return runs of rank numbers with the same fastest algorithm; of equally fast ones, the first of `STYLES`."""
     best = []
-    # Not where an algorithm was left out between two numbers.
+    # Skip numbers that an algorithm left out between two others.
     left_out = {n for a in found.values() for n in a for b in found.values() if n not in b and n < max(b)}
     for number in sorted({n for curve in found.values() for n in curve} - left_out):
         seconds = {name: curve[number] for name, curve in found.items() if number in curve}
@@ -200,7 +211,7 @@ def winners(found: Mapping[str, Curve]) -> list[str]:
 
 
 def span(numbers: Sequence[int]) -> str:
-    """The first and the last."""
+    """Return the first and the last number."""
     return f"{numbers[0]:,}" if len(numbers) == 1 else f"{numbers[0]:,} to {numbers[-1]:,}"
 
 

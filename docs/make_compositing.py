@@ -1,6 +1,6 @@
-"""Write docs/compositing.md: the manuals of all algorithms as they stand in the code, with counts made by running it.
+"""Write docs/concepts/compositing.md: the manuals of all algorithms, with counts of their schedules.
 
-Run `python docs/make_compositing.py` after changing an algorithm; a test keeps the page equal to what this makes.
+Run `python docs/make_compositing.py` after changing an algorithm; a test compares the page with the code.
 """
 
 from __future__ import annotations
@@ -11,49 +11,45 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.model.network import open_network, shipped_networks
+from clusterviz.composite.model.network import open_network
 from clusterviz.composite.simulation.simulate import Options, count_load, simulate
 
-PAGE = Path(__file__).with_name("compositing.md")
-RANKS = (2, 3, 4, 5, 7, 8, 16, 31, 64)
+PAGE = Path(__file__).with_name("concepts") / "compositing.md"
+RANKS = (3, 5, 8, 31, 64)
 MANY = (64, 1000, 4096)
-BALANCED = (2, 4, 8, 16, 64)
+BALANCED = (2, 8, 64)
 SIZE = (4096, 4096)
 
 HEAD = """# Compositing
 
-Many ranks have each drawn a part of the data; compositing joins their images, front to back, into one. An algorithm is
-a schedule: who sends which pixels to whom, in which round. This page is made from the code by
-`python docs/make_compositing.py`. Below, n is the number of ranks, P the number of pixels, and all counts leave the
-final gather apart. Choose with `-D cluster.compositing=NAME`; look at one with
-`clusterviz simulate --ranks 7 --size 64x64 --algorithm NAME --draw schedule.svg`.
+Each rank draws a part of the data. Compositing merges these partial images, front to back, into one picture. An algorithm
+is a schedule: transfers of pixels between ranks, in rounds. The [time model](time-model.md) chooses one, unless
+`cluster.compositing` names it. The [compositor](compositor.md) sends the pixels.
+
+Below, n is the number of ranks and P the number of pixels. All algorithms work for any number of ranks and pixels. Dense
+images cover the whole picture; for them, all algorithms send (n − 1)·P pixels in total, because each pixel needs n − 1
+merges. Counts do not include the final gather. This page is written by `python docs/make_compositing.py`, from the
+docstrings of the algorithms and counts of their schedules.
 """
 
-NETWORKS = """## Networks
+FOOTPRINTS = """## Sparse images
 
-The prediction is T = rounds·α + messages·o + bytes·β + pixels·γ, the last three of the rank that has most of each (sent
-or received, whichever is more; pixels received are those merged). A network file holds the four constants:
+If each rank has a brick of a cube, seen along its diagonal, its image covers a part of the picture, and only the bounding
+rectangle of its pixels is sent. Pixels sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
 """
 
-FOOTPRINTS = """## Footprints
-
-`--footprints dense`: every rank covers the whole picture. `--footprints cubes`: each rank has a brick of a cube seen
-along its diagonal, and sends the bounding rectangle of what it holds, as the real exchange does. Pixels sent by all
-ranks, divided by n^(1/3)·P, at 4096x4096:
-"""
-
-BALANCE = """Direct send chooses the borders of its pieces by the footprints. What the busiest rank receives of P, and
-the messages of all ranks, beside pieces of equal size (`--bands 1`) and rows interlaced among owners (`--bands 4`):
+BALANCE = """Direct send chooses the borders of its pieces by the footprints. For these borders and others, the pixels that the busiest
+rank receives, divided by P, with the messages of all ranks in brackets:
 """
 
 
 def text() -> str:
     """The whole page."""
-    return "\n".join([HEAD, *_counts(), *_sparse(), *_predictions(), *_networks(), *_manuals()])
+    return "\n".join([HEAD, *_counts(), *_sparse(), *_manuals()])
 
 
 def _counts() -> Iterator[str]:
-    yield "## Messages\n\nAll move (n − 1)·P pixels where images are dense. Their messages, rounds in brackets:\n"
+    yield "## Messages\n\nMessages of all ranks for dense images, with the number of rounds in brackets:\n"
     yield _row("algorithm", *(f"n = {ranks}" for ranks in RANKS))
     yield "|---" * (len(RANKS) + 1) + "|"
     for name, schedule in ALGORITHMS.items():
@@ -79,30 +75,6 @@ def _sparse() -> Iterator[str]:
     for cut, bands in (("equal cover", None), ("equal size", 1), ("four bands each", 4)):
         loads = [count_load("direct-send", ranks, SIZE, "cubes", Options(bands=bands))[0] for ranks in BALANCED]
         yield _row(cut, *(f"{load.pixels_received.max() / canvas:.3f} ({load.messages_sent.sum()})" for load in loads))
-    yield ""
-
-
-def _predictions() -> Iterator[str]:
-    yield "## Predicted seconds\n\nDense float32 images of 4096x4096, the final gather apart; for sparse images and"
-    yield "from 2 to 65,536 ranks see [composite times](composite-times.md):\n"
-    networks = [open_network(name) for name in shipped_networks()]
-    ranks = (60, 4096)
-    yield _row("algorithm", *(f"{network.name}, n = {n}" for network in networks for n in ranks))
-    yield "|---" * (len(networks) * len(ranks) + 1) + "|"
-    for name in ALGORITHMS:
-        found = [simulate(name, n, SIZE, network).seconds for network in networks for n in ranks]
-        yield _row(f"`{name}`", *(f"{seconds:.3g}" for seconds in found))
-    yield ""
-
-
-def _networks() -> Iterator[str]:
-    yield NETWORKS
-    yield _row("file", "α (s)", "o (s)", "β (s)", "γ (s)", "source")
-    yield "|---" * 6 + "|"
-    for name in shipped_networks():
-        n = open_network(name)
-        constants = (n.latency_seconds, n.overhead_seconds, n.seconds_per_byte, n.seconds_per_pixel)
-        yield _row(f"`{name}`", *(f"{constant:g}" for constant in constants), n.source)
     yield ""
 
 

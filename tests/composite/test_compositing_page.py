@@ -1,4 +1,4 @@
-"""docs/compositing.md is what the code says: manuals and counts cannot drift from it."""
+"""docs/concepts/compositing.md agrees with the manuals and the schedules of the algorithms."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def test_the_page_is_what_its_generator_makes() -> None:
     made = runpy.run_path(str(DOCS / "make_compositing.py"))["text"]()
-    assert (DOCS / "compositing.md").read_text(encoding="utf-8") == made, "run python docs/make_compositing.py"
+    assert (DOCS / "concepts/compositing.md").read_text(encoding="utf-8") == made, "run python docs/make_compositing.py"
 
 
 def test_every_manual_says_all_that_a_reader_needs() -> None:
-    page = (DOCS / "compositing.md").read_text(encoding="utf-8")
+    page = (DOCS / "concepts/compositing.md").read_text(encoding="utf-8")
     for name in ALGORITHMS:
         manual = page.partition(f"## `{name}`\n")[2].partition("\n## ")[0]
         for item in ("What", "When", "When not", "Cost", "Limits"):

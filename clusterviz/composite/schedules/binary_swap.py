@@ -1,17 +1,15 @@
 """Binary swap: neighbours swap halves, then quarters, then eighths; folded for any number of ranks.
 
-What: in round k ranks pair up at distance 2^k; each keeps one half of what it held and sends the other. Where n is not
-a power of two, n − 2^d ranks first hand their whole image to the neighbour in front ("fold") and drop out.
-When: tens to thousands of ranks with dense images: few messages, all ranks busy, every rank ends with one range.
-When not: sparse images, which direct send moves with fewer bytes; n just above a power of two, where the fold moves
-whole images first.
-Cost, n = 2^d: d rounds, n·d messages, (n − 1)·P pixels, a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded:
-one round and r messages more, d·2^d messages in the swaps; a rank sends at most P and receives at most (2 − 2^−d)·P.
-Limits: any number of ranks and pixels.
-One partial image a rank, or several side by side in depth: swaps merge neighbours in depth.
-Reference: K.-L. Ma, J. S. Painter, C. D. Hansen, M. F. Krogh, "Parallel volume rendering using binary-swap
-compositing", IEEE Computer Graphics and Applications 14(4), 1994. On folding: K. Moreland, "Comparing binary-swap
-algorithms for odd factors of processes", LDAV 2018.
+What: in round k ranks pair up at distance 2^k; each keeps one half of its range and sends the other. If n is not a
+power of two, n − 2^d ranks first send their whole image to the neighbour in front ("fold") and drop out.
+When: tens to thousands of ranks with dense images: few messages, and all ranks work.
+When not: sparse images, of which direct send moves fewer bytes; n just above a power of two, where the fold moves whole
+images.
+Cost, n = 2^d: d rounds, n·d messages; a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded: one more round, r
++ d·2^d messages; a rank sends at most P and receives at most (2 − 2^−d)·P.
+Limits: one partial image a rank, or several that are adjacent in depth.
+Reference: K.-L. Ma et al., "Parallel volume rendering using binary-swap compositing", IEEE CG&A 14(4), 1994. On
+folding: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018.
 """
 
 from __future__ import annotations

@@ -1,17 +1,15 @@
 """Telescoped binary swap: blocks of 2^d ranks swap separately, then each smaller block sends its ranges to a larger.
 
 What: n is cut into blocks whose sizes are its binary digits, largest first (13 = 8 + 4 + 1). Each block does a binary
-swap of its own. The smallest block is ready first and hands its pieces to the next larger one, which is then ready
-itself; and so on, until the largest holds the picture.
-When: rank counts that are no power of two, where the fold would move whole images: here only the smallest block may.
-When not: a power of two (it is binary swap then); sparse images, which direct send moves with fewer bytes.
-Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds (hand-over in one block hides behind swaps in the larger ones; a
-schedule that does not hide it needs d + popcount − 1), Σ d_i·2^d_i messages in swaps and Σ 2^d_i over all blocks but
-the smallest in hand-overs, (n − 1)·P pixels; a rank sends at most P.
-Limits: any number of ranks and pixels.
-One partial image a rank, or several side by side in depth: swaps merge neighbours in depth.
-Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018; K. Moreland,
-W. Kendall, T. Peterka, J. Huang, "An image compositing solution at scale", SC 2011.
+swap. The smallest block, which is ready first, sends its pieces to the next larger one, and so on, until the largest
+has the picture.
+When: numbers of ranks that are no power of two: only the smallest block may send whole images.
+When not: a power of two, where it is binary swap; sparse images, of which direct send moves fewer bytes.
+Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds, because sends between blocks overlap with swaps in larger ones; Σ
+d_i·2^d_i messages in swaps, and Σ 2^d_i over all blocks but the smallest between blocks; a rank sends at most P.
+Limits: one partial image a rank, or several that are adjacent in depth.
+Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018; K. Moreland et al.,
+"An image compositing solution at scale", SC 2011.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """Binary tree: in each round every second rank sends its whole image to its neighbour in front and drops out.
 
-What: a reduction tree over visibility order; position 0 ends with the picture.
-When: few ranks, small pictures, or links on which each message is expensive: no algorithm sends fewer messages.
-When not: large pictures on many ranks: after round k only n/2^k ranks still work, on whole images.
-Cost: ⌈log₂ n⌉ rounds, n − 1 messages, (n − 1)·P pixels; a rank sends P and receives up to ⌈log₂ n⌉·P.
-Limits: any number of ranks and pixels.
-One partial image a rank, or several side by side in depth: the tree merges neighbours in depth.
-Reference: C. D. Shaw, M. Green, J. Schaeffer, "Anti-aliasing issues in image composition", Eurographics workshop on
-graphics hardware, 1991.
+What: a reduction tree in visibility order; position 0 ends with the picture.
+When: few ranks, small pictures, or expensive messages: no algorithm sends fewer.
+When not: large pictures on many ranks: after round k only n/2^k ranks work, on whole images.
+Cost: ⌈log₂ n⌉ rounds, n − 1 messages; a rank sends P and receives up to ⌈log₂ n⌉·P.
+Limits: one partial image a rank, or several that are adjacent in depth.
+Reference: C. D. Shaw et al., "Anti-aliasing issues in image composition", Eurographics workshop on graphics hardware,
+1991.
 """
 
 from __future__ import annotations

@@ -1,20 +1,18 @@
 """Direct send: every rank owns one piece of the picture and receives that piece from all others at once.
 
-What: one round; each of the n ranks owns one of n pieces. Where images are sparse, the borders of the pieces are chosen
-such that each has the same number of covered pixels, and the pieces are assigned from top to bottom to the ranks whose
-own images lie there, so that a rank keeps much of what it owns. With b bands, the canvas is instead cut into b·n bands
-of rows, assigned round robin. With m owners, m evenly spaced ranks own pieces, and the others only send.
-When: up to some tens of ranks, and sparse images at any number: no pixel moves twice, and a rank sends nothing to the
-owner of a piece that its footprint does not touch, so sparse images move less than with any swap or tree.
-When not: hundreds of ranks with dense images: the number of messages grows with n².
-Cost: 1 round, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1)
-messages; a rank sends at most P, an owner receives (n − 1)/m·P. Bricks of a cube on 8 ranks: none receives more than
-0.21·P, with pieces of equal size (1 band) 0.38·P. Bands balance as well as weighted borders, but nearly every rank then
-sends to every other; they help where images have holes, which their rectangles do not show.
-Limits: any number of ranks and pixels; with more ranks than pixels some own nothing. Several partial images a rank:
-any number, in any order of depth, since an owner sorts all that it receives.
+What: each of the n ranks owns one of n pieces. Their borders give each piece the same number of covered pixels. Pieces
+are assigned from top to bottom to the ranks whose own images lie there, so that a rank keeps much of what it owns. With
+b bands, the canvas is cut into b·n bands of rows instead, assigned round robin. With m owners, m evenly spaced ranks
+own pieces, and the others only send.
+When: up to some tens of ranks, and sparse images on any number: no pixel moves twice, and a rank sends nothing to the
+owner of a piece that its footprint does not touch.
+When not: dense images on hundreds of ranks: the number of messages grows with n².
+Cost: 1 round, n(n − 1) messages; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1) messages; a rank sends
+at most P, an owner receives (n − 1)/m·P. Bands balance as well as weighted borders, and better for images with holes,
+but nearly every rank then sends to every other.
+Limits: any number of partial images a rank, in any order of depth. With more ranks than pixels, some own nothing.
 Reference: W. M. Hsu, "Segmented ray casting for data parallel volume rendering"; U. Neumann, "Parallel volume-rendering
-algorithm performance on mesh-connected multicomputers"; both Parallel Rendering Symposium, 1993.
+algorithm performance on mesh-connected multicomputers"; both Parallel Rendering Symposium 1993.
 """
 
 from __future__ import annotations

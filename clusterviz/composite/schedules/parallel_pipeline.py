@@ -1,17 +1,14 @@
 """Parallel pipeline: n pieces travel at once, each from neighbour to neighbour towards its owner.
 
-What: rank f owns piece f of n. The piece starts at both neighbours of its owner, runs outwards from rank to rank, each
-merging its own pixels, and from either end of the line it jumps back to the owner (the wrap shortcut, without which it
-would travel the ring with two accumulators). So only neighbours in depth are ever merged, and a rank sends and receives
-at most two pieces in a round, mostly to and from the ranks beside it.
-When: rings and meshes of machines whose links to neighbours are the good ones; very large pictures.
-When not: many ranks on a switched network: n − 1 rounds, each of which waits for the one before.
-Cost: n − 1 rounds, n(n − 1) messages, (n − 1)·P pixels; a rank sends and receives (1 − 1/n)·P.
-Limits: any number of ranks and pixels.
-One partial image a rank, or several side by side in depth: the line is the order in depth.
-Reference: T.-Y. Lee, C. S. Raghavendra, J. B. Nicholas, "Image composition schemes for sort-last polygon rendering on
-2D mesh multicomputers", IEEE Transactions on Visualization and Computer Graphics 2(3), 1996. There all pieces run one
-way, and inner ranks receive a whole P; running both ways evens that out.
+What: rank f owns piece f of n. The piece starts at both neighbours of its owner and moves outwards from rank to rank,
+each merging its own pixels. From either end of the line it is sent back to the owner. Only neighbours in depth are
+merged, and a rank sends and receives at most two pieces in a round.
+When: rings and meshes of machines with good links to neighbours; very large pictures.
+When not: many ranks on a switched network: each of n − 1 rounds waits for the one before.
+Cost: n − 1 rounds, n(n − 1) messages; a rank sends and receives (1 − 1/n)·P.
+Limits: one partial image a rank, or several that are adjacent in depth.
+Reference: T.-Y. Lee et al., "Image composition schemes for sort-last polygon rendering on 2D mesh multicomputers", IEEE
+TVCG 2(3), 1996. There all pieces move one way, and inner ranks receive a whole P; moving both ways evens this out.
 """
 
 from __future__ import annotations

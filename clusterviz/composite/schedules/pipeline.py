@@ -1,15 +1,13 @@
-"""Sequential pipeline: the picture travels in batches from the rank at the back to the one in front.
+"""Sequential pipeline: batches of the picture travel from the rank at the back to the one in front.
 
-What: the picture is cut into batches; each rank takes a batch from its neighbour behind, merges its own pixels in front
-of it, and hands it on. While one rank works on a batch, the next works on the one before. Rank 0 ends with the picture.
-When: ranks that finish drawing one after the other from back to front; links to neighbours only; no gather is needed.
-When not: wherever latency counts: the last batch passes through all ranks.
-Cost: n − 1 rounds for one batch, n − 2 + batches for several; batches·(n − 1) messages, (n − 1)·P pixels; a rank sends
-and receives P.
-Limits: any number of ranks and pixels; by default a batch for each 16,384 pixels, 32 at most. One partial image a rank:
-the line is the order in depth.
-Reference: the plain form of T.-Y. Lee, C. S. Raghavendra, J. B. Nicholas, "Image composition schemes for sort-last
-polygon rendering on 2D mesh multicomputers", IEEE Transactions on Visualization and Computer Graphics 2(3), 1996.
+What: each rank receives a batch from its neighbour behind, merges its own pixels in front of it, and sends it on. Rank
+0 ends with the picture.
+When: ranks that finish drawing one after the other from back to front; links to neighbours only. No gather is needed.
+When not: latency matters: the last batch passes through all ranks.
+Cost: n − 1 rounds for one batch, n − 2 + batches for several; batches·(n − 1) messages; a rank sends and receives P.
+Limits: one partial image a rank. By default there is a batch for each 16,384 pixels, 32 at most.
+Reference: the plain form of T.-Y. Lee et al., "Image composition schemes for sort-last polygon rendering on 2D mesh
+multicomputers", IEEE TVCG 2(3), 1996.
 """
 
 from __future__ import annotations

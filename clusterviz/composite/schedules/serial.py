@@ -1,11 +1,10 @@
 """Serial gather: all ranks send their whole image to one rank, which blends them all.
 
-What: one round; rank 0 receives n − 1 images and blends them front to back.
-When: as the plain variant for comparisons; for two or three ranks with small footprints.
+What: rank 0 receives n − 1 images and blends them front to back.
+When: two or three ranks with small footprints; comparisons.
 When not: many ranks: one rank blends everything while the others wait.
-Cost: 1 round, n − 1 messages, (n − 1)·P pixels, all received by one rank.
-Limits: any number of ranks and pixels. Several partial images a rank: any number, in any order of depth, since one rank
-sorts all that it receives.
+Cost: 1 round, n − 1 messages, all received by one rank.
+Limits: any number of partial images a rank, in any order of depth.
 """
 
 from __future__ import annotations

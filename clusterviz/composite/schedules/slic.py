@@ -1,20 +1,18 @@
 """SLIC: spans that several images cover are assigned to ranks that cover them; all other pixels stay where they are.
 
-What: the rows of the picture are cut into spans where the set of images that have pixels there changes. A span that one
-rank covers alone stays on it and is never sent. A span with an overlap count of two or more is assigned to one of its
-own contributors, so that one of the images need not travel. Cells of equal spans are taken by decreasing work and cut
-into blocks of rows (one for each contributor, as far as there are rows); the contributor with the least work so far
-gets the first block.
-When: sparse images of compact bricks on up to some tens of ranks: no pixel moves that is not merged, and the merging is
-balanced by what really overlaps.
-When not: dense images, where it is direct send; many ranks, where spans become short: each span of a row is a transfer
-of its own, 10⁵ of them on 64 ranks with cubes at 2048×2048.
+What: the rows of the picture are cut into spans where the set of images that cover them changes. A span that one rank
+covers alone is never sent. Any other span is assigned to one of its contributors, so that one of the images need not
+travel. Cells of equal spans are taken by decreasing work and cut into blocks of rows, up to one for each contributor;
+the contributor with the least work gets the first block.
+When: sparse images of compact bricks on up to some tens of ranks: only pixels that are merged move, and merging is
+balanced by the real overlap.
+When not: dense images, where it is direct send; many ranks: each short span of a row is a transfer of its own, 10⁵ on
+64 ranks with cubes at 2048×2048.
 Cost: 1 round; a message for each pair of ranks that share a span, n(n − 1) at most; Σ (k_s − 1)·len_s pixels over spans
-of k_s contributors, which is (n − 1)·P for dense images.
-Limits: any number of ranks and pixels. Several partial images a rank: any number, in any order of depth, since spans do
-not depend on neighbours in depth; a rank with several images in a span is one contributor.
-Reference: A. Stompel, K.-L. Ma, E. B. Lum, J. Ahrens, J. Patchett, "SLIC: scheduled linear image compositing for
-parallel volume rendering", IEEE symposium on parallel and large-data visualization and graphics, 2003.
+of k_s contributors.
+Limits: any number of partial images a rank, in any order of depth. A rank with several images in a span is one
+contributor.
+Reference: A. Stompel et al., "SLIC: scheduled linear image compositing for parallel volume rendering", PVG 2003.
 """
 
 from __future__ import annotations
