@@ -58,14 +58,15 @@ TEXT = """# Predicted compositing times, from 2 to 65,536 ranks
 
 Written by `python docs/make_composite_times.py` from predictions of `clusterviz simulate`: {width}x{height} pixels of
 {bytes} bytes (float32), without the final gather, at 2, 3, 4, 6, 8, 12, … ranks. In the upper row every rank covers the
-picture; in the lower row each has a brick of a cube. SLIC of sparse images is simulated up to {slic:,} ranks. The
-[time model](../concepts/time-model.md) assumes that all links are used at once at full speed; a crowded network is slower.
+picture; in the lower row each has a brick of a cube. SLIC of sparse images is simulated up to {slic:,} ranks. The [time
+model](../concepts/time-model.md) assumes that all links are used at once at full speed; a crowded network is slower.
 """
 
 LESSON = """Dense images take about as long with every algorithm in which all ranks work, since all send the same bytes.
-The number of messages makes the difference: n² are too many on many ranks. For sparse images, algorithms that move no pixel
-twice (direct send, SLIC) get faster with more ranks, until their messages count. At 3·2^k ranks the fold makes binary swap
-up to {fold:.1f} times as slow as 2-3 swap. Serial and tree work on whole images; they suit two or three ranks.
+The number of messages makes the difference: n² are too many on many ranks. For sparse images, algorithms that move no
+pixel twice (direct send, SLIC) get faster with more ranks, until their messages count. At 3·2^k ranks the fold makes
+binary swap up to {fold:.1f} times as slow as 2-3 swap. Serial and tree work on whole images; they suit two or three
+ranks.
 
 ## Networks
 

@@ -22,24 +22,24 @@ SIZE = (4096, 4096)
 
 HEAD = """# Compositing
 
-Each rank draws a part of the data. Compositing merges these partial images, front to back, into one picture. An algorithm
-is a schedule: transfers of pixels between ranks, in rounds. The [time model](time-model.md) chooses one, unless
-`cluster.compositing` names it. The [compositor](compositor.md) sends the pixels.
+Each rank draws a part of the data. Compositing merges these partial images, front to back, into one picture. An
+algorithm is a schedule: transfers of pixels between ranks, in rounds. The [time model](time-model.md) chooses one,
+unless `cluster.compositing` names it. The [compositor](compositor.md) sends the pixels.
 
-Below, n is the number of ranks and P the number of pixels. All algorithms work for any number of ranks and pixels. Dense
-images cover the whole picture; for them, all algorithms send (n − 1)·P pixels in total, because each pixel needs n − 1
-merges. Counts do not include the final gather. This page is written by `python docs/make_compositing.py`, from the
-docstrings of the algorithms and counts of their schedules.
+Below, n is the number of ranks and P the number of pixels. All algorithms work for any number of ranks and pixels.
+Dense images cover the whole picture; for them, all algorithms send (n − 1)·P pixels in total, because each pixel needs
+n − 1 merges. Counts do not include the final gather. This page is written by `python docs/make_compositing.py`, from
+the docstrings of the algorithms and counts of their schedules.
 """
 
 FOOTPRINTS = """## Sparse images
 
-If each rank has a brick of a cube, seen along its diagonal, its image covers a part of the picture, and only the bounding
-rectangle of its pixels is sent. Pixels sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
+If each rank has a brick of a cube, seen along its diagonal, its image covers a part of the picture, and only the
+bounding rectangle of its pixels is sent. Pixels sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
 """
 
-BALANCE = """Direct send chooses the borders of its pieces by the footprints. For these borders and others, the pixels that the busiest
-rank receives, divided by P, with the messages of all ranks in brackets:
+BALANCE = """Direct send chooses the borders of its pieces by the footprints. For these borders and others, the pixels
+that the busiest rank receives, divided by P, with the messages of all ranks in brackets:
 """
 
 

@@ -1,7 +1,7 @@
 """Constants of the time model, and the files that hold them.
 
-The file that `clusterviz bench network` saved is used, else one of the package. docs/time-model.md explains the
-constants, and compares predictions with measurements.
+The file that `clusterviz bench network` saved is used, else one of the package. docs/concepts/time-model.md explains
+the constants.
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ def open_network(name: str) -> Network:
         allowed = f"a JSON file, or {', '.join(shipped_networks())}"
         raise InputError("no such network file", where=name, found=error.strerror, allowed=allowed) from None
     except ValueError as error:
-        raise InputError("not a JSON file", where=name, found=error, allowed="as in docs/time-model.md") from None
+        allowed = "the keys of docs/concepts/time-model.md"
+        raise InputError("not a JSON file", where=name, found=error, allowed=allowed) from None
     known = [field.name for field in fields(Network)]
     if not isinstance(found, dict) or not set(REQUIRED) <= set(found) <= set(known):
         keys = ", ".join(found) if isinstance(found, dict) else type(found).__name__

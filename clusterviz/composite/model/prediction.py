@@ -1,6 +1,6 @@
 """Predicted time of compositing: the communication cost of an algorithm in the time model.
 
-docs/time-model.md describes the model, and compares predictions with measured times.
+docs/concepts/time-model.md describes the model; docs/measurements/compositing.md compares it with measured times.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Forecast of frame times on up to 65,536 ranks.
 
-Compositing follows the time model (docs/time-model.md), which `auto` uses too, with the measured canvas and the
-measured cover of a rank's image. One of n parts of a volume covers about n^(-2/3) of the canvas, as the bricks of a
+Compositing follows the time model (docs/concepts/time-model.md), which `auto` uses too, with the measured canvas and
+the measured cover of a rank's image. One of n parts of a volume covers about n^(-2/3) of the canvas, as the bricks of a
 cube do; the constant is that of the largest measured count.
 
 Drawing is linear in the samples of the slowest rank, fitted to all ranks with a core or GPU of their own. The samples
