@@ -2,7 +2,7 @@
 
     python benchmarks/balance_loop.py --scene head --json F        a table a path, as CSV with --csv
     python benchmarks/balance_loop.py --ways dynamic --bricks 8 16 8-32   bricks of one size, and of 8 to 32
-    python benchmarks/balance_loop.py plot F G -o docs/balance.svg   the orbits of such files
+    python benchmarks/balance_loop.py plot F G -o docs/measurements/balance.svg   the orbits of such files
 
 Ranks are threads of this process, so times mean nothing here, and bound nothing; samples are as on a cluster. The scene
 is seen from all sides (*orbit*), over a quarter there and back and there again (*to and fro*), and from near after one

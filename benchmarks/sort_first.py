@@ -2,7 +2,7 @@
 
     mpirun -n 8 python benchmarks/sort_first.py figure --scene head --json F     every way to share, by real ranks
     python benchmarks/sort_first.py orbit --scene sparse --ranks 8 --json F      by what one rank counts, frame by frame
-    python benchmarks/sort_first.py plot F G -o docs/sort-first.svg              two files of `figure`
+    python benchmarks/sort_first.py plot F G -o docs/measurements/sort-first.svg   two files of `figure`
 
 Samples are exact and the same in every run; processor time is of drawing, all threads of a rank's process.
 """
@@ -34,6 +34,7 @@ from clusterviz.partition.screen import (
     ScreenPartition,
     adapt,
     build_cuts,
+    carried,
     coarse_plan,
     cost_map_of_blocks,
     interleaved_tiles,
@@ -153,10 +154,10 @@ def loads(mosaic: ScreenPartition, cost: CostMap) -> list[float]:
     return [sum(cost.total(window) for window in windows) for windows in mosaic.rects]
 
 
-def scheduled(plan: Plan, cost: CostMap, ranks: int, side: int) -> list[float]:
+def scheduled(expected: CostMap, cost: CostMap, ranks: int, side: int) -> list[float]:
     """The samples of each rank, if whoever has least takes the next tile."""
     found = [0.0] * ranks
-    for tile in tile_queue(expected_map(plan), side):
+    for tile in tile_queue(expected, side):
         found[int(np.argmin(found))] += cost.total(tile)
     return found
 
@@ -164,16 +165,17 @@ def scheduled(plan: Plan, cost: CostMap, ranks: int, side: int) -> list[float]:
 def orbit_table(name: str, size: int, ranks: int, frames: int) -> list[dict[str, Any]]:
     """What the busiest ranks cost in all frames of a whole turn, over an even share of all samples."""
     scene, source = scene_of(name, size)
-    weights, last, tree, total = (1,) * ranks, None, None, 0.0
+    weights, last, expected, tree, total = (1,) * ranks, None, None, None, 0.0
     busiest: dict[str, list[float]] = {}
     for plan, cost, estimate, extra in Counting(frames_of(scene, source, 360.0, frames), source).maps():
         z, y, x = plan.layout.shape_zyx
         extent = (x - 1.0, y - 1.0, z - 1.0)
-        tree = adapt(tree, last) if tree and last else build_cuts(expected_map(plan), weights)
+        before, expected = expected, expected_map(plan)
+        tree = adapt(tree, carried(last, before, expected)) if tree and last and before else build_cuts(expected, weights)
         size, found = plan.view.size, {"temporal": loads(tree.partition(), cost)}
         found |= {f"interleaved, {n}": loads(interleaved_tiles(size, ranks, n), cost) for n in (64, 32, 16)}
         found |= {f"pattern × {n}": loads(pattern_tiles(plan.view, extent, ranks, 8, n), cost) for n in (1, 3, 5)}
-        found |= {"scheduled, 32": scheduled(plan, cost, ranks, 32)}
+        found |= {"scheduled, 32": scheduled(expected, cost, ranks, 32)}
         counted = loads(build_cuts(estimate, weights).partition(), cost)
         found |= {"estimated": [load + extra / ranks for load in counted]}
         for way, samples in found.items():
