@@ -171,7 +171,9 @@ def orbit_table(name: str, size: int, ranks: int, frames: int) -> list[dict[str,
         z, y, x = plan.layout.shape_zyx
         extent = (x - 1.0, y - 1.0, z - 1.0)
         before, expected = expected, expected_map(plan)
-        tree = adapt(tree, carried(last, before, expected)) if tree and last and before else build_cuts(expected, weights)
+        tree = (
+            adapt(tree, carried(last, before, expected)) if tree and last and before else build_cuts(expected, weights)
+        )
         size, found = plan.view.size, {"temporal": loads(tree.partition(), cost)}
         found |= {f"interleaved, {n}": loads(interleaved_tiles(size, ranks, n), cost) for n in (64, 32, 16)}
         found |= {f"pattern × {n}": loads(pattern_tiles(plan.view, extent, ranks, 8, n), cost) for n in (1, 3, 5)}
