@@ -44,9 +44,7 @@ STYLES = {
 }
 OVERTAKEN = (
     ("dense", "direct-send", "radix-k"),
-    ("dense", "parallel-pipeline", "radix-k"),
     ("cubes", "direct-send", "radix-k"),
-    ("cubes", "direct-send", "slic"),
     ("cubes", "direct-send", "2-3-swap"),
 )
 # Seconds by number of ranks.

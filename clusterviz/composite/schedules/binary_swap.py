@@ -3,11 +3,10 @@
 What: in round k ranks pair up at distance 2^k; each keeps one half of its range and sends the other. If n is not a
 power of two, n − 2^d ranks first send their whole image to the neighbour in front ("fold") and drop out.
 When: tens to thousands of ranks with dense images: few messages, and all ranks work.
-When not: sparse images, of which direct send moves fewer bytes; n just above a power of two, where the fold moves whole
-images.
+When not: sparse images, of which direct send moves fewer bytes; n just above a power of two, because of the fold.
 Cost, n = 2^d: d rounds, n·d messages; a rank sends and receives (1 − 1/n)·P. With r = n − 2^d folded: one more round, r
-+ d·2^d messages; a rank sends at most P and receives at most (2 − 2^−d)·P.
-Limits: one partial image a rank, or several that are adjacent in depth.
++ d·2^d messages; a rank receives at most (2 − 2^−d)·P.
+Limits: one partial image a rank, or several adjacent in depth.
 Reference: K.-L. Ma et al., "Parallel volume rendering using binary-swap compositing", IEEE CG&A 14(4), 1994. On
 folding: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018.
 """

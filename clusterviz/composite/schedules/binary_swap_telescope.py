@@ -1,15 +1,14 @@
 """Telescoped binary swap: blocks of 2^d ranks swap separately, then each smaller block sends its ranges to a larger.
 
-What: n is cut into blocks whose sizes are its binary digits, largest first (13 = 8 + 4 + 1). Each block does a binary
-swap. The smallest block, which is ready first, sends its pieces to the next larger one, and so on, until the largest
-has the picture.
+What: the ranks are cut into blocks of powers of two (13 = 8 + 4 + 1). Each block does a binary swap, then the smallest
+sends its pieces to the next larger one, and so on, until the largest has the picture.
 When: numbers of ranks that are no power of two: only the smallest block may send whole images.
-When not: a power of two, where it is binary swap; sparse images, of which direct send moves fewer bytes.
-Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds, because sends between blocks overlap with swaps in larger ones; Σ
-d_i·2^d_i messages in swaps, and Σ 2^d_i over all blocks but the smallest between blocks; a rank sends at most P.
-Limits: one partial image a rank, or several that are adjacent in depth.
-Reference: K. Moreland, "Comparing binary-swap algorithms for odd factors of processes", LDAV 2018; K. Moreland et al.,
-"An image compositing solution at scale", SC 2011.
+When not: a power of two, where it is binary swap; sparse images.
+Cost, n = Σ 2^d_i, d the largest d_i: d + 1 rounds, because sends between blocks overlap with swaps; Σ d_i·2^d_i
+messages in swaps, and Σ 2^d_i over all blocks but the smallest between blocks; a rank sends at most P.
+Limits: one partial image a rank, or several adjacent in depth.
+Reference: K. Moreland, LDAV 2018, as for binary swap; K. Moreland et al., "An image compositing solution at scale", SC
+2011.
 """
 
 from __future__ import annotations

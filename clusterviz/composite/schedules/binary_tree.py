@@ -4,7 +4,7 @@ What: a reduction tree in visibility order; position 0 ends with the picture.
 When: few ranks, small pictures, or expensive messages: no algorithm sends fewer.
 When not: large pictures on many ranks: after round k only n/2^k ranks work, on whole images.
 Cost: ⌈log₂ n⌉ rounds, n − 1 messages; a rank sends P and receives up to ⌈log₂ n⌉·P.
-Limits: one partial image a rank, or several that are adjacent in depth.
+Limits: one partial image a rank, or several adjacent in depth.
 Reference: C. D. Shaw et al., "Anti-aliasing issues in image composition", Eurographics workshop on graphics hardware,
 1991.
 """

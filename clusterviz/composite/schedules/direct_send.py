@@ -1,15 +1,13 @@
 """Direct send: every rank owns one piece of the picture and receives that piece from all others at once.
 
-What: each of the n ranks owns one of n pieces. Their borders give each piece the same number of covered pixels. Pieces
-are assigned from top to bottom to the ranks whose own images lie there, so that a rank keeps much of what it owns. With
-b bands, the canvas is cut into b·n bands of rows instead, assigned round robin. With m owners, m evenly spaced ranks
-own pieces, and the others only send.
-When: up to some tens of ranks, and sparse images on any number: no pixel moves twice, and a rank sends nothing to the
-owner of a piece that its footprint does not touch.
+What: each of the n ranks owns one of n pieces. Each piece has the same number of covered pixels, and is assigned to a
+rank whose own image lies there. With b bands, b·n bands of rows are assigned round robin instead. With m owners, m
+evenly spaced ranks own pieces.
+When: up to some tens of ranks, and sparse images on any number: no pixel moves twice, and nothing is sent to owners of
+pieces outside the footprint.
 When not: dense images on hundreds of ranks: the number of messages grows with n².
 Cost: 1 round, n(n − 1) messages; a rank sends and receives (1 − 1/n)·P. With m owners, m(n − 1) messages; a rank sends
-at most P, an owner receives (n − 1)/m·P. Bands balance as well as weighted borders, and better for images with holes,
-but nearly every rank then sends to every other.
+at most P, an owner receives (n − 1)/m·P. Bands balance images with holes better, but need more messages.
 Limits: any number of partial images a rank, in any order of depth. With more ranks than pixels, some own nothing.
 Reference: W. M. Hsu, "Segmented ray casting for data parallel volume rendering"; U. Neumann, "Parallel volume-rendering
 algorithm performance on mesh-connected multicomputers"; both Parallel Rendering Symposium 1993.

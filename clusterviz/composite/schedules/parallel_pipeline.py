@@ -1,14 +1,14 @@
 """Parallel pipeline: n pieces travel at once, each from neighbour to neighbour towards its owner.
 
 What: rank f owns piece f of n. The piece starts at both neighbours of its owner and moves outwards from rank to rank,
-each merging its own pixels. From either end of the line it is sent back to the owner. Only neighbours in depth are
-merged, and a rank sends and receives at most two pieces in a round.
+each merging its own pixels. From the ends of the line it is sent back to the owner. A rank sends and receives at most
+two pieces in a round.
 When: rings and meshes of machines with good links to neighbours; very large pictures.
 When not: many ranks on a switched network: each of n − 1 rounds waits for the one before.
 Cost: n − 1 rounds, n(n − 1) messages; a rank sends and receives (1 − 1/n)·P.
-Limits: one partial image a rank, or several that are adjacent in depth.
+Limits: one partial image a rank, or several adjacent in depth.
 Reference: T.-Y. Lee et al., "Image composition schemes for sort-last polygon rendering on 2D mesh multicomputers", IEEE
-TVCG 2(3), 1996. There all pieces move one way, and inner ranks receive a whole P; moving both ways evens this out.
+TVCG 2(3), 1996. There all pieces move one way, and inner ranks receive P.
 """
 
 from __future__ import annotations

@@ -2,12 +2,11 @@
 
 What: each rank receives a batch from its neighbour behind, merges its own pixels in front of it, and sends it on. Rank
 0 ends with the picture.
-When: ranks that finish drawing one after the other from back to front; links to neighbours only. No gather is needed.
+When: ranks that finish from back to front; links to neighbours only. No gather is needed.
 When not: latency matters: the last batch passes through all ranks.
 Cost: n − 1 rounds for one batch, n − 2 + batches for several; batches·(n − 1) messages; a rank sends and receives P.
-Limits: one partial image a rank. By default there is a batch for each 16,384 pixels, 32 at most.
-Reference: the plain form of T.-Y. Lee et al., "Image composition schemes for sort-last polygon rendering on 2D mesh
-multicomputers", IEEE TVCG 2(3), 1996.
+Limits: one partial image a rank; by default a batch for each 16,384 pixels, 32 at most.
+Reference: T.-Y. Lee et al., IEEE TVCG 2(3), 1996, as for the parallel pipeline.
 """
 
 from __future__ import annotations

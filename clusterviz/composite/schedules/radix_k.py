@@ -2,14 +2,13 @@
 
 What: n is factored into k₁·k₂·…; in round i, groups of k_i ranks cut their range into k_i pieces and direct-send them
 to each other. k = [n] is direct send, k = [2, 2, …] is binary swap; larger factors mean fewer rounds and more messages.
-If a factor leaves a remainder, the ranks at the end of a group only send to its last set of k, and drop out.
-When: tens to thousands of ranks, with k matched to the network: 8 is a good start if several messages can be under way
-at once.
+The ranks of a remainder only send, and drop out.
+When: tens to thousands of ranks; k = 8 is a good start on networks that carry several messages at once.
 When not: sparse images on few ranks (direct send moves less); networks with expensive messages (binary swap).
 Cost, n = Π k_i: one round for each k_i, n·Σ(k_i − 1) messages; a rank sends and receives (1 − 1/n)·P. With remainders
 M(m) = (m − r)(k − 1) + k·r + k·M(⌊m/k⌋) messages, r = m mod k, M(1) = 0; a rank sends at most P.
 Limits: any k_i of which rounded-down division makes 1 of n, by default factors up to 8; one partial image a rank, or
-several that are adjacent in depth.
+several adjacent in depth.
 Reference: T. Peterka et al., "A configurable algorithm for parallel image-compositing applications", SC 2009; W.
 Kendall et al., "Accelerating and benchmarking radix-k image compositing at large scale", EGPGV 2010.
 """

@@ -1,11 +1,9 @@
 """SLIC: spans that several images cover are assigned to ranks that cover them; all other pixels stay where they are.
 
 What: the rows of the picture are cut into spans where the set of images that cover them changes. A span that one rank
-covers alone is never sent. Any other span is assigned to one of its contributors, so that one of the images need not
-travel. Cells of equal spans are taken by decreasing work and cut into blocks of rows, up to one for each contributor;
-the contributor with the least work gets the first block.
-When: sparse images of compact bricks on up to some tens of ranks: only pixels that are merged move, and merging is
-balanced by the real overlap.
+covers alone is never sent. Others are assigned to one of their contributors. Blocks of rows with equal spans are
+assigned by decreasing work, each to the contributor with the least work.
+When: sparse images of compact bricks on up to some tens of ranks: only pixels that are merged move.
 When not: dense images, where it is direct send; many ranks: each short span of a row is a transfer of its own, 10⁵ on
 64 ranks with cubes at 2048×2048.
 Cost: 1 round; a message for each pair of ranks that share a span, n(n − 1) at most; Σ (k_s − 1)·len_s pixels over spans

@@ -1,14 +1,13 @@
 """2-3 swap: binary swap for any number of ranks, in groups of two or three, with no rank idle.
 
-What: the ranks are the leaves, at depth ⌊log₂ n⌋, of a tree with groups of two (three where n = 2^k − 1). In each stage
-the children of a node merge: its m ranks cut the picture anew into m pieces. The order of assignment puts a rank's new
-piece inside its old one, so that it only sends pixels. Every rank works in every stage.
-When: numbers of ranks that are no power of two, with dense images; balanced where the fold and the remainders are not.
-When not: a power of two, where it is binary swap; sparse images, of which direct send moves fewer bytes. The simpler
-variants are often as fast (Moreland 2018).
+What: the ranks are the leaves, at depth ⌊log₂ n⌋, of a tree with groups of two or three. In each stage the m ranks
+below a node cut the picture into m pieces, such that the new piece of a rank lies inside its old one.
+When: numbers of ranks that are no power of two, with dense images; the work is balanced.
+When not: a power of two, where it is binary swap; sparse images. The simpler variants are often as fast (Moreland
+2018).
 Cost: ⌊log₂ n⌋ rounds, at most 2n·⌊log₂ n⌋ messages (16 at 5 ranks, 1356 at 127, 13,400 at 1000); a rank sends P without
 its own piece and receives at most 1.11·P.
-Limits: one partial image a rank, or several that are adjacent in depth.
+Limits: one partial image a rank, or several adjacent in depth.
 Reference: H. Yu et al., "Massively parallel volume rendering using 2-3 swap image compositing", SC 2008.
 """
 
