@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.balance.dynamic import Policy, begin, land, learn, steer
-from clusterviz.balance.expected import expected_samples
-from clusterviz.balance.migration import dispatch
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.summary import summarise
+from clusterviz.distribution.balancer import Policy, begin, land, learn, plan_moves
+from clusterviz.distribution.expected_cost import expected_samples
+from clusterviz.distribution.flights import dispatch
 from clusterviz.image.replace import replacing
 from clusterviz.partition import (
     Owners,
@@ -93,7 +93,7 @@ def dynamic(
     balance = begin(costs[0] + 1e-9 * model if views else model, ranks, held, policy, places[0])
     for cost, eye, place in zip(costs, eyes, places, strict=True):
         expected = cost if views else model
-        balance = steer(balance, expected, policy, place)
+        balance = plan_moves(balance, expected, policy, place)
         planned = [flight.brick for flight in balance.migration.flights if flight.stage == "planned"]
         owners = balance.migration.owners
         look(row, owners, cost, eye, len(planned) * BRICK_BYTES)

@@ -37,13 +37,13 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Options
-from clusterviz.frame.share import Share
+from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
-from clusterviz.render.drawn import SQUARE, Drawn, footprint
+from clusterviz.render.render_result import SQUARE, RenderResult, footprint
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.animation import orbit
@@ -72,20 +72,20 @@ class Passing:
 
     def __init__(self, ranks: int, way: str) -> None:
         self._way = way
-        self._share: Share | None = None
+        self._share: RankWork | None = None
         self._levels: list[NDArray[np.int64]] = []
-        self._drawn: dict[tuple[int, int], Drawn] = {}
+        self._drawn: dict[tuple[int, int], RenderResult] = {}
         self._chosen: list[tuple[PartialImage, int]] = []
         self._last: list[Seen] = []
         self._before = threading.Barrier(ranks, self._assume, 300)
         self._after = threading.Barrier(ranks, self._choose, 300)
         self.bounds: list[float] = []
 
-    def draw(self) -> Callable[[Drawing, Share], tuple[list[PartialImage], RankFrame]]:
+    def draw(self) -> Callable[[Drawing, RankWork], tuple[list[PartialImage], RankFrame]]:
         """In place of `Drawing.draw`."""
 
-        def draw(drawing: Drawing, share: Share) -> tuple[list[PartialImage], RankFrame]:
-            self._share, drawing.work = share, []
+        def draw(drawing: Drawing, share: RankWork) -> tuple[list[PartialImage], RankFrame]:
+            self._share, drawing.sample_counts = share, []
             self._before.wait()
             mine = [at for at, piece in enumerate(share.pieces) if piece.rank == drawing._run.channel.rank]
             for at in mine:

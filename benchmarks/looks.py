@@ -23,11 +23,11 @@ from clusterviz.data.source import Source
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.gl.context import open_context
 from clusterviz.partition import Piece, build_tree, leaf_pieces
-from clusterviz.plan.look import margin_of
+from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.choice import Device, egl_device, on_processor
+from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.scene import Scene, VolumeInfo, complete_scene
 from clusterviz.scene.values import ImageSettings, Volume
 

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.balance import dynamic
-from clusterviz.balance.migration import Migration, withdraw
-from clusterviz.balance.rebalance import Move
 from clusterviz.comm import Channel, open_channel
 from clusterviz.data.samples import fetch_sample
+from clusterviz.distribution import balancer
+from clusterviz.distribution.flights import Migration, withdraw
+from clusterviz.distribution.rebalance import Move
 from clusterviz.frame import FrameLoop
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import orbit
@@ -67,7 +67,7 @@ class Forced:
 def frames(channel: Channel, options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Each frame's times and bytes; the first of a block without moves are left out while bricks still come."""
     forced = Forced(options.bricks)
-    vars(dynamic).update(rebalance=forced.moves, hand_over=forced.given_up)
+    vars(balancer).update(rebalance=forced.moves, hand_over=forced.given_up)
     scene = load_scene(EXAMPLE, [f"volumes.0.path={fetch_sample('mni152')}"])
     keys = {"size": (options.size, options.size), "brick": options.brick, "distribution": "dynamic"}
     with FrameLoop(with_settings(scene, keys | {"migration_share": options.share}), channel) as loop:

@@ -26,8 +26,8 @@ from clusterviz.data.source import Source
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
 from clusterviz.plan.plan import Plan
+from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.scene.values import ImageSettings, Quality, Scene, Volume
 
 WAVES = {"path": "waves", "cmap": "viridis", "clim": (20, 230), "opacity": ((20, 0.0), (120, 0.0), (230, 0.2))}

@@ -26,13 +26,13 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Index
 from clusterviz.data.summary import VolumeSummary, summarise
-from clusterviz.frame.choice import distribution_of
-from clusterviz.frame.holding import Holding
+from clusterviz.distribution.memory_budget import MemoryBudget
+from clusterviz.distribution.select import distribution_of
 from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
 from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.vectors.caster import VectorCaster
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 BRICKS = (3, 5, 8, 11, 16, 24)
@@ -125,7 +125,7 @@ def deal(draw: Draw, plan: Plan) -> tuple[Piece, ...]:
     """The pieces of all ranks."""
     if draw.distribution != "scattered":
         cluster = Cluster(distribution=draw.distribution)  # type: ignore[arg-type]
-        return distribution_of(cluster, draw.ranks, 1, Holding(), True).deal(plan)
+        return distribution_of(cluster, draw.ranks, 1, MemoryBudget(), True).assign(plan)
     owner = np.random.default_rng(draw.seed).integers(0, draw.ranks, plan.layout.counts_zyx).astype(np.int32)
     return owner_pieces(Owners(draw.ranks, owner), plan.view.eye_point, plan.view.forward, plan.layout.brick)
 

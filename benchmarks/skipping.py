@@ -24,13 +24,13 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.gl.context import open_context
 from clusterviz.image import compare
 from clusterviz.plan.plan import Plan, brick_cost
-from clusterviz.render import residence
+from clusterviz.render import brick_atlas
 from clusterviz.render.choice import Device, egl_device, on_processor
-from clusterviz.render.drawn import Drawn
+from clusterviz.render.cpu import caster as vectors
+from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
+from clusterviz.render.render_result import RenderResult
 from clusterviz.render.storage import Slot
-from clusterviz.render.vectors import caster as vectors
-from clusterviz.render.vectors.caster import VectorCaster
 
 CORTEX = [(40.0, 0.0), (60.0, 0.0), (100.0, 0.04), (140.0, 0.25), (220.0, 0.7)]
 SPARSE = [(0.0, 0.0), (0.6, 0.0), (0.7, 0.5), (1.0, 0.9)]
@@ -46,7 +46,7 @@ def every_group(ranges: Any, plan: Plan) -> NDArray[np.bool_]:
     return np.ones(ranges[0].shape, bool)
 
 
-def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> Drawn:
+def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> RenderResult:
     """One picture."""
     on_cpu = on_processor(plan, device)
     caster = VectorCaster(plan) if on_cpu else Raycaster(open_context(device=egl_device(device)), plan)
@@ -59,19 +59,19 @@ def measure(path: str, volume: dict[str, Any], size: int, device: Device) -> dic
     """One scene with and without leaping."""
     source = open_source(path, None)
     plan, bricks = planned(path, source, (0.0, 1.0), size, {"volume": volume})
-    leaping = drawn(plan, bricks, device)
+    skipping = drawn(plan, bricks, device)
     every = replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool)))
     with (
-        patch.object(residence, "visibility_bits", all_visible),
+        patch.object(brick_atlas, "visibility_bits", all_visible),
         patch.object(vectors, "visible_groups", every_group),
     ):
         whole = drawn(every, bricks, device)
     pictures = [np.zeros((size, size, 4), np.float32) for _ in range(2)]
-    for picture, each in zip(pictures, (leaping, whole), strict=True):
+    for picture, each in zip(pictures, (skipping, whole), strict=True):
         rect = each.partial.rect
         picture[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end] = each.partial.rgba
-    samples = {"samples": leaping.samples, "samples_without": whole.samples, "share": leaping.samples / whole.samples}
-    return samples | {"bricks": leaping.bricks, "bricks_without": whole.bricks, "max": compare(*pictures).max}
+    samples = {"samples": skipping.samples, "samples_without": whole.samples, "share": skipping.samples / whole.samples}
+    return samples | {"bricks": skipping.bricks, "bricks_without": whole.bricks, "max": compare(*pictures).max}
 
 
 def main() -> None:

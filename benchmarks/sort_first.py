@@ -23,9 +23,9 @@ from clusterviz.data import open_source
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
+from clusterviz.distribution.sort_first import expected_map
 from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.tiling import expected_map
 from clusterviz.image.replace import replacing
 from clusterviz.partition import Piece
 from clusterviz.partition.screen import (
@@ -142,11 +142,16 @@ class Counting:
                 share = loop._share
                 assert share is not None
                 assert share.plan is not None
-                cost = cost_map_of_blocks(scene.image.size, drawing.work)
+                cost = cost_map_of_blocks(scene.image.size, drawing.sample_counts)
                 coarse = coarse_plan(share.plan)
                 pieces = tuple(Piece(piece.rank, piece.box, piece.bricks) for piece in share.pieces)
                 _, counts = drawing.draw(replace(share, plan=coarse, pieces=pieces))
-                yield share.plan, cost, cost_map_of_blocks(scene.image.size, drawing.work, COARSE), counts.samples
+                yield (
+                    share.plan,
+                    cost,
+                    cost_map_of_blocks(scene.image.size, drawing.sample_counts, COARSE),
+                    counts.samples,
+                )
 
 
 def loads(mosaic: ScreenPartition, cost: CostMap) -> list[float]:

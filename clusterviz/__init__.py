@@ -86,7 +86,7 @@ def render(
     **settings
         Scene keys by their last names: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5, position=(5, 0, 0),
         background="black", brick=32; `clusterviz schema` lists them. Keys of a volume apply to the first one; other
-        volumes need the full path, as in **{"volumes.1.cmap": "hot"}. A section is a dict or a value:
+        volumes need the full path, as in ``**{"volumes.1.cmap": "hot"}``. A section is a dict or a value:
         camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)).
 
     Returns

@@ -12,7 +12,7 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
-from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame, share
+from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame, work
 from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
@@ -229,7 +229,7 @@ def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypa
         noted = lambda *a, name=name, right=right, **k: (done.append(name), right(*a, **k))[1]  # noqa: E731
         monkeypatch.setattr(drawing, name, noted)
     read = opening.read_bricks
-    for reader in (opening, share):
+    for reader in (opening, work):
         monkeypatch.setattr(reader, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
     draw_all(scenes, LoopbackChannel())

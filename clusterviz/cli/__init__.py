@@ -139,7 +139,7 @@ def run(arguments: Sequence[str]) -> int:
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
     try:
-        application = _application(arguments)
+        application = command_line(arguments)
         if not gc.isenabled():
             gc.freeze()
             gc.enable()
@@ -151,7 +151,7 @@ def run(arguments: Sequence[str]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _application(arguments: Sequence[str]) -> typer.Typer:
+def command_line(arguments: Sequence[str]) -> typer.Typer:
     """Return the typer application; only commands named in the arguments are imported."""
     application = typer.Typer(
         help="Distributed volume rendering: the same picture on any number of ranks.",

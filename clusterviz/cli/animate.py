@@ -17,7 +17,7 @@ from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_start
 from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options
-from clusterviz.report.leaping import Leaping, together
+from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import Scene, open_scene
@@ -85,8 +85,8 @@ def command(
     if channel.rank == 0:
         seconds = time.perf_counter() - began
         print_info(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
-        if movie.leaping:
-            print_info(f"leaping: {movie.leaping}")
+        if movie.frame_coherence:
+            print_info(f"leaping: {movie.frame_coherence}")
 
 
 def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
@@ -113,7 +113,7 @@ class _Animation:
         self._channel, self._files, self._tracing, self._keep = channel, files, tracing, keep
         self._thread = WriterThread() if files else None
         self.statistics: list[FrameStatistics] = []
-        self.leaping: Leaping | None = None
+        self.frame_coherence: FrameCoherence | None = None
 
     def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
         """Draw the missing frames; collective."""
@@ -133,7 +133,7 @@ class _Animation:
                 if following:
                     progress(following)
                 self._tracing.add(rendered.spans)
-                self.leaping = together((self.leaping, rendered.statistics.leaping))
+                self.frame_coherence = together((self.frame_coherence, rendered.statistics.frame_coherence))
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)
 

@@ -19,7 +19,7 @@ from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError, InputError
 from clusterviz.image.replace import remove_leftovers
-from clusterviz.render.vectors.width import processor_name
+from clusterviz.render.cpu.width import processor_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
 
 if TYPE_CHECKING:

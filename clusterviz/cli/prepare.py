@@ -22,10 +22,10 @@ from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
 from clusterviz.kernels.objects import folder, object_path, read_code
-from clusterviz.render.vectors.kernel import Kernel
-from clusterviz.render.vectors.machine_code import compiled, sources
-from clusterviz.render.vectors.transfer.pieces import CAPACITIES, MOST
-from clusterviz.render.vectors.width import host_width
+from clusterviz.render.cpu.kernel import Kernel
+from clusterviz.render.cpu.machine_code import compiled, sources
+from clusterviz.render.cpu.transfer.pieces import CAPACITIES, MOST
+from clusterviz.render.cpu.width import host_width
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
 """Function that compiles and caches a kernel, and its arguments."""

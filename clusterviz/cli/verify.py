@@ -152,7 +152,7 @@ def command(
         ],
         parse_names(distributions, DISTRIBUTIONS, "--distributions"),
     )
-    if opened.quality.leaping:
+    if opened.quality.frame_coherence:
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
@@ -176,7 +176,7 @@ def command(
 def _has_fixed_sample_count(scene: Scene) -> bool:
     """Return whether the number of samples is independent of the configuration: no ray starts late or ends early."""
     quality = scene.quality
-    changing = quality.leaping or quality.early_termination > 0 or quality.max_error is not None
+    changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
     return not changing and all(volume.blending == "composite" for volume in scene.volumes)
 
 

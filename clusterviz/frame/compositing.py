@@ -1,4 +1,4 @@
-"""From the partial images of all ranks to the picture on rank 0, and what that cost."""
+"""Compositing a frame: from the partial images of all ranks to the picture on rank 0, and its costs."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ from clusterviz.composite import (
     rounding_bound,
 )
 from clusterviz.errors import ClustervizError
-from clusterviz.frame.run import Image, Run
-from clusterviz.frame.share import Share
+from clusterviz.frame.run import Image, Rendered, Run
+from clusterviz.frame.work import DrawnFrame, RankWork
 from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
 from clusterviz.render.projection import finish_projection
 from clusterviz.report.decisions import Change
-from clusterviz.report.statistics import RankFrame
+from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
+from clusterviz.scene.visibility import visibility_warnings
 
 CHECK_TOLERANCE = 1e-5
 
@@ -51,52 +52,52 @@ class Compositing:
         self._tiles: TileCollector | None = None
 
     def picture(
-        self, share: Share, partials: Sequence[PartialImage], counts: RankFrame
+        self, work: RankWork, partials: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
         """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
-        run, pixel = self._run, share.scene.quality.pixel
+        run, pixel = self._run, work.scene.quality.pixel
         if pixel != "float32":
-            with run.together("kernels", "kernels"):
+            with run.collective("kernels", "kernels"):
                 compile_kernels(run.channel)
             with run.clock.stage("encode", "round"):
                 partials = [rounded(partial, pixel) for partial in partials]
-        if share.mode == "sort-first":
-            return self._collected(share, partials, counts)
-        if share.mode == "hybrid":
+        if work.mode == "sort-first":
+            return self._collected(work, partials, counts)
+        if work.mode == "hybrid":
             # The windows of a rank do not overlap, and no rank of its group lies in front in one and behind in another.
-            partials = [joined(partials)] if run.channel.rank in share.order else []
-        compositor = self._compositor = self._compositor or self._open(share)
-        with run.together("composite"):
+            partials = [joined(partials)] if run.channel.rank in work.order else []
+        compositor = self._compositor = self._compositor or self._open(work)
+        with run.collective("composite"):
             began = perf_counter()
-            composed, counters = compositor.composite(partials, share.order)
-            image = self._finished(share, composed)
+            composed, counters = compositor.composite(partials, work.order)
+            image = self._finished(work, composed)
             counts = self._counted(began, counters, counts)
-            self._tell(share.scene.cluster.compositing, counters)
+            self._tell(work.scene.cluster.compositing, counters)
             if not self._several:
                 self.close()
         if run.options.check:
-            self._check(share, partials, share.order, image)
+            self._check(work, partials, work.order, image)
         return image, counts
 
     def _collected(
-        self, share: Share, tiles: Sequence[PartialImage], counts: RankFrame
+        self, work: RankWork, tiles: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
         """Tiles that do not overlap need no blending, whatever the look."""
-        run, channel, codec = self._run, self._run.channel, share.scene.cluster.codec
-        with run.together("composite"):
+        run, channel, codec = self._run, self._run.channel, work.scene.cluster.codec
+        with run.collective("composite"):
             # One frame is over before it is learnt which codec pays.
             codec = "raw" if codec == "auto" and not self._several else codec
-            size, pixel = share.scene.image.size, share.scene.quality.pixel
+            size, pixel = work.scene.image.size, work.scene.quality.pixel
             if self._tiles is None or self._tiles.pixel != pixel:
                 self._tiles = TileCollector(channel, size, codec=codec, pixel=pixel)
             began = perf_counter()
             collected, counters = self._tiles.collect(tiles)
-            image = self._finished(share, collected)
+            image = self._finished(work, collected)
             counts = self._counted(began, counters, counts)
         if run.options.check:
-            with run.together("check", "check"):
+            with run.collective("check", "check"):
                 each = channel.allgather(len(tiles))
-            self._check(share, tiles, [rank for rank, count in enumerate(each) for _ in range(count)], image)
+            self._check(work, tiles, [rank for rank, count in enumerate(each) for _ in range(count)], image)
         return image, counts
 
     def _counted(self, began: float, counters: CompositeCounters, counts: RankFrame) -> RankFrame:
@@ -127,41 +128,72 @@ class Compositing:
             self._compositor.close()
             self._compositor = None
 
-    def _open(self, share: Share) -> Compositor:
-        cluster, size, channel = share.scene.cluster, share.scene.image.size, self._run.channel
-        with self._run.together("kernels", "kernels"):
+    def _open(self, work: RankWork) -> Compositor:
+        cluster, size, channel = work.scene.cluster, work.scene.image.size, self._run.channel
+        with self._run.collective("kernels", "kernels"):
             compile_kernels(channel)
-        with self._run.together("composite"):
+        with self._run.collective("composite"):
             # One frame is over before it is learnt which codec pays.
             codec = "raw" if cluster.codec == "auto" and not self._several else cluster.codec
             algorithm, transport = cluster.compositing, cluster.transport
-            operator = _operator(share)
+            operator = _operator(work)
             return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport, operator=operator)
 
-    def _finished(self, share: Share, composed: NDArray[Any] | None) -> Image | None:
+    def _finished(self, work: RankWork, composed: NDArray[Any] | None) -> Image | None:
         """The picture of merged pixels, in memory of its own: the compositor's changes with the next frame."""
         if composed is None:
             return None
-        if share.plan is None or composed.dtype != np.float32:
+        if work.plan is None or composed.dtype != np.float32:
             return as_floats(composed)
         with self._run.clock.stage("finish", "project"):
-            finished = finish_projection(share.plan, composed)
+            finished = finish_projection(work.plan, composed)
         return composed.copy() if finished is composed else finished
 
-    def _check(self, share: Share, partials: Sequence[PartialImage], order: Sequence[int], image: Image | None) -> None:
+    def _check(
+        self, work: RankWork, partials: Sequence[PartialImage], order: Sequence[int], image: Image | None
+    ) -> None:
         """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
-        with self._run.together("check", "check"):
-            channel, pixel = self._run.channel, share.scene.quality.pixel
-            piece, _ = composite(partials, order, channel, "serial", "raw", _operator(share))
-            plain = self._finished(share, collect(piece, share.scene.image.size, channel))
-        with self._run.alone("check", "check"):
+        with self._run.collective("check", "check"):
+            channel, pixel = self._run.channel, work.scene.quality.pixel
+            piece, _ = composite(partials, order, channel, "serial", "raw", _operator(work))
+            plain = self._finished(work, collect(piece, work.scene.image.size, channel))
+        with self._run.local("check", "check"):
             if image is not None and plain is not None:
                 bound = 0.0 if pixel == "float32" else rounding_bound(pixel, len(order))
                 difference = compare(image, plain, max(CHECK_TOLERANCE, bound))
                 if difference.count:
-                    name = share.scene.cluster.compositing
+                    name = work.scene.cluster.compositing
                     raise ClustervizError(f"{name} and serial compositing disagree: {difference}")
 
 
-def _operator(share: Share) -> Operator:
-    return share.plan.look.operator if share.plan else "over"
+def _operator(work: RankWork) -> Operator:
+    return work.plan.blend_mode.operator if work.plan else "over"
+
+
+def finish_frame(run: Run, compositing: Compositing, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
+    """The picture, on rank 0, which has been handed to whoever writes it; collective."""
+    image, counts = compositing.picture(drawn.work, drawn.partials, drawn.counts)
+    with run.local("write", "finish"):
+        if image is not None:
+            run.options.write(image, drawn.work.scene, drawn.number)
+    return image, counts
+
+
+def gather_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFrame) -> Rendered:
+    """Bring together what a frame cost, by the run's clock, which begins anew; collective.
+
+    Rank 0 warns of what is not seen, of each thing once in a run.
+    """
+    clock = run.start_frame()
+    counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
+    told = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
+    per_rank, is_blank, scene = tuple(counts for counts, _ in told), told[0][1], drawn.work.scene
+    reasons = visibility_warnings(scene, drawn.facts, is_blank)
+    for about in [about for about in reasons if about not in run.warned]:
+        run.warned.add(about)
+        if run.channel.rank == 0:
+            warnings.warn(reasons[about], stacklevel=2)
+    said = (drawn.changes, tuple(reasons.values()))
+    statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy, drawn.sharing, *said)
+    kept = drawn if run.options.keep_drawn else None
+    return Rendered(image, scene, statistics, tuple(clock.spans or ()), kept)

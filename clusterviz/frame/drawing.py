@@ -12,21 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
-from clusterviz.frame.opening import load_bricks
-from clusterviz.frame.parcel import stamp_of
+from clusterviz.frame.opening import Opened, load_bricks
 from clusterviz.frame.run import Run
-from clusterviz.frame.several import Opened
-from clusterviz.frame.share import Share
+from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
-from clusterviz.report.leaping import together
+from clusterviz.render.stored_brick import stamp_of
+from clusterviz.report.frame_coherence import together
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
     from clusterviz.plan.plan import Plan
-    from clusterviz.render.drawn import Drawn
-    from clusterviz.render.lasting import LastingCaster
-    from clusterviz.render.stored import Stored
+    from clusterviz.render.render_result import RenderResult
+    from clusterviz.render.renderer_cache import RendererCache
+    from clusterviz.render.stored_brick import Stored
 
 
 class Drawing:
@@ -39,23 +38,23 @@ class Drawing:
     Attributes
     ----------
     work : where this rank took how many samples when it drew last: the rectangle of each piece, and counts as
-        `Drawn.work`
+        `RenderResult.work`
     """
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._caster: LastingCaster | None = None
-        self.work: list[tuple[Rect, NDArray[np.uint32]]] = []
+        self._caster: RendererCache | None = None
+        self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
         self._taken: dict[Index, tuple[int, Stored]] = {}
 
-    def bring(self, opened: Opened, share: Share) -> None:
+    def bring(self, opened: Opened, work: RankWork) -> None:
         """Compile, read and upload what is not there; collective."""
-        from clusterviz.render.lasting import LastingCaster
+        from clusterviz.render.renderer_cache import RendererCache
 
-        run, plan, holds = self._run, share.plan, share.holds
+        run, plan, holds = self._run, work.plan, work.holds
         if plan is None:
             return
-        caster = self._caster = self._caster or LastingCaster(share.scene.cluster.memory_limit)
+        caster = self._caster = self._caster or RendererCache(work.scene.cluster.memory_limit)
         caster.keep(holds)
         taken = self._taken_for(plan, holds)
         missing = caster.missing(plan, holds) - taken.keys()
@@ -64,15 +63,15 @@ class Drawing:
             caster.put(plan, taken)
             return
         bricks = load_bricks(run, opened, plan, missing, holds)
-        with run.together("context", "context"):
+        with run.collective("context", "context"):
             place = run.channel.placement()
-        with run.alone("context", "context"):
+        with run.local("context", "context"):
             if holds:
                 caster.open(plan, place.local_rank, run.options.device)
-        with run.alone("shaders", "shaders"):
+        with run.local("shaders", "shaders"):
             if holds:
                 caster.compile(plan)
-        with run.alone("upload", "load"):
+        with run.local("upload", "load"):
             caster.load(plan, bricks)
             caster.put(plan, taken)
 
@@ -87,18 +86,18 @@ class Drawing:
         """Bricks that are here, as they lie in GPU memory."""
         return self._caster.stored(bricks) if self._caster else {}
 
-    def draw(self, share: Share) -> tuple[list[PartialImage], RankFrame]:
+    def draw(self, work: RankWork) -> tuple[list[PartialImage], RankFrame]:
         """This rank's partial images, front to back."""
         run = self._run
-        with run.alone("render"):
-            pieces = share.pieces_of(run.channel.rank)
-            self.work = []
-            if self._caster is None or share.plan is None:
+        with run.local("render"):
+            pieces = work.pieces_of(run.channel.rank)
+            self.sample_counts = []
+            if self._caster is None or work.plan is None:
                 return [], RankFrame({})
             began, processor = perf_counter(), process_time()
-            drawn = self._caster.draw(share.plan, pieces, partial(run.options.progress, "render"))
+            drawn = self._caster.draw(work.plan, pieces, partial(run.options.progress, "render"))
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - processor)
-            self.work = [(each.partial.rect, each.work) for each in drawn]
+            self.sample_counts = [(each.partial.rect, each.work) for each in drawn]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)
                 began = run.clock.add_span("readback", began, each.seconds_readback)
@@ -116,9 +115,11 @@ class Drawing:
         asked = stamp_of(plan)
         return {brick: stored for brick, (stamp, stored) in taken.items() if brick in holds and stamp == asked}
 
-    def _counted(self, drawn: Sequence[Drawn]) -> RankFrame:
+    def _counted(self, drawn: Sequence[RenderResult]) -> RankFrame:
         held = self._caster.held if self._caster else {}
         occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
-        leaping = together(each.leaping for each in drawn)
-        return RankFrame({}, **held, bricks_drawn=bricks, bricks_occluded=occluded, samples=samples, leaping=leaping)
+        frame_coherence = together(each.frame_coherence for each in drawn)
+        return RankFrame(
+            {}, **held, bricks_drawn=bricks, bricks_occluded=occluded, samples=samples, frame_coherence=frame_coherence
+        )

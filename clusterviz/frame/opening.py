@@ -1,9 +1,13 @@
-"""Opening volumes: each rank reads an equal share of their bricks, and all learn what they hold; later, bricks."""
+"""Opening volumes, and reading their bricks.
+
+Each rank reads an equal share of the bricks. All ranks learn what the volumes hold. Later frames read the bricks that
+they miss.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
-from dataclasses import replace
+from collections.abc import Iterator, Sequence, Set
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,18 +15,146 @@ from numpy.typing import NDArray
 
 from clusterviz.data import open_volume, override_grid
 from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index, Source
-from clusterviz.data.summary import VolumeSummary, summarise
+from clusterviz.data.summary import VolumeSummary, block_sides, summarise
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
-from clusterviz.frame.several import Opened, OpenedVolumes
-from clusterviz.frame.share import Bricks, OpenedVolume
 from clusterviz.partition import bricks_of, build_tree, refined_edges
-from clusterviz.plan.look import LARGEST_MARGIN, classification_of, margin_of
-from clusterviz.plan.plan import Plan, brick_cost
+from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
+from clusterviz.plan.domain import make_domain
+from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
+from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
 from clusterviz.report.machine import memory
-from clusterviz.scene.complete import complete_scene
+from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.values import Scene
+
+Bricks = dict[Index, Any]
+"""By index the samples (z, y, x) of one volume, or the `MultiVolumeBrick` of several."""
+
+
+@dataclass(frozen=True)
+class OpenedVolume:
+    """A volume, ready to be planned for.
+
+    Attributes
+    ----------
+    source : where its voxels are
+    layout : how it is cut
+    summary : what it holds
+    held : bricks that this rank has read and may need, by index; not the same on every rank
+    """
+
+    source: Source
+    layout: BrickLayout
+    summary: VolumeSummary
+    held: Bricks
+
+    @property
+    def grid(self) -> Grid:
+        """In whose index space plans are."""
+        return self.source.grid
+
+    @property
+    def facts(self) -> tuple[VolumeInfo, ...]:
+        """What completing a scene needs to know."""
+        grid, summary, known = self.source.grid, self.summary, self.summary.categories
+        low, high = summary.value_range
+        percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
+        more: dict[str, Any] = {}
+        if known is not None and len(known.values):
+            commonest, equal = int(known.equal[known.counts.argmax()]), int(known.equal.sum())
+            more = {"values": known.values, "counts": known.counts}
+            more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
+            more["jump_share"] = known.jumps / max(1, known.pairs - equal)
+        facts = VolumeInfo(
+            grid.shape_zyx,
+            grid.spacing,
+            grid.corners,
+            *(low, high, percentile_1, percentile_99),
+            finite=int(summary.histogram.sum()),
+            orientation=grid.orientation,
+            is_integer=self.source.dtype.kind != "f",
+            histogram=summary.histogram,
+            blocks=summary.blocks,
+            block_sides=block_sides(grid.shape_zyx),
+            **more,
+        )
+        return (facts,)
+
+    @property
+    def range_type(self) -> np.dtype[Any]:
+        """Of what is known of groups of cells: the voxels'."""
+        return self.source.dtype
+
+    def plan(self, scene: Scene) -> Plan:
+        """One frame's decisions."""
+        return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+
+    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, Any]]:
+        """Bricks of a plan, from the source."""
+        return read_bricks(self.source, self.layout, wanted)
+
+    def fitting(self, plan: Plan) -> Bricks:
+        """What is held and was read as a plan asks for: all of it."""
+        return self.held
+
+
+@dataclass(frozen=True)
+class OpenedVolumes:
+    """What `OpenedVolume` is for one volume.
+
+    Attributes
+    ----------
+    volumes : in the order of the scene
+    held : bricks of the domain that this rank has read and may need, by index; not the same on every rank
+    """
+
+    volumes: tuple[OpenedVolume, ...]
+    held: Bricks
+
+    @property
+    def grid(self) -> Grid:
+        """In whose index space plans are."""
+        return make_domain([volume.grid for volume in self.volumes]).grid
+
+    @property
+    def facts(self) -> tuple[VolumeInfo, ...]:
+        """What completing a scene needs to know."""
+        return tuple(fact for volume in self.volumes for fact in volume.facts)
+
+    @property
+    def range_type(self) -> np.dtype[Any]:
+        """Of what is known of groups of cells."""
+        return np.dtype(np.float64)
+
+    def plan(self, scene: Scene) -> Plan:
+        """One frame's decisions."""
+        known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
+        return make_multi_volume_plan(scene, known)
+
+    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, MultiVolumeBrick]]:
+        """Bricks of a plan, from all sources: volume after volume, each passed once."""
+        if plan.multi_volume is None:
+            raise ValueError("the plan is not one of several volumes")
+        each = []
+        for volume, part in zip(self.volumes, plan.multi_volume.volume_layers, strict=True):
+            met = part.cut.bricks_met()
+            each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
+        for index in wanted:
+            yield (
+                index,
+                MultiVolumeBrick(index, tuple(samples.pop(index, None) for samples in each), plan.multi_volume.around),
+            )
+
+    def fitting(self, plan: Plan) -> Bricks:
+        """What is held and was read as a plan asks for."""
+        around = plan.multi_volume.around if plan.multi_volume else ()
+        return {index: portions for index, portions in self.held.items() if portions.around == around}
+
+
+Opened = OpenedVolume | OpenedVolumes
+
 
 HELD_SHARE_OF_MEMORY = 0.4
 MOST_BRICKS = 1 << 17
@@ -42,7 +174,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
     """
     if not scene.volumes:
         return None
-    with run.alone("open", "load"):
+    with run.local("open", "load"):
         sources = _sources(scene, source)
         margins = [
             LARGEST_MARGIN
@@ -55,9 +187,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
             for each, margin in zip(sources, margins, strict=True)
         ]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
-    with run.together("read", "load"):
+    with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
-    with run.alone("read", "load"):
+    with run.local("read", "load"):
         shares = [_equal_share(layout, run) for layout in layouts]
         samples = sum(
             len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * each.dtype.itemsize
@@ -65,14 +197,14 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
         )
         fits, three = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
         held = [dict(read_bricks(*one)) if fits else {} for one in three]
-    with run.together("summarise", "load"):
+    with run.collective("summarise", "load"):
         opened = tuple(
             OpenedVolume(one[0], one[1], _summary(run, *one, bricks if fits else None), bricks)
             for one, bricks in zip(three, held, strict=True)
         )
     if len(opened) > 1:
         return OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
-    with run.alone("plan", "plan"):
+    with run.local("plan", "plan"):
         return _with_larger_bricks(opened[0], scene, run.channel.size)
 
 
@@ -150,7 +282,7 @@ def load_bricks(run: Run, opened: Opened, plan: Plan, wanted: Set[Index], holds:
     wanted : which
     holds : those that may be asked for again, and are kept in memory where the options say so
     """
-    with run.alone("load", "load"):
+    with run.local("load", "load"):
         held = opened.fitting(plan)
         bricks = {index: held[index] for index in wanted & held.keys()}
         if run.options.keep_bricks:

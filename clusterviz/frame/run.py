@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
-from clusterviz.frame.share import DrawnFrame
+from clusterviz.frame.work import DrawnFrame
 from clusterviz.render.choice import Device
 from clusterviz.report.statistics import STAGES, Clock, FrameStatistics
 from clusterviz.report.trace import Span
@@ -103,7 +103,7 @@ class Run:
         return last
 
     @contextmanager
-    def alone(self, step: str, stage: str = "") -> Iterator[None]:
+    def local(self, step: str, stage: str = "") -> Iterator[None]:
         """A step in which no rank talks; at its end they agree on whether it failed, and do not time the waiting.
 
         Without a stage it is not timed here; likewise below.
@@ -113,14 +113,14 @@ class Run:
             yield
 
     @contextmanager
-    def together(self, step: str, stage: str = "") -> Iterator[None]:
+    def collective(self, step: str, stage: str = "") -> Iterator[None]:
         """A step in which ranks talk: one that fails ends the job."""
         self.options.progress(step)
         with abort_on_failure(self.channel, self.frame, step, self.options.debug), self._timed(step, stage):
             yield
 
     @contextmanager
-    def aside(self, stage: str) -> Iterator[None]:
+    def unreported(self, stage: str) -> Iterator[None]:
         """Frames that nobody will see: all that they do counts as one stage, and their bricks are kept for the next."""
         clock, options = self.clock, self.options
         self.clock = Clock()

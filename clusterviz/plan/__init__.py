@@ -19,22 +19,22 @@
 
 from __future__ import annotations
 
+from clusterviz.plan.blend_mode import BlendMode, make_blend_mode
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.look import Look, make_look
-from clusterviz.plan.plan import March, Plan, make_mixed_plan, make_plan
+from clusterviz.plan.plan import March, Plan, make_multi_volume_plan, make_plan
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 
 __all__ = [
+    "BlendMode",
     "Encoding",
-    "Look",
     "March",
     "Plan",
     "Segments",
     "View",
+    "make_blend_mode",
     "make_encoding",
-    "make_look",
-    "make_mixed_plan",
+    "make_multi_volume_plan",
     "make_plan",
     "make_segments",
     "make_view",

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.blend_mode import Classification, is_preintegrated
 from clusterviz.plan.estimate import (
     FASTEST,
     SLOWEST,
@@ -33,7 +34,6 @@ from clusterviz.plan.estimate import (
     logarithms,
     still_missing,
 )
-from clusterviz.plan.look import Classification, is_preintegrated
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
 

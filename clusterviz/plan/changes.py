@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from clusterviz.plan.look import LONGEST_SLAB, has_surfaces, is_lit, is_preintegrated, step_of
+from clusterviz.plan.blend_mode import LONGEST_SLAB, has_surfaces, is_lit, is_preintegrated, step_of
 from clusterviz.report.decisions import Change
 from clusterviz.scene.values import Scene
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.plan.look import Classification
+from clusterviz.plan.blend_mode import Classification
 
 WEIGHTS: dict[Classification, float] = {"post": 1.0, "pre-integrated": 1.8}
 """Time of a sample, measured (docs/measurements/accuracy.md)."""

@@ -14,29 +14,29 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.source import Index
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
-from clusterviz.plan.clip import clip_planes, clipped_bricks
-from clusterviz.plan.domain import make_domain
-from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.grading import make_grading
-from clusterviz.plan.lattice import slab_length, slab_units
-from clusterviz.plan.leaping import make_leaping
-from clusterviz.plan.look import (
-    Look,
+from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step
+from clusterviz.plan.blend_mode import (
+    BlendMode,
     is_graded,
     is_jittered,
     is_lit,
     is_preintegrated,
-    make_look,
+    make_blend_mode,
     margin_of,
     reach_of,
     spread_of,
     step_of,
 )
-from clusterviz.plan.mixture import KnownVolume, Mixture, make_mixture
+from clusterviz.plan.clip import clip_planes, clipped_bricks
+from clusterviz.plan.domain import make_domain
+from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.frame_coherence import make_frame_coherence
+from clusterviz.plan.grading import make_grading
+from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, make_multi_volume
 from clusterviz.plan.preintegration import make_preintegrated
+from clusterviz.plan.ray_sampling import slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_shading
-from clusterviz.plan.stretching import Stretching, make_stretching
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
@@ -73,9 +73,9 @@ class March:
     spread: int
     preintegrated: bool = False
     jittered: bool = False
-    stretching: Stretching | None = None
+    stretching: AdaptiveStep | None = None
     split: bool = False
-    leaping: int | None = None
+    frame_coherence: int | None = None
 
 
 @dataclass(frozen=True)
@@ -99,20 +99,20 @@ class Plan:
 
     view: View
     march: March
-    look: Look
+    blend_mode: BlendMode
     clip: NDArray[np.float64]
     encoding: Encoding
     transfer: TransferFunction
     segments: Segments
     layout: BrickLayout
     cost: NDArray[np.float64]
-    mixture: Mixture | None = None
+    multi_volume: MultiVolume | None = None
 
     @property
     def extent(self) -> tuple[float, float, float]:
         """Lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0."""
-        if self.mixture:
-            return self.mixture.domain.extent
+        if self.multi_volume:
+            return self.multi_volume.domain.extent
         z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
         return x, y, z
 
@@ -161,8 +161,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         make_shading(volume, scene.lights, grid, unit, planes if scene.clip.cap else None) if is_lit(volume) else None
     )
     grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
-    look = make_look(volume, transfer, shading, grading)
-    hidden = look.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
+    blend_mode = make_blend_mode(volume, transfer, shading, grading)
+    hidden = blend_mode.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
     step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
     units = slab_units(step_world, unit)
     preintegrated = is_preintegrated(volume, classification)
@@ -177,11 +177,11 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             spread_of(volume, classification, borders),
             preintegrated,
             is_jittered(volume, scene.quality.jitter),
-            make_stretching(volume, scene.quality, grid, transfer),
+            make_adaptive_step(volume, scene.quality, grid, transfer),
             preintegrated and borders == "split",
-            make_leaping(scene, [grid], step_world),
+            make_frame_coherence(scene, [grid], step_world),
         ),
-        look,
+        blend_mode,
         planes,
         make_encoding(dtype, transfer.domain),
         transfer,
@@ -196,7 +196,7 @@ def shows_more(plan: Plan, dealt: NDArray[np.float64] | None) -> bool:
     return dealt is None or bool(np.any((plan.cost > 0) & (dealt == 0)))
 
 
-def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
+def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
     """Decide one frame of several volumes.
 
     Parameters
@@ -212,8 +212,12 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
     quality = scene.quality
     step = min(step_of(volume, quality.step, quality.classification) for volume in scene.volumes)
     step_world = slab_length(step, make_domain([known.grid for known in volumes]).grid)
-    mixture, cost = make_mixture(scene, volumes, step_world)
-    first, grid, layout = mixture.ingredients[0], mixture.domain.grid, mixture.ingredients[0].cut.layout
+    multi_volume, cost = make_multi_volume(scene, volumes, step_world)
+    first, grid, layout = (
+        multi_volume.volume_layers[0],
+        multi_volume.domain.grid,
+        multi_volume.volume_layers[0].cut.layout,
+    )
     planes = clip_planes(scene.clip, grid)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
@@ -225,16 +229,16 @@ def make_mixed_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
             reach=0,
             spread=0,
             jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes),
-            leaping=make_leaping(scene, [known.grid for known in volumes], step_world),
+            frame_coherence=make_frame_coherence(scene, [known.grid for known in volumes], step_world),
         ),
-        Look("composite"),
+        BlendMode("composite"),
         planes,
         first.encoding,
         first.transfer,
         first.segments,
         layout,
         np.where(clipped_bricks(planes, layout), 0.0, cost),
-        mixture,
+        multi_volume,
     )
 
 

@@ -21,14 +21,14 @@ from clusterviz.errors import InputError
 from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
-from clusterviz.reference.ingredients import Body
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.mixture import march_mixture
+from clusterviz.reference.multi_volume import march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, pixel_shifts, to_index_space
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
+from clusterviz.reference.volume_layers import Body
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 
@@ -42,7 +42,7 @@ def render_reference(
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
     step: float | None = None,
 ) -> Floats:
-    """Ray cast the scene's volume; `mixture.py` handles several.
+    """Ray cast the scene's volume; `multi_volume.py` handles several.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. With jitter, t0 lies a fraction of h in front of the box, and the first slab is cut

@@ -15,8 +15,8 @@ from clusterviz.gl.devices import ENVIRONMENT, egl_devices
 from clusterviz.plan.plan import Plan
 
 if TYPE_CHECKING:
+    from clusterviz.render.cpu.caster import VectorCaster
     from clusterviz.render.raycast import Raycaster
-    from clusterviz.render.vectors.caster import VectorCaster
 
 Device = int | Literal["cpu"] | None
 """What a user asks to draw on: an EGL device by its index, the processor, or what is best."""
@@ -38,7 +38,7 @@ def prefers_processor(device: Device = None, environment: Mapping[str, str] | No
 
 def on_processor(plan: Plan, device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
     """Whether a rank draws a plan without OpenGL."""
-    from clusterviz.render.vectors.kernel import can_draw
+    from clusterviz.render.cpu.kernel import can_draw
 
     return can_draw(plan) and prefers_processor(device, environment)
 
@@ -58,7 +58,7 @@ def egl_device(device: Device) -> int | None:
 
 def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Raycaster | VectorCaster:
     """The ray caster of a rank that needs no other one afterwards."""
-    from clusterviz.render.vectors.caster import VectorCaster
+    from clusterviz.render.cpu.caster import VectorCaster
 
     if on_processor(plan, device):
         return VectorCaster(plan)

@@ -10,8 +10,8 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
+from clusterviz.render.batches import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 from clusterviz.render.storage import Slot
-from clusterviz.render.windows import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 
 FRAME = np.dtype(
     [
@@ -66,7 +66,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
     # No ray ends where nothing is left out: ranks that do not know what is in front of them count the same samples.
-    record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.look.threshold
+    record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.blend_mode.threshold
     return record
 
 

@@ -26,7 +26,7 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if count < 2 or not plan.march.residual or plan.look.operator != "over" or piece.rect is not None:
+    if count < 2 or not plan.march.residual or plan.blend_mode.operator != "over" or piece.rect is not None:
         return [piece] if len(members) else []
     box = bounding_box(members)
     present = np.zeros(box.shape_zyx)

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import UNASSIGNED, Owners, bounding_box, visible_groups
 from clusterviz.plan.plan import Plan
+from clusterviz.render.brick_atlas import BrickAtlas
 from clusterviz.render.chunks import chunks_of
-from clusterviz.render.residence import Residence
 from clusterviz.render.storage import Slot
-from clusterviz.render.stored import Stored
+from clusterviz.render.stored_brick import Stored
 
 Index = tuple[int, int, int]
 T = TypeVar("T")
@@ -40,7 +40,7 @@ class BrickPool:
 
     def __init__(self, context: moderngl.Context, slot: Slot, capacity: int, most: int | None = None) -> None:
         self._context, self._slot, self._capacity, self._most = context, slot, capacity, most
-        self._residences: list[Residence] = []
+        self._residences: list[BrickAtlas] = []
         self._waiting: dict[Index, Callable[[], Stored]] = {}
 
     @property
@@ -89,7 +89,7 @@ class BrickPool:
             for index in wanted & residence.slots.keys():
                 residence.drop(index)
 
-    def parts(self, plan: Plan, bricks: NDArray[np.int64]) -> Iterator[tuple[Residence, NDArray[np.int64]]]:
+    def parts(self, plan: Plan, bricks: NDArray[np.int64]) -> Iterator[tuple[BrickAtlas, NDArray[np.int64]]]:
         """Bricks by where they are, in parts that can be drawn one behind the other.
 
         Parameters
@@ -124,7 +124,7 @@ class BrickPool:
         """Put those of them that wait."""
         self.put({index: self._waiting.pop(index) for index in bricks & self._waiting.keys()}, lambda _, make: make())
 
-    def _with_room(self, bricks: int) -> Residence:
+    def _with_room(self, bricks: int) -> BrickAtlas:
         """A residence with free slots: the last one, grown, or another."""
         last = self._residences[-1] if self._residences else None
         if last is not None and last.room - last.free + bricks <= self._capacity:
@@ -134,5 +134,5 @@ class BrickPool:
             room = max(room, last.room - last.free + bricks)
             self._residences[-1] = last.grown(room)
         else:
-            self._residences.append(Residence(self._context, self._slot, bricks))
+            self._residences.append(BrickAtlas(self._context, self._slot, bricks))
         return self._residences[-1]

@@ -26,8 +26,8 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     -------
     rgba : float32 (h, w, 4), premultiplied; composited pixels are returned as they are
     """
-    blending = plan.look.blending
-    if plan.look.operator == "over":
+    blending = plan.blend_mode.blending
+    if plan.blend_mode.operator == "over":
         return merged
     rgba = np.zeros(merged.shape, np.float32)
     hit = merged[..., 3] > 0

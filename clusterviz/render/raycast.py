@@ -24,20 +24,20 @@ from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
+from clusterviz.render.brick_atlas import capacity
 from clusterviz.render.coherence.last_frame import LastFrame
 from clusterviz.render.coherence.reprojection import prepare_reprojection
 from clusterviz.render.dispatch import Buffers, March
-from clusterviz.render.drawn import SQUARE, TELL_SECONDS, Drawn, PartOf, Tell, footprint, untold
 from clusterviz.render.frame_block import ONLY, frame_block
-from clusterviz.render.ingredients import joined_segments, mixture_blocks, mixture_tables
 from clusterviz.render.layers import layers_of
-from clusterviz.render.mixed_bricks import store_portions
+from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.pool import BrickPool
-from clusterviz.render.residence import capacity
+from clusterviz.render.render_result import SQUARE, TELL_SECONDS, PartOf, RenderResult, Tell, footprint, untold
 from clusterviz.render.starts import BINDING, Starts, starts_block
 from clusterviz.render.storage import slot_of
-from clusterviz.render.stored import store
+from clusterviz.render.stored_brick import store
 from clusterviz.render.variant import Variant, variant_of
+from clusterviz.render.volume_layers import joined_segments, multi_volume_blocks, multi_volume_tables
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
@@ -99,7 +99,7 @@ class Raycaster:
 
     def _compiled(self, variant: Variant) -> moderngl.ComputeShader:
         """A program, and what its rays need of the last frame."""
-        if variant.leaping:
+        if variant.frame_coherence:
             prepare_reprojection()
         return compile_compute(self._context, variant.source)
 
@@ -108,18 +108,18 @@ class Raycaster:
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `Portions` of several volumes, by index
+        bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
         """
         if bricks:
             self._last_frame.forget()
-        if plan.mixture is None:
+        if plan.multi_volume is None:
             # Where rays end early, no brick is stored before one comes to it.
-            later = plan.march.residual > 0 and plan.look.operator == "over"
+            later = plan.march.residual > 0 and plan.blend_mode.operator == "over"
             put = self.pool.put_later if later else self.pool.put
             put(bricks, lambda _, voxels: store(voxels, plan.encoding, self.slot))
         else:
-            mixture = plan.mixture
-            self.pool.put(bricks, lambda _, portions: store_portions(portions, mixture, self.slot))
+            multi_volume = plan.multi_volume
+            self.pool.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
@@ -127,7 +127,7 @@ class Raycaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[Drawn]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
         """Draw one frame's pieces: the bricks that they show are there.
 
         Parameters
@@ -142,31 +142,31 @@ class Raycaster:
         with Buffers(self._context) as buffers:
             segments = plan.segments
             own = segments.buckets, segments.records, segments.sums
-            table, rows, sums = joined_segments(plan.mixture) if plan.mixture else own
+            table, rows, sums = joined_segments(plan.multi_volume) if plan.multi_volume else own
             buffers.bind(4, table)
             records = buffers.make(_padded(rows, self._variant.block_bytes))
             records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
             if sums is not None:
                 buffers.bind(0, sums)
-            for binding, block in mixture_blocks(plan.mixture) if plan.mixture else ():
+            for binding, block in multi_volume_blocks(plan.multi_volume) if plan.multi_volume else ():
                 buffers.make(block).bind_to_uniform_block(binding)
-            for binding, texels in mixture_tables(plan.mixture) if plan.mixture else ():
+            for binding, texels in multi_volume_tables(plan.multi_volume) if plan.multi_volume else ():
                 buffers.table(texels).use(binding)
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
-            if plan.look.surfaces:
-                buffers.make(plan.look.surface_block()).bind_to_uniform_block(4)
-            if plan.look.shading:
-                buffers.make(plan.look.shading.block()).bind_to_uniform_block(2)
-            if plan.look.grading:
-                buffers.make(plan.look.grading.block()).bind_to_uniform_block(5)
-                if plan.look.grading.table is not None:
-                    buffers.table(plan.look.grading.table).use(1)
+            if plan.blend_mode.surfaces:
+                buffers.make(plan.blend_mode.surface_block()).bind_to_uniform_block(4)
+            if plan.blend_mode.shading:
+                buffers.make(plan.blend_mode.shading.block()).bind_to_uniform_block(2)
+            if plan.blend_mode.grading:
+                buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
+                if plan.blend_mode.grading.table is not None:
+                    buffers.table(plan.blend_mode.grading.table).use(1)
             return self._draw_pieces(plan, pieces, tell)
 
-    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], tell: Tell) -> list[Drawn]:
+    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], tell: Tell) -> list[RenderResult]:
         """Windows of the same bricks share their tables."""
-        drawn: list[Drawn] = []
+        drawn: list[RenderResult] = []
         count = length_hint(pieces)
         self._last_frame.next_frame()
         with ExitStack() as last:
@@ -176,10 +176,10 @@ class Raycaster:
                 part = PartOf(tell, number, count)
                 part(0.0)
                 if not layers or not rect.pixels:
-                    drawn.append(Drawn(blank()))
+                    drawn.append(RenderResult(blank()))
                     continue
-                leaps = plan.march.leaping is not None
-                starts = Starts.of(self._last_frame, plan, piece, rect) if leaps else None
+                skips = plan.march.frame_coherence is not None
+                starts = Starts.of(self._last_frame, plan, piece, rect) if skips else None
                 if len(layers) > 1:
                     drawn.append(self._draw_layers(plan, rect, layers, started, starts))
                 else:
@@ -188,14 +188,14 @@ class Raycaster:
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
                     drawn.append(self._draw_bands(plan, rect, tables, started, starts, part))
                 if starts:
-                    drawn[-1] = replace(drawn[-1], leaping=starts.finish(drawn[-1].partial.rgba[..., 3]))
+                    drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
 
     def _draw_bands(
         self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, tell: Tell
-    ) -> Drawn:
+    ) -> RenderResult:
         """A large picture from top to bottom, each band as high as is likely to be drawn within `TELL_SECONDS`."""
-        drawn: list[Drawn] = []
+        drawn: list[RenderResult] = []
         top, rows = rect.y_begin, rect.height
         if rect.pixels > MOST_PIXELS_AT_ONCE:
             rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
@@ -208,11 +208,13 @@ class Raycaster:
             top, rows = band.y_end, max(TILE, int(rows * TELL_SECONDS / (started - began)) // TILE * TILE)
         rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
         seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
-        return Drawn(PartialImage(rect, rgba), sum(each.samples for each in drawn), tables.bricks, *seconds, work)
+        return RenderResult(
+            PartialImage(rect, rgba), sum(each.samples for each in drawn), tables.bricks, *seconds, work
+        )
 
     def _draw_layers(
         self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Starts | None
-    ) -> Drawn:
+    ) -> RenderResult:
         """Layers that no ray reaches are left out, and where their bricks are not stored yet, they are not."""
 
         def reached(march: March) -> Iterator[_Tables]:
@@ -233,7 +235,7 @@ class Raycaster:
         started: float,
         starts: Starts | None = None,
         first: int = 1,
-    ) -> Drawn:
+    ) -> RenderResult:
         """Front to back: each part adds behind what the pixels hold; `first` is told of the first one."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
@@ -261,7 +263,7 @@ class Raycaster:
             work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
         seconds = rendered - started, perf_counter() - rendered
-        return Drawn(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work)
+        return RenderResult(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work)
 
     def release(self) -> None:
         """Give everything back to the driver."""

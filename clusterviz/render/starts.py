@@ -13,7 +13,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.coherence.last_frame import Bricks, LastFrame, depth_of
-from clusterviz.report.leaping import Leaping
+from clusterviz.report.frame_coherence import FrameCoherence
 
 STARTS = np.dtype(
     [
@@ -69,7 +69,7 @@ class Starts:
         self.told[:], self.hits[:] = planes[1], planes[2:]
         return bool(np.any(self.told == LATE))
 
-    def finish(self, opacity: NDArray[Any]) -> Leaping:
+    def finish(self, opacity: NDArray[Any]) -> FrameCoherence:
         """Say what became of all rays of a piece.
 
         Parameters
@@ -86,5 +86,5 @@ class Starts:
 def starts_block(plan: Plan, again: bool) -> NDArray[np.void]:
     """The record of the shader's block `starts`; `STARTS` (1,)."""
     block = np.zeros(1, STARTS)
-    block["depth"], block["offset"], block["again"] = depth_of(plan), plan.march.leaping, again
+    block["depth"], block["offset"], block["again"] = depth_of(plan), plan.march.frame_coherence, again
     return block

@@ -19,7 +19,7 @@ from clusterviz.plan.encoding import Encoding, VoxelKind
 from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
-HEADER_WORDS = 4  # a volume, in front of the parts of a brick of several; as in ingredient.glsl
+HEADER_WORDS = 4  # a volume, in front of the parts of a brick of several; as in volume_layer.glsl
 GROUP = 8  # cells along the side of a group, as in march.glsl
 STORED_TYPE: dict[VoxelKind, str] = {"u8": "u1", "u16": "<u2", "f32": "<f4"}
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
@@ -172,12 +172,12 @@ class Slot:
 def slot_of(plan: Plan) -> Slot:
     """Room for a brick of the plan's volume, or for what a brick of a domain needs of each volume."""
     slot = make_slot(plan.layout, plan.encoding, plan.march)
-    if plan.mixture is None:
+    if plan.multi_volume is None:
         return slot
     parts = (
         # Their cells hold what they reach; it is told so that bricks that reach farther are others.
         Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
-        for part in plan.mixture.ingredients
+        for part in plan.multi_volume.volume_layers
     )
     return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts))
 

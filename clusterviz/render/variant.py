@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.blend_mode import Blending
 from clusterviz.plan.grading import Table
-from clusterviz.plan.look import Blending
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.render.ingredients import VolumeVariant, mixture_files, volume_variants
 from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.starts import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
+from clusterviz.render.volume_layers import VolumeVariant, multi_volume_files, volume_variants
 
 PART_BYTES = 16  # a vec4
 MOST_MET = 21  # times that a slab of two voxels, which lies in seven cells, may meet one surface
@@ -84,7 +84,7 @@ class Variant:
     split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
     caps: int = 0
-    leaping: bool = False
+    frame_coherence: bool = False
 
     @property
     def source(self) -> ShaderSource:
@@ -109,7 +109,7 @@ class Variant:
             "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
             "GRADIENT": self._gradient,
             "STRETCH": "stretched.glsl" if self.slot.stretched else "even.glsl",
-            "STARTS": (STARTS_BLOCK, "starts.glsl") if self.leaping else "entries.glsl",
+            "STARTS": (STARTS_BLOCK, "starts.glsl") if self.frame_coherence else "entries.glsl",
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
@@ -117,7 +117,7 @@ class Variant:
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
             "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
-        return assemble("raycast.glsl", slots | (self._mixture if self.volumes else {}))
+        return assemble("raycast.glsl", slots | (self._multi_volume if self.volumes else {}))
 
     @property
     def _gradient(self) -> str:
@@ -126,12 +126,12 @@ class Variant:
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
-    def _mixture(self) -> dict[str, Files]:
+    def _multi_volume(self) -> dict[str, Files]:
         """What of the slots is other for several volumes: nothing samples one alone."""
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": mixture_files(self.volumes)}
+        return one | {"CLIP": ("kept.glsl", clip), "RUN": multi_volume_files(self.volumes)}
 
     @property
     def _record_bytes(self) -> int:
@@ -206,7 +206,7 @@ class Variant:
 
 def _surfaces(plan: Plan) -> int:
     """How many there are; a picture of surfaces that are all transparent still has a program."""
-    return max(len(plan.look.surfaces), int(plan.look.blending == "isosurface"))
+    return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.blending == "isosurface"))
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
@@ -216,11 +216,11 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     ----------
     uniform_bytes : the largest uniform block that the driver offers
     """
-    grading = plan.look.grading
-    volumes = volume_variants(plan.mixture, slot) if plan.mixture else ()
+    grading = plan.blend_mode.grading
+    volumes = volume_variants(plan.multi_volume, slot) if plan.multi_volume else ()
     records = (
-        sum(part.segments.records.nbytes for part in plan.mixture.ingredients)
-        if plan.mixture
+        sum(part.segments.records.nbytes for part in plan.multi_volume.volume_layers)
+        if plan.multi_volume
         else plan.segments.records.nbytes
     )
     fits = records <= uniform_bytes
@@ -230,18 +230,18 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.layout.brick,
         plan.segments.further_starts,
         uniform_bytes if fits else 0,
-        plan.look.blending,
-        len(plan.look.shading.lights) if plan.look.shading else 0,
+        plan.blend_mode.blending,
+        len(plan.blend_mode.shading.lights) if plan.blend_mode.shading else 0,
         len(plan.clip),
         _surfaces(plan),
         plan.march.preintegrated,
         grading.fading if grading else 0,
         grading.table_holds if grading else "",
-        bool(plan.look.shading and plan.look.shading.has_places),
-        plan.look.smooth,
+        bool(plan.blend_mode.shading and plan.blend_mode.shading.has_places),
+        plan.blend_mode.smooth,
         plan.march.jittered,
         plan.march.split,
         volumes,
-        len(plan.look.shading.caps) if plan.look.shading else 0,
-        plan.march.leaping is not None,
+        len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
+        plan.march.frame_coherence is not None,
     )

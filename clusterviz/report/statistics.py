@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from clusterviz.report.decisions import Accuracy, Change, Sharing
-from clusterviz.report.leaping import Leaping, together
+from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -75,7 +75,7 @@ class RankFrame:
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
     peak_memory_bytes : peak resident size of the process
     renderer : name of the renderer, as in OpenGL
-    leaping : statistics of frame coherence; None if quality.leaping is false
+    leaping : statistics of frame coherence; None if quality.frame_coherence is false
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """
@@ -94,7 +94,7 @@ class RankFrame:
     messages_sent: int = 0
     peak_memory_bytes: int = 0
     renderer: str = ""
-    leaping: Leaping | None = None
+    frame_coherence: FrameCoherence | None = None
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 
@@ -132,9 +132,9 @@ class FrameStatistics:
         return next((rank.renderer for rank in self.per_rank if rank.renderer), "")
 
     @property
-    def leaping(self) -> Leaping | None:
-        """Statistics of frame coherence on all ranks; None if quality.leaping is false."""
-        return together(rank.leaping for rank in self.per_rank)
+    def frame_coherence(self) -> FrameCoherence | None:
+        """Statistics of frame coherence on all ranks; None if quality.frame_coherence is false."""
+        return together(rank.frame_coherence for rank in self.per_rank)
 
     @property
     def imbalance(self) -> float:
@@ -174,7 +174,7 @@ class FrameStatistics:
             "sharing": asdict(self.sharing) if self.sharing else None,
             "changes": [asdict(change) for change in self.changes],
             "migration": self.migration,
-            "leaping": asdict(self.leaping) if self.leaping else None,
+            "frame_coherence": asdict(self.frame_coherence) if self.frame_coherence else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

@@ -94,7 +94,7 @@ class Settings(TypedDict, total=False):
     filter: Filter
     early_termination: float
     adaptive: float
-    leaping: bool
+    frame_coherence: bool
     max_error: float | None
     pixel: PixelFormat
     # Cluster

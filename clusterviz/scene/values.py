@@ -44,7 +44,7 @@ from clusterviz.scene.field_types import (
     Side,
     Vector,
 )
-from clusterviz.scene.leaping import check_leaping
+from clusterviz.scene.frame_coherence import check_frame_coherence
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
@@ -327,7 +327,7 @@ class Quality(Section):
         default=0.0,
         description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off.",
     )
-    leaping: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+    frame_coherence: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False,
         description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
         "composited volumes and isosurfaces; sort-last; what is thinner than a pixel may be missed for some frames.",
@@ -371,6 +371,6 @@ class Scene(Section):
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
         check_several_volumes(self.volumes, self.quality, self.cluster)
-        check_leaping(self.volumes, self.quality, self.cluster)
+        check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
         return self

@@ -60,9 +60,9 @@ def test_an_orbit_becomes_numbered_pictures(cli: Run, tmp_path: Path) -> None:
 
 def test_rays_that_start_by_the_last_frame_end_with_what_was_missed(cli: Run, tmp_path: Path) -> None:
     options = ("--orbit", "2", "--frames", "2", "--device", "cpu", "--stats", str(tmp_path / "s.json"))
-    outcome = animate(cli, tmp_path / "frame_%04d.png", *options, "-D", "quality.leaping=true")
+    outcome = animate(cli, tmp_path / "frame_%04d.png", *options, "-D", "quality.frame_coherence=true")
     assert (outcome.status, outcome.err) == (0, "")
-    first, second = (frame["leaping"] for frame in json.loads((tmp_path / "s.json").read_text())["frames"])
+    first, second = (frame["frame_coherence"] for frame in json.loads((tmp_path / "s.json").read_text())["frames"])
     assert not any(first.values())
     assert second["estimated"] + second["left_out"] + second["checked"] > 0
     assert f"leaping: {second['estimated']} rays started later, {second['left_out']} were left out" in outcome.out
@@ -266,7 +266,7 @@ def test_several_ranks_give_the_same_frames_and_a_failing_one_names_its_frame(cl
     events = json.loads((tmp_path / "t.json").read_text())["traceEvents"]
     assert {event["pid"] for event in events} == {0, 1, 2}
     (three / "f2.png").unlink()
-    ended = finish(failing(1, "clusterviz.render.lasting:LastingCaster.draw", "raise", 3, *command))
+    ended = finish(failing(1, "clusterviz.render.renderer_cache:LastingCaster.draw", "raise", 3, *command))
     assert ended.status == 1
     assert "rank 1, frame 2, render: ValueError: odd" in ended.err
     assert names(three) == ["f.animation.json", "f0.png", "f1.png"]

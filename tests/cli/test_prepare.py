@@ -14,7 +14,7 @@ import pytest
 from clusterviz.cli import prepare
 from clusterviz.cli.console import announce_compilation
 from clusterviz.kernels import objects
-from clusterviz.render.vectors.kernel import Kernel
+from clusterviz.render.cpu.kernel import Kernel
 
 
 def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_one_sample_too_many_is_named(cli: Callable[..., Any], pictures: dict[in
 def test_ways_that_a_scene_refuses_are_left_out(cli: Callable[..., Any], pictures: dict[int, tuple[Any, int]]) -> None:
     """Rays that start by the last frame are not drawn with a shared screen."""
     options = ("--ranks", "1,3", "--algorithms", "tree", "--no-reference", "--json")
-    outcome = cli("verify", *SCENE, *options, "-D", "quality.leaping=true")
+    outcome = cli("verify", *SCENE, *options, "-D", "quality.frame_coherence=true")
     assert (outcome.status, outcome.err) == (0, "")
     assert {each["configuration"]["mode"] for each in json.loads(outcome.out)["results"]} == {"sort-last"}
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from clusterviz.cli import run
-from clusterviz.frame import coherent
+from clusterviz.distribution import coherent
 from clusterviz.partition import BrickBox, BspTree, Leaf, Node, build_tree
 
 

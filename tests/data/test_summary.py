@@ -49,7 +49,7 @@ def summaries_of_ranks(array: NDArray[Any], brick: int, ranks: int) -> list[Volu
     return [result for result in results if result is not None]
 
 
-def check_same(one: VolumeSummary, other: VolumeSummary, bricks_too: bool = True) -> None:
+def check_equal(one: VolumeSummary, other: VolumeSummary, bricks_too: bool = True) -> None:
     np.testing.assert_array_equal(one.histogram, other.histogram)
     assert one.value_range == other.value_range
     assert one.percentiles == other.percentiles
@@ -101,7 +101,7 @@ def test_every_type_in_a_narrow_range(dtype: str) -> None:
 def test_any_array_against_numpy(array: NDArray[Any], brick: int) -> None:
     if np.isfinite(array).any():
         check_against_numpy(array, summary_of(array, brick))
-    check_same(summary_of(array, brick), summary_of(array, 2), bricks_too=False)
+    check_equal(summary_of(array, brick), summary_of(array, 2), bricks_too=False)
 
 
 @pytest.mark.parametrize(("dtype", "ranks"), [("u1", 40), ("i4", 3), ("f4", 2), ("f4", 7), ("f8", 3)])
@@ -112,7 +112,7 @@ def test_neither_ranks_nor_bricks_show(dtype: str, ranks: int) -> None:
         results = summaries_of_ranks(array, brick, ranks)
         assert len(results) == ranks
         for result in results:
-            check_same(result, alone, bricks_too=brick == 3)
+            check_equal(result, alone, bricks_too=brick == 3)
 
 
 def test_bricks_are_summarised_with_their_overlap() -> None:

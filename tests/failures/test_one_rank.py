@@ -26,7 +26,7 @@ STAGES = [
     ("open", 1, "clusterviz.frame.opening:open_volume"),
     ("read", 1, "clusterviz.frame.opening:read_bricks"),
     ("summarise", 1, "clusterviz.frame.opening:summarise"),
-    ("plan", 1, "clusterviz.frame.share:make_plan"),
+    ("plan", 1, "clusterviz.frame.work:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
@@ -58,7 +58,7 @@ MOVING = (
 @pytest.mark.parametrize("how", ["raise", "kill"])
 def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, how: str, tmp_path: Path) -> None:
     arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
-    ended = finish(failing(1, f"clusterviz.frame.parcel:Parcels.{place}", how, 3, *arguments), SECONDS)
+    ended = finish(failing(1, f"clusterviz.migration.wire_format:Parcels.{place}", how, 3, *arguments), SECONDS)
     assert ended.status != 0
     assert "Traceback" not in ended.err + ended.out
     if how == "raise":
@@ -69,7 +69,7 @@ def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, h
 
 def test_a_rank_that_decides_otherwise_ends_the_job_before_a_wrong_picture(tmp_path: Path) -> None:
     arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
-    ended = finish(failing(1, "clusterviz.frame.dynamic:expected_samples", "turn", 3, *arguments))
+    ended = finish(failing(1, "clusterviz.distribution.dynamic:expected_samples", "turn", 3, *arguments))
     messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
     assert (ended.status, len(messages)) == (1, 1)
     assert "rank 1, frame 0, compare: decides otherwise than the other ranks who draws what; all ranks" in messages[0]

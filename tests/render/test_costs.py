@@ -30,7 +30,8 @@ BRICK = 16
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
 PLAIN = (
-    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit even voxel_u8"
+    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit entries even "
+    "voxel_u8"
 )
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}

@@ -15,9 +15,9 @@ from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import raycast
-from clusterviz.render.drawn import Drawn
 from clusterviz.render.layers import MOST_LAYERS, layers_of
 from clusterviz.render.raycast import Raycaster
+from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
 
 OPAQUE, FAINT = "[[0.0, 0.9], [1.0, 1.0]]", "[[0.0, 0.001], [1.0, 0.001]]"
@@ -41,7 +41,7 @@ def whole(plan: Plan) -> Piece:
     return piece
 
 
-def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[Drawn, Raycaster]:
+def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[RenderResult, Raycaster]:
     caster = Raycaster(open_context(), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, [whole(plan)])

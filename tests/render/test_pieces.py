@@ -12,8 +12,8 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Owners, Piece, group_pieces, visible_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over
+from clusterviz.render.brick_atlas import capacity
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.residence import capacity
 
 pytestmark = pytest.mark.gl
 

@@ -40,7 +40,7 @@ def projected(
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
     boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
     drawn = [draw(context, prepared, box) if context else draw_on_processor(prepared, box) for box in boxes]
-    merged = merge_partials([part.partial for part in drawn], plan.view.size, plan.look.operator)
+    merged = merge_partials([part.partial for part in drawn], plan.view.size, plan.blend_mode.operator)
     return finish_projection(plan, merged), sum(part.samples for part in drawn)
 
 

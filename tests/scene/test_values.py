@@ -51,7 +51,7 @@ def test_numpy_numbers_and_arrays_are_taken() -> None:
     assert type(made.opacity) is float
 
 
-LEAPING = {"quality": {"leaping": True}}
+FRAME_COHERENCE = {"quality": {"frame_coherence": True}}
 BAD = [
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
     (volume(spacing=[1, 1]), "volumes[0].spacing", "[1, 1]", "a list, such as [0.5, 0.5, 1.2]"),
@@ -93,11 +93,31 @@ BAD = [
     (mixed() | {"quality": {"filter": "hardware"}}, "quality.filter: not for several", "hardware", "one volume"),
     (mixed() | {"quality": {"borders": "split"}}, "quality.borders: not for several", "split", "one volume"),
     (mixed() | {"quality": {"adaptive": 0.01}}, "quality.adaptive: not for several", "0.01", "one volume"),
-    (volume(blending="maximum") | LEAPING, "quality.leaping: not with blending: maximum", "true", "false"),
-    (LEAPING | {"cluster": {"mode": "sort-first"}}, "quality.leaping: not with cluster.mode: sort-first", "", "false"),
-    (LEAPING | {"cluster": {"groups": 2}}, "quality.leaping: not with cluster.groups", "", "false"),
-    ({"quality": {"leaping": True, "adaptive": 0.01}}, "quality.leaping: not with quality.adaptive", "", "false"),
-    ({"quality": {"leaping": True, "max_error": 0.01}}, "quality.leaping: not with settings", "", "false"),
+    (
+        volume(blending="maximum") | FRAME_COHERENCE,
+        "quality.frame_coherence: not with blending: maximum",
+        "true",
+        "false",
+    ),
+    (
+        FRAME_COHERENCE | {"cluster": {"mode": "sort-first"}},
+        "quality.frame_coherence: not with cluster.mode: sort-first",
+        "",
+        "false",
+    ),
+    (FRAME_COHERENCE | {"cluster": {"groups": 2}}, "quality.frame_coherence: not with cluster.groups", "", "false"),
+    (
+        {"quality": {"frame_coherence": True, "adaptive": 0.01}},
+        "quality.frame_coherence: not with quality.adaptive",
+        "",
+        "false",
+    ),
+    (
+        {"quality": {"frame_coherence": True, "max_error": 0.01}},
+        "quality.frame_coherence: not with settings",
+        "",
+        "false",
+    ),
     (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
     (volume(opacity=-0.5), "volumes[0].opacity", "-0.5", "at least 0"),
     (volume(opacity=NAN), "volumes[0].opacity", "NaN", "a finite number"),

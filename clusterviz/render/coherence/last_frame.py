@@ -21,7 +21,7 @@ from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.render.coherence.reprojection import Box, is_coherent, project, projection_of, reproject
-from clusterviz.report.leaping import BLOCK, BLOCKS, VISIBLE, Leaping
+from clusterviz.report.frame_coherence import BLOCK, BLOCKS, VISIBLE, FrameCoherence
 
 ALIKE = 4  # slabs between neighbouring hits on one surface
 SUSPECTED = 16  # frames in which rays start anew where something had been missed
@@ -94,14 +94,16 @@ class LastFrame:
         self._now[bricks] = Found(plan, rect, hits, drawn, suspects)
         return {"starts": starts, "hits": hits}
 
-    def finish(self, bricks: Bricks, missed: NDArray[np.float32], estimated: int, left_out: int, late: int) -> Leaping:
+    def finish(
+        self, bricks: Bricks, missed: NDArray[np.float32], estimated: int, left_out: int, late: int
+    ) -> FrameCoherence:
         """Remember where checked rays would have missed something, and say what became of all rays.
 
         Parameters
         ----------
         bricks : of a piece whose `arrays` were asked for and are written
         missed : float32 (rows, columns), what opacity checked rays gathered before their starts; -1 for other rays
-        estimated, left_out, late : numbers of rays, as in `Leaping`
+        estimated, left_out, late : numbers of rays, as in `FrameCoherence`
         """
         found = self._now[bricks]
         rows, columns = np.nonzero(missed > VISIBLE)
@@ -111,7 +113,7 @@ class LastFrame:
         self._now[bricks] = replace(found, suspects=np.concatenate([found.suspects, new]))
         told = missed[found.drawn[: missed.shape[0], : missed.shape[1]] & (missed >= 0.0)]
         wrong, error = int(np.count_nonzero(told > VISIBLE)), float(told.max(initial=0.0))
-        return Leaping(estimated, left_out, late, told.size, wrong, error)
+        return FrameCoherence(estimated, left_out, late, told.size, wrong, error)
 
     def _suspected(
         self, last: Found, plan: Plan, rect: Rect, shape: tuple[int, int]
@@ -148,7 +150,7 @@ def depth_of(plan: Plan) -> NDArray[np.float64]:
 
 def _still_holds(last: Plan, plan: Plan) -> bool:
     """Whether nothing but the camera is another; frames of which that is so share all else."""
-    names = ("march", "look", "clip", "encoding", "transfer", "segments", "layout", "cost", "mixture")
+    names = ("march", "blend_mode", "clip", "encoding", "transfer", "segments", "layout", "cost", "multi_volume")
     return all(getattr(last, name) is getattr(plan, name) for name in names)
 
 

@@ -94,7 +94,7 @@ def reproject(
     (last, view), (before, now) = views, rects
     width, height = last.size
     cut = before.x_begin == 0 or before.y_begin == 0 or before.x_end == width or before.y_end == height
-    found = _holding(hits[0, : before.height, : before.width]) if not cut else (0, 0, before.width, before.height)
+    found = _budget(hits[0, : before.height, : before.width]) if not cut else (0, 0, before.width, before.height)
     if found is None:
         return
     lenses = [matrix(each).ravel() for each in (last, view) for matrix in (rays_of, projection_of)]
@@ -119,7 +119,7 @@ def _numbers(rect: Rect) -> tuple[int, int, int, int]:
     return rect.x_begin, rect.y_begin, rect.width, rect.height
 
 
-def _holding(hits: NDArray[np.float32]) -> tuple[int, int, int, int] | None:
+def _budget(hits: NDArray[np.float32]) -> tuple[int, int, int, int] | None:
     """The rectangle (begin and end, x before y) of all that are no NaN, where there is one."""
     there = hits == hits
     columns, rows = (np.flatnonzero(there.any(axis=axis)) for axis in (0, 1))

@@ -20,7 +20,7 @@ from clusterviz.comm.placement import granted_cores
 from clusterviz.composite import Compositor
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
-from clusterviz.frame.share import DrawnFrame
+from clusterviz.frame.work import DrawnFrame
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.region import EMPTY
 from clusterviz.plan.plan import Plan
@@ -135,16 +135,16 @@ def measure(
             rendered.append(loop.frame(shown, number))
             cpu_seconds.append(process_time() - began)
     drawn, picture = rendered[-1].drawn, rendered[-1].image
-    if drawn is None or drawn.share.plan is None:
+    if drawn is None or drawn.work.plan is None:
         raise SceneError("nothing to measure", where="volumes", allowed="a scene with a volume")
-    algorithm, counted = _count(channel, drawn, drawn.share.plan)
+    algorithm, counted = _count(channel, drawn, drawn.work.plan)
     began = perf_counter()
     with agree(channel, count, "write"):
         if picture is not None:
-            write(picture, drawn.share.scene)
+            write(picture, drawn.work.scene)
     finish_seconds = perf_counter() - began
     with abort_on_failure(channel, count, "tell"):
-        mine = (cpu_seconds, _resources(channel, drawn, drawn.share.plan), counted, _covered_rect(drawn))
+        mine = (cpu_seconds, _resources(channel, drawn, drawn.work.plan), counted, _covered_rect(drawn))
         gathered = channel.allgather(mine)
     timed = [
         [_with_cpu(rank, of_rank[0][number]) for rank, of_rank in zip(one.statistics.per_rank, gathered, strict=True)]
@@ -155,12 +155,12 @@ def measure(
         once=[{name: rank.seconds.get(name, 0.0) for name in ONCE_STAGES} for rank in timed[0]],
         finish_seconds=finish_seconds,
         resources=[of_rank[1] for of_rank in gathered],
-        order=list(dict.fromkeys(drawn.share.order)),
+        order=list(dict.fromkeys(drawn.work.order)),
         rects=[of_rank[3] for of_rank in gathered],
         algorithm=algorithm,
         counted=[of_rank[2] for of_rank in gathered],
-        size=drawn.share.scene.image.size,
-        step=drawn.share.scene.quality.step,
+        size=drawn.work.scene.image.size,
+        step=drawn.work.scene.quality.step,
         bytes_per_pixel=4 * np.dtype(np.float32).itemsize,
         sharing=drawn.sharing.way if drawn.sharing else "sort-last",
     )
@@ -190,13 +190,13 @@ def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
 
 def _count(channel: Channel, drawn: DrawnFrame, plan: Plan) -> tuple[str, list[tuple[int, int]]]:
     """Composite with messages; return the algorithm, and messages and pixels that this rank sends in each round."""
-    share, tiled = drawn.share, drawn.share.mode != "sort-last" and len(drawn.partials) > 1
+    share, tiled = drawn.work, drawn.work.mode != "sort-last" and len(drawn.partials) > 1
     with abort_on_failure(channel, drawn.number, "count"):
         tiled = bool(channel.maximum(tiled))
     if tiled or len(set(share.order)) < len(share.order):
         return "", []
     with abort_on_failure(channel, drawn.number, "count"):
-        algorithm, operator = share.scene.cluster.compositing, plan.look.operator
+        algorithm, operator = share.scene.cluster.compositing, plan.blend_mode.operator
         named: dict[str, Any] = {"algorithm": algorithm, "codec": "raw", "transport": "messages", "operator": operator}
         compositor = Compositor(channel, share.scene.image.size, **named)
         _, counters = compositor.composite(drawn.partials, share.order)

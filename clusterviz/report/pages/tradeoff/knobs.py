@@ -12,8 +12,8 @@ from itertools import product
 from typing import Any, get_args
 
 from clusterviz.errors import InputError, SceneError
-from clusterviz.plan.look import has_surfaces, is_preintegrated, step_of
-from clusterviz.plan.stretching import what_has_no_bound
+from clusterviz.plan.adaptive_step import what_has_no_bound
+from clusterviz.plan.blend_mode import has_surfaces, is_preintegrated, step_of
 from clusterviz.scene.settings import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Scene
@@ -59,7 +59,7 @@ KNOBS = (
         "early_termination", "share of the light below which a ray ends", (1 / 1024, 1 / 255, 1 / 64), (1 / 255,), 0.0
     ),
     Knob("adaptive", "error within which slabs are longer where little changes", (1 / 1024, 1 / 255), (1 / 255,), 0.0),
-    Knob("leaping", "whether rays start by the last frame, half a degree away", (False, True), (False,), False),
+    Knob("frame_coherence", "whether rays start by the last frame, half a degree away", (False, True), (False,), False),
     Knob("borders", "what becomes of pre-integrated slabs that leave a brick", exact="overlap"),
     Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), exclusive=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),

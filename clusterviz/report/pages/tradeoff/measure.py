@@ -107,7 +107,7 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
 
 def _along(scene: Scene, frames: int) -> list[Scene]:
     """Return the scenes of all frames: the same scene, or an approach to its camera with frame coherence."""
-    if not scene.quality.leaping:
+    if not scene.quality.frame_coherence:
         return [scene] * frames
     cameras = orbit(scene.camera, TURN * (frames - 1), frames)
     return [scene.model_copy(update={"camera": camera}) for camera in reversed(cameras)]

@@ -1,0 +1,142 @@
+"""The settings of each frame under `quality.max_error`: found for the first one, and followed from view to view.
+
+A choice that holds the bound in one view may break it in another, or be dearer than it need be. So for every other
+camera or transfer function pictures around the last choice are drawn, at a small share of a frame's samples, and the
+choice goes with what they tell. Where it has gone far, or anything else has changed, all is compared anew.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from dataclasses import replace
+from time import perf_counter
+
+from clusterviz.auto.calibration import LEAST_PIXELS, Calibration, Draw, calibrate, chosen, covered_pixels
+from clusterviz.composite import rounding_bound
+from clusterviz.errors import SceneError
+from clusterviz.frame.run import Run
+from clusterviz.frame.work import RankWork
+from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
+from clusterviz.plan.filter_and_pixel import Picked, pick_pixel
+from clusterviz.plan.plan import Plan
+from clusterviz.report.decisions import Accuracy
+from clusterviz.scene.diff import check_same_volume
+from clusterviz.scene.values import Scene
+
+FOLLOWED_FOR = 8
+"""Frames at least before both ways of classification are compared anew, which costs as much as some frames."""
+
+
+class ErrorBoundController:
+    """What is known of a loop's settings from frame to frame; the same on every rank.
+
+    Parameters
+    ----------
+    run : of the loop
+    draw : a small picture, as `calibrate` asks for them
+    """
+
+    def __init__(self, run: Run, draw: Draw) -> None:
+        self._run, self._draw = run, draw
+        self._anew: Calibration | None = None
+        self._last: Calibration | None = None
+        self._followed_for = 0
+        self._warned = False
+
+    def settle(self, scene: Scene) -> tuple[Scene, Accuracy]:
+        """The scene with settings that hold its `quality.max_error`; collective.
+
+        Parameters
+        ----------
+        scene : completed, with a volume and the bound
+        """
+        began, aim = perf_counter(), make_aim(scene)
+        found, samples = self._found(scene, aim)
+        trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
+        settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
+        cost = (found.pixels if samples else 0, samples, perf_counter() - began)
+        reached = error <= aim.bound
+        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached), found.verified)
+        if accuracy.warning and not self._warned and self._run.channel.rank == 0:
+            warnings.warn(accuracy.warning, stacklevel=5)
+        self._warned = bool(accuracy.warning)
+        return chosen(scene, trial, residual, found.filter.value), accuracy
+
+    def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
+        """A choice for the scene, and the samples that it took."""
+        last, anew, samples = self._last, self._anew, 0
+        if last and anew and _can_follow(last, scene, aim):
+            if scene == last.scene:
+                return last, 0
+            found = self._last = self._calibrated(scene, _following(last, anew, scene, aim), last)
+            self._followed_for += 1
+            if self._followed_for < FOLLOWED_FOR or not has_strayed(found.choice, anew.choice, aim):
+                return found, found.samples
+            samples = found.samples
+        found = self._anew = self._last = self._calibrated(scene, aim)
+        self._followed_for = 0
+        return found, samples + found.samples
+
+    def _calibrated(self, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
+        with self._run.unreported("accuracy"):
+            return calibrate(scene, aim, self._run.channel, self._draw, followed)
+
+
+def with_pixel(work: RankWork, accuracy: Accuracy, ranks: int) -> tuple[RankWork, Accuracy]:
+    """A frame that is dealt out, with the format for its partial images that what is left of the bound has room for.
+
+    Parameters
+    ----------
+    share : with a plan, and float32
+    ranks : that draw
+    """
+    assert work.plan is not None, "only what shows a volume has settings to choose"
+    # Images of one window may lie behind each other; where nobody shares the screen, there is a single one.
+    images = max(Counter(piece.rect for piece in work.pieces).values(), default=0)
+    picked = pixel_of(work.plan, accuracy, images, ranks)
+    quality = work.scene.quality.model_copy(update={"pixel": picked.value})
+    reasons = {**accuracy.reasons, "pixel": picked.reason}
+    told = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
+    return replace(work, scene=work.scene.model_copy(update={"quality": quality})), told
+
+
+def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
+    """The format of partial images of which so many may lie behind each other, by what is left of the bound."""
+    bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
+    return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.operator == "over")
+
+
+def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
+    """Whether only the camera and the transfer function are others, and the way of classification is still one."""
+    try:
+        check_same_volume(last.scene, scene)
+    except SceneError:
+        return False
+    return last.scene.quality == scene.quality and last.choice.trial.classification in aim.ways
+
+
+def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:
+    """What is asked for: of few pixels only whether the step is too long, where no other transfer function is drawn."""
+    aim = _for_the_step(aim, last.filter)
+    following = aim.following(last.choice.trial)
+    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
+        return following
+    return aim.following(last.choice.trial, coarsest=anew.choice.trial.level)
+
+
+def _for_the_step(aim: Aim, filter: Picked) -> Aim:
+    """What the filter leaves to the step and to rays that end early."""
+    return replace(aim, bound=aim.bound - filter.error) if filter.error else aim
+
+
+def _reasons(found: Calibration, reached: bool) -> dict[str, str]:
+    """Why each setting is what it is."""
+    return {
+        "step": "the longest that is expected to hold the bound"
+        if reached
+        else "nothing that is tried holds the bound",
+        "classification": found.choice.reason,
+        "filter": found.filter.reason,
+        "early_termination": "an eighth of the bound is for rays that end early",
+    }

@@ -1,0 +1,341 @@
+"""Sort-first and hybrid distributions: groups of ranks share the tiles of the screen.
+
+Inside a group a BSP tree assigns bricks to ranks. A tile strategy says which tiles each group draws in a frame.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 5.1 and
+5.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.source import Index
+from clusterviz.distribution.expected_cost import expected_samples
+from clusterviz.distribution.measured_cost import Measured, measure, predict, unmeasured
+from clusterviz.distribution.memory_budget import MemoryBudget
+from clusterviz.errors import InputError
+from clusterviz.image.region import Rect
+from clusterviz.partition import (
+    UNASSIGNED,
+    BspTree,
+    Owners,
+    Piece,
+    build_tree,
+    front_owners,
+    move_planes,
+    owner_pieces,
+    owners_of,
+    ray_origin,
+    search_tree,
+)
+from clusterviz.partition.bsp import Costs
+from clusterviz.partition.screen import (
+    CostMap,
+    RankGroups,
+    ScreenPartition,
+    ScreenTree,
+    adapt,
+    brick_rects,
+    build_cuts,
+    carried,
+    cost_map_of_rects,
+    interleaved_tiles,
+    pattern_tiles,
+    tile_queue,
+    visible_bricks,
+)
+from clusterviz.plan.plan import Plan, shows_more
+from clusterviz.report.statistics import RankFrame
+
+STATIC = ("interleaved", "pattern", "scheduled")
+"""Strategies of which any group may have to draw anything, so that nothing has to follow the windows."""
+
+
+@dataclass(frozen=True)
+class TileSettings:
+    """What a scene says of tiles.
+
+    Attributes
+    ----------
+    strategy : a name of the scene's, not auto
+    side : of a tile, in pixels
+    repetitions : of the pattern
+    """
+
+    strategy: str
+    side: int
+    repetitions: int
+
+
+class Tiling:
+    """One strategy, from frame to frame; the same on every rank.
+
+    Parameters
+    ----------
+    settings : which
+    weights : the number of ranks of each group
+    """
+
+    def __init__(self, settings: TileSettings, weights: tuple[int, ...]) -> None:
+        self.settings, self._weights = settings, weights
+        self._tree: ScreenTree | None = None
+        self._before: ScreenTree | None = None
+        self._expected: CostMap | None = None
+        self._last: CostMap | None = None
+
+    @property
+    def is_static(self) -> bool:
+        """Whether any group may have to draw anything."""
+        return self.settings.strategy in STATIC
+
+    def mosaic(self, plan: Plan) -> ScreenPartition:
+        """Who draws which part of a frame; where tiles are taken from a queue, who would without one."""
+        name, side, groups = self.settings.strategy, self.settings.side, len(self._weights)
+        if name in ("interleaved", "scheduled"):
+            return interleaved_tiles(plan.view.size, groups, side)
+        if name == "pattern":
+            z, y, x = plan.layout.shape_zyx
+            return pattern_tiles(plan.view, (x - 1.0, y - 1.0, z - 1.0), groups, side, self.settings.repetitions)
+        if self._tree is None or self._tree.size != plan.view.size:
+            self._tree, self._before = build_cuts(expected_map(plan), self._weights), None
+            self._expected = self._last = None
+        if name == "temporal":
+            expected = expected_map(plan)
+            if self._last is not None and self._expected is not None:
+                self._before = self._tree
+                self._tree = adapt(self._tree, carried(self._last, self._expected, expected))
+            self._expected, self._last = expected, None
+        return self._tree.partition()
+
+    def queue(self, plan: Plan) -> tuple[Rect, ...]:
+        """The tiles of a frame in the order in which they are taken."""
+        return tile_queue(expected_map(plan), self.settings.side)
+
+    def learn(self, cost: CostMap) -> None:
+        """What the last frame cost, or what a pre-pass says of this one."""
+        if self._tree is not None and self._tree.size == cost.size and cost.cost.any():
+            if self.settings.strategy == "temporal":
+                self._last = cost
+                return
+            self._before = self._tree
+            self._tree = build_cuts(cost, self._weights)
+
+    def step_back(self) -> bool:
+        """Go back to what was before the last lesson; whether there is such a thing."""
+        if self._before is None:
+            return False
+        self._tree, self._before = self._before, None
+        return True
+
+
+def expected_map(plan: Plan) -> CostMap:
+    """What parts of the screen should cost before anything was drawn: samples of bricks, where these are seen."""
+    bricks, rects = brick_rects(plan)
+    return cost_map_of_rects(plan.view.size, rects, expected_samples(plan)[tuple(bricks.T)])
+
+
+UNEVEN = 1.02  # bricks of a group stay until its busiest rank has so many times what it could have
+
+Bools = NDArray[np.bool_]
+
+
+class SortFirst:
+    """Who draws what, where the screen is shared.
+
+    Parameters
+    ----------
+    groups : the ranks of each
+    settings : how tiles are dealt
+    holding : what a rank may hold: there is a limit
+    several : whether more than one frame may come, for which bricks are kept
+    """
+
+    def __init__(self, groups: RankGroups, settings: TileSettings, budget: MemoryBudget, several: bool) -> None:
+        self._groups, self._several = groups, several
+        assert budget.limit_bytes is not None, "more is held where tiles move"
+        self._budget, self._brick_bytes, self._limit_bytes = budget, 0, budget.limit_bytes
+        self.tiling = Tiling(settings, tuple(map(len, groups)))
+        self._trees: list[BspTree] = []
+        self._owners: list[Owners] = []
+        self._models: list[Costs] = []
+        self._measured: Measured | None = None
+        self._dealt: Costs | None = None
+        self._seen: list[Bools] = []
+        self._shown: Bools = np.zeros((1, 1, 1), bool)
+        self._held: Bools | None = None
+
+    @property
+    def mode(self) -> Literal["sort-first", "hybrid"]:
+        """What it is to those who composite."""
+        return "sort-first" if max(map(len, self._groups)) == 1 else "hybrid"
+
+    @property
+    def groups(self) -> RankGroups:
+        """The ranks of each group."""
+        return self._groups
+
+    def assign(self, plan: Plan) -> tuple[Piece, ...]:
+        """The pieces of a frame, group by group; those of a group from front to back in each of its windows.
+
+        Raises
+        ------
+        InputError
+            A rank cannot hold what its tiles show.
+        """
+        self._shown, self._brick_bytes = plan.cost > 0, int(self._budget.brick_bytes(plan).max())
+        mosaic = self._dealt_out(plan)
+        # Windows that do not fit give way to those of the last frame, which may.
+        if self._largest(self._seen) > self._limit_bytes and self.tiling.step_back():
+            mosaic = self._dealt_out(plan)
+        self._check_memory()
+        return self.pieces(plan, mosaic)
+
+    def pieces(self, plan: Plan, mosaic: ScreenPartition) -> tuple[Piece, ...]:
+        """The pieces of any windows, of what the last deal gave to the groups."""
+        found: list[Piece] = []
+        for members, owners, seen, windows in zip(self._groups, self._owners, self._seen, mosaic.rects, strict=True):
+            own = []
+            for piece in _pieces(plan, owners, seen):
+                shown = self._shown[piece.box.slices]
+                # Bricks that show nothing divide no piece.
+                is_box = piece.bricks is None or bool(np.all(piece.bricks == shown))
+                own.append(replace(piece, rank=members[piece.rank], bricks=None if is_box else piece.bricks))
+            found += [replace(piece, rect=window) for window in windows for piece in own]
+        return tuple(found)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """What its tiles show of its bricks; in a loop all that it may show, where all ranks can hold that much.
+
+        As far as there is room, bricks that it has held stay, as they may come back.
+        """
+        group = next(number for number, members in enumerate(self._groups) if rank in members)
+        mine = self._owners[group].owner == self._groups[group].index(rank)
+        held = mine & self._seen[group]
+        if self._several and self._largest([self._shown] * len(self._groups)) <= self._limit_bytes:
+            held = mine & self._shown
+        if self._held is not None:
+            old = np.argwhere(self._held & self._shown & ~held)
+            held[tuple(old[: self._limit_bytes // max(1, self._brick_bytes) - int(held.sum())].T)] = True
+        self._held = held
+        return frozenset((z, y, x) for z, y, x in np.argwhere(held).tolist())
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """What bricks cost, from what the ranks of each group took; the cost of groups is for `follow`."""
+        for members, owners, model in zip(self._groups, self._owners, self._models, strict=False):
+            if len(members) > 1 and self._measured is not None:
+                samples = [costs[rank].samples - costs[rank].samples_estimate for rank in members]
+                self._measured = measure(self._measured, model, owners, np.array(samples, np.float64))
+
+    def follow(self, cost: CostMap) -> None:
+        """What the last frame cost, or what a pre-pass says of this one."""
+        self.tiling.learn(cost)
+
+    def _dealt_out(self, plan: Plan) -> ScreenPartition:
+        """The windows of the groups, what they show, and who draws that."""
+        mosaic = self.tiling.mosaic(plan)
+        self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in mosaic.rects]
+        if self.tiling.is_static or max(map(len, self._groups)) == 1:
+            self._deal_once(plan)
+        else:
+            self._follow_cost(plan, mosaic)
+        return mosaic
+
+    def _deal_once(self, plan: Plan) -> None:
+        """A tree a group, that stays until a plan shows a brick that was hidden."""
+        if self._dealt is None or (self.tiling.is_static and shows_more(plan, self._dealt)):
+            self._dealt = plan.cost
+            self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self._groups]
+
+    def _follow_cost(self, plan: Plan, mosaic: ScreenPartition) -> None:
+        """Who draws what in each group, by the cost that is expected of bricks within its windows."""
+        self._measured = self._measured or unmeasured(plan.layout.counts_zyx)
+        self._models = []
+        for seen, windows in zip(self._seen, mosaic.rects, strict=True):
+            visible = replace(plan, cost=np.where(seen, plan.cost, 0.0))
+            models = [expected_samples(visible, window) for window in windows]
+            self._models.append(np.sum(models, axis=0) if models else np.zeros_like(plan.cost))
+        costs = [predict(self._measured, *each) for each in zip(self._models, self._seen, strict=True)]
+        self._trees = self._trees or [
+            search_tree(cost, len(each)) for cost, each in zip(costs, self._groups, strict=True)
+        ]
+        before = self._owners or [owners_of(tree) for tree in self._trees]
+        dealt = [self._dealt_in_group(plan, *each) for each in zip(costs, self._seen, self._trees, before, strict=True)]
+        self._trees, self._owners = [tree for tree, _ in dealt], [owners for _, owners in dealt]
+
+    def _dealt_in_group(
+        self, plan: Plan, cost: Costs, seen: Bools, tree: BspTree, before: Owners
+    ) -> tuple[BspTree, Owners]:
+        """The bricks of one group: the most even way, those first that move fewest bricks."""
+        ranks = before.ranks
+        if ranks == 1 or not cost.any() or self._is_even(plan, cost, seen, before):
+            return tree, before
+        options = [
+            (found, owners)
+            for found, owners in _options(tree, before, cost, plan)
+            if _is_ordered(plan, owners, seen) and self._fits(owners, seen)
+        ]
+        if not options:
+            # By the number of bricks, which takes least memory.
+            tree = build_tree(seen.astype(np.float64), ranks)
+            return tree, owners_of(tree)
+        least = min(float(owners.loads(cost).max()) for _, owners in options)
+        return next(option for option in options if option[1].loads(cost).max() <= UNEVEN * least)
+
+    def _is_even(self, plan: Plan, cost: Costs, seen: Bools, owners: Owners) -> bool:
+        even = owners.imbalance(cost) <= UNEVEN
+        return even and _is_ordered(plan, owners, seen) and self._fits(owners, seen)
+
+    def _fits(self, owners: Owners, bricks: Bools) -> bool:
+        return int(owners.loads(bricks.astype(np.float64)).max()) * self._brick_bytes <= self._limit_bytes
+
+    def _check_memory(self) -> None:
+        """Before anything is loaded: what the tiles show has to fit."""
+        most = self._largest(self._seen)
+        if most <= self._limit_bytes:
+            return
+        ranks = sum(map(len, self._groups))
+        text = f"the tiles of a rank show {most} bytes of bricks, in {len(self._groups)} groups of {ranks} ranks"
+        fewer = next(
+            (n for n in range(len(self._groups) - 1, 1, -1) if self._shown_bytes() * n <= self._limit_bytes * ranks), 1
+        )
+        allowed = "mode: sort-last" if fewer == 1 else f"mode: hybrid with groups: {fewer} or fewer, sort-last"
+        raise InputError(text, where="cluster.mode", found=f"{self._limit_bytes} bytes a rank", allowed=allowed)
+
+    def _shown_bytes(self) -> int:
+        return int(self._shown.sum()) * self._brick_bytes
+
+    def _largest(self, bricks: Sequence[Bools]) -> int:
+        """The most bytes of a rank, of some bricks for each group."""
+        loads = (owners.loads(some.astype(np.float64)).max() for owners, some in zip(self._owners, bricks, strict=True))
+        return int(max(loads)) * self._brick_bytes
+
+
+def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator[tuple[BspTree, Owners]]:
+    """Ways to deal the bricks of a group: as before, at fronts, by planes; then the same with other axes."""
+    eye = ray_origin(plan.eye_in_bricks(), plan.view.forward)
+    moved, other = move_planes(tree, cost), search_tree(cost, before.ranks)
+    yield tree, before
+    yield tree, front_owners(tree, cost, eye)
+    yield moved, owners_of(moved)
+    yield other, front_owners(other, cost, eye)
+    yield other, owners_of(other)
+
+
+def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
+    """What the members of a group draw, front to back."""
+    drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
+    return owner_pieces(drawn, plan.eye_in_bricks(), plan.view.forward)
+
+
+def _is_ordered(plan: Plan, owners: Owners, seen: Bools) -> bool:
+    """Whether whole ranks can be drawn front to back: a rank of a group has one image."""
+    ranks = [piece.rank for piece in _pieces(plan, owners, seen)]
+    return len(set(ranks)) == len(ranks)

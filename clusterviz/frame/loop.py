@@ -1,0 +1,248 @@
+"""The loop: frames from scenes to pictures, on all ranks together.
+
+    open -> read a share -> complete the scene -> plan -> partition -> load -> draw -> composite -> collect -> write
+
+Stages are functions from values to values, and only this room calls them:
+
+- opening.py       volumes opened, their bricks read
+- several.py       several volumes as one domain
+- dealing.py       a scene to a plan, and the plan to pieces, by a distribution
+- distribution.py  what a distribution is; coherent.py and the others are one each
+- alike.py         whether all ranks have decided the same
+- companion.py     what some of them need around drawing: moving.py, turns.py
+- drawing.py       pieces to partial images
+- compositing.py   partial images to the picture; finishing.py: and the rest of a frame
+- behind.py        compositing while the next frame is drawn
+- settling.py      small pictures first (calibration.py), where the settings are to hold a bound on the error
+
+What is dear is done once and kept: reading, the summary, programs, the bricks in GPU memory, kernels, the compositor's
+memory. A further frame makes anew only what its scene asks for. How a step that fails ends all ranks, `run.py` says.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from clusterviz.auto.calibration import SmallPicture
+from clusterviz.auto.mode import AutoMode
+from clusterviz.comm import Channel
+from clusterviz.errors import SceneError
+from clusterviz.frame.assignment import assign_work
+from clusterviz.frame.async_compositing import open_async_compositing
+from clusterviz.frame.compositing import Compositing, finish_frame, gather_costs
+from clusterviz.frame.consistency import check_consistency
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.opening import Bricks, Given, load_bricks, open_volumes
+from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
+from clusterviz.frame.work import DrawnFrame, RankWork
+from clusterviz.plan.changes import changed_settings
+from clusterviz.render.choice import on_processor
+from clusterviz.report.decisions import Accuracy, Change
+from clusterviz.report.statistics import RankFrame
+from clusterviz.scene.complete import complete_scene
+from clusterviz.scene.values import Scene
+
+if TYPE_CHECKING:
+    from clusterviz.auto.error_bound import ErrorBoundController
+
+__all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
+
+
+def render_frame(scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> Rendered:
+    """Draw one frame, one turn of the loop; collective.
+
+    Parameters
+    ----------
+    scene : as given by the user; what it leaves open is chosen from the data
+    channel : to the other ranks
+    source : the data of the volume, or of each, instead of the files that the scene names
+    options : how to run
+
+    Raises
+    ------
+    RankError, InputError, DeviceError
+        The same on every rank.
+    """
+    with FrameLoop(scene, channel, source, options, several=False) as loop:
+        return loop.frame()
+
+
+def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bricks]:
+    """Everything before drawing: read the data, complete the scene, plan the frame, deal out the bricks; collective.
+
+    Returns
+    -------
+    share, bricks : what this rank draws, and of what
+
+    Raises
+    ------
+    SceneError
+        The settings are still to be chosen: frames do that, but nobody who draws by other means.
+    """
+    if scene.quality.max_error is not None:
+        bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
+        raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
+    opened = open_volumes(run, scene, source)
+    drawing = Drawing(run)
+    auto_mode = AutoMode(run, drawing, opened, scene, False)
+    auto_mode.update(scene)
+    drawing.release()
+    work = assign_work(run, opened, scene, auto_mode.distribution)
+    return work, load_bricks(run, opened, work.plan, work.holds) if opened and work.plan else {}
+
+
+class FrameLoop:
+    """Draws frame after frame of the same volumes, `scene` being its completed scene; every method is collective.
+
+    Parameters
+    ----------
+    scene, channel, source, options : as in `render_frame`
+    several : whether more than one frame may come; what pays only then is left out otherwise
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        channel: Channel,
+        source: Given = None,
+        options: Options | None = None,
+        *,
+        several: bool = True,
+    ) -> None:
+        run = self._run = Run(channel, options or Options())
+        self._several = several
+        self._drawing, self._compositing = Drawing(run), Compositing(run, several)
+        self._work: RankWork | None = None
+        self._told = set[Change]()
+        self._error_bound: ErrorBoundController | None = None
+        with run.clock.stage("total", "open"):
+            self._opened = open_volumes(run, scene, source)
+            with run.local("plan", "plan"):
+                self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
+        self._auto_mode = AutoMode(run, self._drawing, self._opened, self.scene, several)
+
+    def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
+        """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
+
+        Parameters
+        ----------
+        scene : differs from the loop's in nothing but camera, transfer function and quality; the loop's own where None
+        number : what failures and statistics call it
+        """
+        run, run.frame = self._run, number
+        with run.clock.stage("total", f"frame {number}"):
+            drawn = self._draw(scene or self.scene, number)
+            image, counts = finish_frame(run, self._compositing, drawn)
+        rendered = gather_costs(run, drawn, image, counts)
+        self._learn(drawn.work, rendered.statistics.per_rank)
+        return rendered
+
+    def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
+        """Draw many frames, given by number and scene; each is composited and written while the next one is drawn.
+
+        What frame n cost to draw is known before frame n + 1 is dealt. In the statistics, `total` is the time from the
+        beginning of a frame to its end; since frames overlap, totals add up to more than passes. Without
+        `Options.overlap`, or where MPI was started for one thread only, they are drawn by `frame`, one after the other.
+        """
+        run, behind = self._run, open_async_compositing(self._run)
+        if behind is None:
+            for number, scene in scenes:
+                yield self.frame(scene, number)
+            return
+        with behind:
+            for number, scene in scenes:
+                run.frame = number
+                with run.clock.stage("total", f"frame {number}"):
+                    drawn = self._draw(scene, number)
+                    self._learn(drawn.work, run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds)))
+                    with run.clock.stage("wait"):
+                        before = behind.take()
+                behind.put(drawn, run.start_frame())
+                if before is not None:
+                    yield before
+            last = behind.take()
+            if last is not None:
+                yield last
+
+    def _draw(self, scene: Scene, number: int) -> DrawnFrame:
+        scene, accuracy = self._settled(scene)
+        self._auto_mode.update(scene, self._work, accuracy)
+        work = self._work = assign_work(self._run, self._opened, scene, self._auto_mode.distribution, self._work)
+        hooks, sharing = self._auto_mode.hooks, self._auto_mode.sharing
+        if self._opened:
+            self._drawing.bring(self._opened, work)
+            if accuracy and not self._run.options.keep_bricks:
+                self._opened.held.clear()  # was kept for small pictures, whose settings differ
+            work = hooks.before(self._opened, work) if hooks else work
+        if accuracy:
+            from clusterviz.auto.error_bound import with_pixel
+
+            work, accuracy = with_pixel(work, accuracy, self._run.channel.size)
+        check_consistency(self._run, work)
+        partials, counts = self._drawing.draw(work)
+        counts = hooks.counted(counts) if hooks else counts
+        if not self._several:
+            self._drawing.release()
+        facts = self._opened.facts if self._opened else ()
+        return DrawnFrame(number, work, partials, counts, facts, accuracy, sharing, self._changes(work))
+
+    def _changes(self, work: RankWork) -> tuple[Change, ...]:
+        """Settings of a frame that are not used as given; rank 0 warns of each once."""
+        run = self._run
+        no_processor = work.plan is not None and run.options.device == "cpu" and not on_processor(work.plan, "cpu")
+        changes = changed_settings(work.scene, run.channel.size, no_processor)
+        for change in changes:
+            if run.channel.rank == 0 and change not in self._told:
+                warnings.warn(str(change), stacklevel=4)
+        self._told.update(changes)
+        return changes
+
+    def _learn(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
+        if work.plan is not None:
+            self._auto_mode.distribution.learn(work.plan, costs)
+            self._auto_mode.record(costs)
+            if self._auto_mode.hooks:
+                self._auto_mode.hooks.after(work, costs)
+
+    def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
+        """The scene with settings that hold its `quality.max_error`, where it has one."""
+        if scene.quality.max_error is None or self._opened is None:
+            return scene, None
+        with self._run.local("plan", "plan"):
+            scene = complete_scene(scene, self._opened.facts)
+        if self._error_bound is None:
+            from clusterviz.auto.error_bound import ErrorBoundController
+
+            self._error_bound = ErrorBoundController(self._run, self._small_picture)
+        return self._error_bound.settle(scene)
+
+    def _small_picture(self, scene: Scene) -> SmallPicture:
+        """One of the pictures that a calibration asks for."""
+        # Frames follow each other's cost; what is drawn between them is none of theirs.
+        run, distribution = self._run, deepcopy(self._auto_mode.distribution)
+        work = assign_work(run, self._opened, scene, distribution)
+        if self._opened:
+            self._drawing.bring(self._opened, work)
+        before, plan = run.clock.seconds.get("render", 0.0), work.plan
+        partials, counts = self._drawing.draw(work)
+        seconds = run.clock.seconds.get("render", 0.0) - before
+        image, counts = Compositing(run, several=False).picture(work, partials, counts)
+        assert plan is not None, "only what shows a volume has settings to choose"
+        textured = not on_processor(plan, run.options.device)
+        every = run.channel.allgather((counts.samples, seconds, textured))
+        samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
+        return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
+
+    def __enter__(self) -> FrameLoop:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self._drawing.release()
+        # After a failure the others may not come to a collective call.
+        if kind is None:
+            self._compositing.close()
+            self._auto_mode.close()

@@ -1,0 +1,146 @@
+"""Migration in the loop: what the dynamic distribution plans is sent, and what has come is told to all."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+from clusterviz.comm import abort_on_failure
+from clusterviz.data.source import Index
+from clusterviz.distribution.dynamic import Dynamic
+from clusterviz.distribution.flights import Flight
+from clusterviz.frame.consistency import check_equal
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.opening import Opened
+from clusterviz.frame.run import Run
+from clusterviz.frame.work import RankWork
+from clusterviz.migration.time_budget import TimeBudget
+from clusterviz.migration.transfer import BrickTransfer
+from clusterviz.migration.wire_format import WireFormat, wire_format_of
+from clusterviz.plan.plan import Plan
+from clusterviz.render.stored_brick import Stored, stamp_of
+from clusterviz.report.statistics import RankFrame
+
+
+class MigrationDriver:
+    """Bricks between ranks, from frame to frame; every method is collective.
+
+    Parameters
+    ----------
+    run : of the loop
+    distribution : which plans
+    drawing : from where bricks are taken, and where they are put
+    """
+
+    def __init__(self, run: Run, distribution: Dynamic, drawing: Drawing) -> None:
+        self._run, self._distribution, self._drawing = run, distribution, drawing
+        self._time_budget = TimeBudget(distribution.migration_share)
+        self._transfer: BrickTransfer | None = None
+        self._flying: dict[int, Index] = {}
+        self._under_way: set[int] = set()
+        self._beginnings = 0
+        self._counts: dict[str, Any] = {}
+        self._received, self._lost, self._frames = 0, 0, 0
+        self._began = 0.0
+        self._plan: Plan | None = None
+        self._sums: dict[str, int] = {}
+
+    def before(self, opened: Opened, work: RankWork) -> RankWork:
+        """Send what shall fly, as far as there is time; what is drawn stays as it was dealt."""
+        done = self._run.clock.seconds
+        self._began = perf_counter() - done["plan"] - done["load"]
+        self._depart(opened, work)
+        return work
+
+    def counted(self, counts: RankFrame) -> RankFrame:
+        """A frame's counts with what was sent for it and what has come since the last one, and so far."""
+        found: dict[str, Any] = {"seconds": self._time_budget.seconds, "frame_seconds": self._time_budget.frame_seconds}
+        found |= {"bricks_received": self._received, "bricks_lost": self._lost}
+        if self._transfer is not None:
+            now = {"bytes_sent": 0, "bytes_raw": 0, "bytes_opened": 0, "bricks_stored": 0}
+            now = {name: getattr(self._transfer, name) for name in now}
+            found |= {name: count - self._sums.get(name, 0) for name, count in now.items()}
+            self._sums = now
+        return replace(counts, balance=self._counts | found)
+
+    def after(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
+        """What has come by now changes hands; of damaged messages all ranks hear. The next frame's slice begins."""
+        check_equal(self._run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
+        if work.plan is None:
+            return
+        # The first frame opens what lasts: but for drawing, it tells nothing of others.
+        drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
+        self._time_budget.end(perf_counter() - self._began if self._frames else drawing)
+        self._frames += 1
+        self._time_budget.begin(self._distribution.planning_expected)
+        self._complete()
+
+    def close(self) -> None:
+        """Let what is under way arrive, and give the channel back."""
+        if self._transfer is not None:
+            self._transfer.close()
+
+    def _depart(self, opened: Opened, work: RankWork) -> None:
+        distribution, rank = self._distribution, self._run.channel.rank
+        if self._beginnings != distribution.beginnings:
+            # What still flies was planned for bricks that have been dealt anew.
+            self._beginnings = distribution.beginnings
+            self._flying.clear()
+            if self._transfer is not None:
+                self._transfer.void()
+        self._time_budget.spend(distribution.planning_seconds)
+        flights = distribution.depart()
+        self._counts = {
+            "planned_imbalance": distribution.planned_imbalance,
+            "planning_seconds": distribution.planning_seconds,
+            "images": len(list(work.pieces_of(rank))),
+            "flights": len(flights),
+            "planned": zlib.crc32(repr(flights).encode()),
+            "bricks_sent": sum(flight.source == rank for flight in flights),
+            "bytes_sent": 0,
+            "bricks_recalled": distribution.recalled(rank),
+        }
+        if work.plan is not None:
+            with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+                self._send(work.plan, wire_format_of(work.plan, opened.range_type), flights, work.holds)
+
+    def _send(self, plan: Plan, wire_format: WireFormat, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
+        transfer = self._transfer = self._transfer or BrickTransfer(self._run.channel, wire_format, self._time_budget)
+        self._plan = plan
+        numbers = transfer.post(flights, wire_format)
+        self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
+        self._under_way.update(numbers)
+
+        def read(brick: Index, asked: WireFormat) -> Stored | None:
+            return self._drawing.stored([brick])[brick] if brick in holds and asked == wire_format.of(brick) else None
+
+        transfer.send(read)
+
+    def _complete(self) -> None:
+        """Every rank has sent by now what it had time for; so what arrives is the same in every run, where all has."""
+        if self._transfer is None or not self._under_way:
+            self._distribution.complete([], [])
+            return
+        with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+            delivery = self._transfer.collect(self._store)
+            told = self._run.channel.allgather((delivery.arrived, delivery.lost))
+        self._run.clock.note(*delivery.spans)
+        arrived, lost = (sorted(number for rank in told for number in rank[side]) for side in (0, 1))
+        self._under_way -= {*arrived, *lost}
+        self._received += len(delivery.arrived)
+        self._lost += sum(number in self._flying for number in delivery.lost)
+        self._distribution.complete(self._known(arrived), self._known(lost))
+
+    def _store(self, brick: Index, stamp: int, stored: Stored) -> bool:
+        """Whether a brick that came is stored as frames now have it; it is drawn when it has changed hands."""
+        if self._plan is None or stamp != stamp_of(self._plan):
+            return False
+        self._drawing.take(self._plan, brick, stored)
+        return True
+
+    def _known(self, numbers: list[int]) -> list[Index]:
+        """The bricks of flights that are still of use."""
+        return [self._flying.pop(number) for number in numbers if number in self._flying]

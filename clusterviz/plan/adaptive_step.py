@@ -1,0 +1,224 @@
+"""Where rays may take longer slabs: in groups of cells in which one sample stands for several, by a bound on the error.
+
+`quality.adaptive` bounds what a pixel may lose. Of a group three things are known: the range of its samples, their
+steepness (how fast the field may change along a line) and their bend (the largest second difference, along an axis or
+mixed). Along a line, a trilinear field is a chain of curves whose slopes change by no more than the bend asks: one
+sample in the middle of n slabs differs from the mean of their n samples by at most length/8 · (3 · length + √3) · bend,
+lengths in voxels (Peano's kernel of that difference is length/8 at most). What the transfer function makes of it
+follows from the largest slope of extinction κ and emission κc over the range, and from how far they are from lines over
+what a stretch can pass of it: length/8 · steepness times how far the slope changes there.
+
+An error of κ or κc relative to κ is the error of a pixel at most, since what a ray sees of all its slabs together is 1
+at most; where κ is small, the error along the whole diagonal is less. Each of the two gets half of the bound, and a
+sixteenth of the worst case counts: measured errors are less than a fifth of the bound (docs/measurements/accuracy.md).
+
+A stretch of slabs begins at a multiple of its length in the lattice of the whole volume, and lies in one group, so
+neither ranks nor bricks of 8, 16, … cells change it; other bricks have other groups, and pictures within the bound.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 3.3.2
+(adaptive sampling). J. Danskin, P. Hanrahan: Fast algorithms for volume ray tracing, Volume Visualization 1992
+(β-acceleration).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.grid import Grid
+from clusterviz.errors import SceneError
+from clusterviz.plan.blend_mode import is_graded
+from clusterviz.scene.transfer import TransferFunction, distinct
+from clusterviz.scene.values import Quality, Volume
+
+Floats = NDArray[np.float64]
+LONGEST = 3
+"""Doublings of a slab, at most."""
+BINS = 4096
+CAUTION = 1 / 16
+"""Of the worst case: where it is met in one group, it is not in all others of a ray. Errors stay far below even so."""
+
+
+@dataclass(frozen=True)
+class AdaptiveStep:
+    """What decides how long slabs may be.
+
+    Attributes
+    ----------
+    bound : on the error of a pixel
+    step_voxels : length of a slab, in the smallest spacing
+    slab_units : the same in opacity unit distances
+    diagonal_units : of the volume, likewise: no ray is longer
+    """
+
+    bound: float
+    step_voxels: float
+    slab_units: float
+    diagonal_units: float
+
+    def doublings(
+        self, transfer: TransferFunction, low: Floats, high: Floats, steep: Floats, bend: Floats
+    ) -> NDArray[np.uint8]:
+        """How often slabs may be doubled in groups of cells, 0 to LONGEST.
+
+        Parameters
+        ----------
+        transfer : the transfer function
+        low, high : float64 (n,), data values; NaN where a voxel has none
+        steep, bend : likewise, for a voxel and for a voxel squared
+        """
+        known = np.isfinite(low) & np.isfinite(high) & np.isfinite(bend) & np.isfinite(steep) & (low <= high)
+        found = np.zeros(low.shape, np.uint8)
+        some = np.flatnonzero(known)
+        terms = _Terms(transfer, low[some], high[some])
+        for doubling in range(1, LONGEST + 1):
+            slabs = 2.0**doubling
+            length = slabs * self.step_voxels
+            away = bend[some] * length / 8 * (3 * length + math.sqrt(3.0))
+            error, colours = terms.errors(np.minimum(away, high[some] - low[some]), steep[some] * length)
+            # Within a stretch, what is in front hides what is behind: a quarter of the colours' range at most.
+            order = terms.most * slabs * self.slab_units * colours / 4
+            relative = error / np.maximum(terms.least, 1e-300) + order
+            absolute = self.diagonal_units * (error + terms.most * order)
+            fits = CAUTION * np.minimum(relative, absolute) <= self.bound / 2
+            found[some[fits & (found[some] == doubling - 1)]] = doubling
+        return found
+
+
+def make_adaptive_step(volume: Volume, quality: Quality, grid: Grid, transfer: TransferFunction) -> AdaptiveStep | None:
+    """What `quality.adaptive` asks for; None where it is 0.
+
+    Raises
+    ------
+    SceneError
+        The look has no bound on the error: it is lit, say, or it is not composited.
+    """
+    if not quality.adaptive:
+        return None
+    problem = what_has_no_bound(volume, quality)
+    if problem:
+        told = f"there is no bound with {problem}"
+        raise SceneError(told, where="quality.adaptive", found=quality.adaptive, allowed=0)
+    spacing, unit = min(grid.spacing), transfer.unit_distance
+    diagonal = math.hypot(*((n - 1) * s for n, s in zip(grid.shape_zyx[::-1], grid.spacing, strict=True)))
+    return AdaptiveStep(quality.adaptive, quality.step, quality.step * spacing / unit, diagonal / unit)
+
+
+def what_has_no_bound(volume: Volume, quality: Quality) -> str:
+    """What of a scene keeps slabs from being stretched; "" where nothing does."""
+    problems = {
+        f"blending {volume.blending}": volume.blending != "composite",
+        "isosurfaces": bool(volume.isosurfaces),
+        "shade": volume.shade,
+        "opacity by the gradient": is_graded(volume),
+        f"interpolation {volume.interpolation}": volume.interpolation != "linear",
+        "jitter": quality.jitter,
+        "pre-integrated classification": quality.classification != "post",
+    }
+    return next((name for name, is_one in problems.items() if is_one), "")
+
+
+class _Terms:
+    """What the transfer function is over intervals of scalars.
+
+    Attributes
+    ----------
+    least, most : float64 (n,), of extinction per unit distance
+    """
+
+    def __init__(self, transfer: TransferFunction, low: Floats, high: Floats) -> None:
+        knots = distinct(transfer.opacity_values, transfer.colour_values)
+        grid = np.linspace(knots[0], knots[-1], BINS + 1)
+        self._width = float(grid[1] - grid[0])
+        lowest, highest = _extremes(transfer, distinct(knots, grid), grid)
+        self._first, self._last = (np.searchsorted(grid, values, side="right") for values in (low, high))
+        self.least = _least(lowest[:, :1], self._first, self._last)[:, 0]
+        self.most = -_least(-highest[:, :1], self._first, self._last)[:, 0]
+        self._slopes = lowest[:, 1:], highest[:, 1:]
+        lows, highs = (_least(side, self._first, self._last) for side in (self._slopes[0], -self._slopes[1]))
+        self._ranges = -(lows + highs)
+        self._steepest = -_least(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
+
+    def errors(self, away: Floats, passed: Floats) -> tuple[Floats, Floats]:
+        """What extinction and emission together are wrong by, and how far a colour may change.
+
+        Parameters
+        ----------
+        away : float64 (n,), what the scalar is wrong by at most
+        passed : likewise, how far it goes in a stretch
+        """
+        with np.errstate(invalid="ignore"):
+            found = self._steepest * away[:, None] + self._bent(passed) * passed[:, None] / 8
+            colours = self._steepest[:, 4:].max(axis=1) * passed
+        return found[:, 0] + found[:, 1:4].max(axis=1), colours
+
+    def _bent(self, passed: Floats) -> Floats:
+        """How far slopes change over any part of the intervals that is as long as `passed`: float64 (n, 7)."""
+        bins = np.ceil(passed / self._width) + 1
+        doublings = np.frexp(np.minimum(bins, len(self._slopes[0])))[1]
+        found = np.empty((len(passed), 7))
+        for doubling in sorted(set(doublings.tolist())):
+            some = np.flatnonzero(doublings == doubling)
+            lowest, highest = self._slopes[0], -self._slopes[1]
+            for reach in (1 << step for step in range(doubling)):
+                lowest, highest = _paired(lowest, reach), _paired(highest, reach)
+            # Parts that lie in the interval; where it is shorter than they, it is the only one.
+            first, last = self._first[some], self._last[some] - (1 << doubling) + 1
+            parts = -_least(lowest + highest, first, np.maximum(first, last))
+            found[some] = np.where((last < first)[:, None], self._ranges[some], parts)
+        return found
+
+
+def _extremes(transfer: TransferFunction, edges: Floats, grid: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest extinction per unit distance, and slopes of it, of emission (3) and of colour (3).
+
+    Returns
+    -------
+    lowest, highest : float64 (bins, 8): of what lies below the grid, in each of its bins, and above it
+    """
+    below = np.nextafter(edges, -np.inf)
+    front, back = _values(transfer, edges[:-1]), _values(transfer, below[1:])
+    slopes = (back - front) / np.diff(edges)[:, None]
+    jumps = np.abs(front - _values(transfer, below[:-1])).max(axis=1) > 1e-9 * (1 + np.abs(front).max(axis=1))
+    steep = jumps[:, None]
+    low = np.concatenate([np.minimum(front, back)[:, :1], np.where(steep, -np.inf, slopes)], axis=1)
+    high = np.concatenate([np.maximum(front, back)[:, :1], np.where(steep, np.inf, slopes)], axis=1)
+    starts = np.searchsorted(edges, grid[:-1])
+    outside = np.zeros((2, low.shape[1]))
+    outside[:, 0] = transfer.extinction(np.array([below[0], edges[-1]])) * transfer.unit_distance
+    last = np.abs(_values(transfer, edges[-1:]) - _values(transfer, below[-1:])).max() > 1e-9
+    jump = np.where(np.arange(low.shape[1]) > 0, np.inf if last else 0.0, outside[1])
+    lowest = np.concatenate([outside[:1], np.minimum.reduceat(low, starts), np.minimum(outside[1:], -jump)])
+    highest = np.concatenate([outside[:1], np.maximum.reduceat(high, starts), np.maximum(outside[1:], jump)])
+    lowest[-1, 0] = outside[1, 0]
+    return lowest, highest
+
+
+def _values(transfer: TransferFunction, scalars: Floats) -> Floats:
+    """Extinction per unit distance, emission (3), colour (3): float64 (n, 7)."""
+    extinction, colour = transfer.extinction(scalars)[:, None] * transfer.unit_distance, transfer.colour(scalars)
+    values: Floats = np.concatenate([extinction, extinction * colour, colour], axis=1)
+    return values
+
+
+def _paired(rows: Floats, reach: int) -> Floats:
+    """The lesser of each row and the one so far behind it, the last one beyond the end."""
+    behind = np.concatenate([rows[reach:], np.repeat(rows[-1:], min(reach, len(rows)), axis=0)])
+    less: Floats = np.minimum(rows, behind)
+    return less
+
+
+def _least(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
+    """The least of each column over rows `first` to `last`, by tables of spans of 1, 2, 4, … rows."""
+    found = np.empty((len(first), rows.shape[1]))
+    doublings = np.frexp(last - first + 1)[1] - 1
+    for doubling in range(int(doublings.max(initial=0)) + 1):
+        some = np.flatnonzero(doublings == doubling)
+        found[some] = np.minimum(rows[first[some]], rows[last[some] - (1 << doubling) + 1])
+        rows = _paired(rows, 1 << doubling)
+    return found

@@ -1,0 +1,170 @@
+"""Several volumes in one scene, as the renderer needs them: a common domain, and one layer for each volume."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.grid import Grid
+from clusterviz.data.source import Index
+from clusterviz.data.summary import VolumeSummary
+from clusterviz.plan.blend_mode import (
+    BlendMode,
+    is_graded,
+    is_lit,
+    is_preintegrated,
+    make_blend_mode,
+    margin_of,
+    reach_of,
+    spread_of,
+)
+from clusterviz.plan.clip import clip_planes
+from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
+from clusterviz.plan.domain import Domain, domain_layout, make_domain
+from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.grading import make_grading
+from clusterviz.plan.preintegration import make_preintegrated
+from clusterviz.plan.ray_sampling import slab_units
+from clusterviz.plan.segments import Segments, make_segments
+from clusterviz.plan.shading import make_shading
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.values import Scene, Volume
+
+
+@dataclass(frozen=True, eq=False)
+class MultiVolumeBrick:
+    """The samples of one brick.
+
+    Attributes
+    ----------
+    index_zyx : of the brick in the domain
+    samples : of each volume (z, y, x), as its `Cut` and `read_bricks` say; None where nothing of it can be seen
+    around : margin and reach of each volume's cut, with which they were read
+    """
+
+    index_zyx: Index
+    samples: tuple[NDArray[Any] | None, ...]
+    around: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Samples of all volumes."""
+        return sum(part.size for part in self.samples if part is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownVolume:
+    """A volume of a scene, as far as planning needs to know it.
+
+    Attributes
+    ----------
+    grid, dtype : of its voxels
+    layout : bricks of its own, over which it is summarised; their margin is at least `margin_of`'s
+    summary : what it holds
+    """
+
+    grid: Grid
+    dtype: np.dtype[Any]
+    layout: BrickLayout
+    summary: VolumeSummary
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeLayer:
+    """One volume of a mixture.
+
+    Attributes
+    ----------
+    cut : which of its voxels a brick of the domain needs
+    look : what depends on its gradient; its blending is composite
+    encoding, transfer, segments : as in `Plan`
+    interpolation : of its voxels
+    spread : samples beyond a cell's corners on which the field in it depends
+    slab_units : length of a slab in its opacity unit distances
+    preintegrated : its slabs are classified between their ends, not at their midpoints
+    """
+
+    cut: Cut
+    blend_mode: BlendMode
+    encoding: Encoding
+    transfer: TransferFunction
+    segments: Segments
+    interpolation: Literal["linear", "nearest", "cubic"]
+    spread: int
+    slab_units: float
+    preintegrated: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MultiVolume:
+    """Several volumes in one domain.
+
+    Attributes
+    ----------
+    domain : the box around them
+    ingredients : the volumes, in the order of the scene
+    """
+
+    domain: Domain
+    volume_layers: tuple[VolumeLayer, ...]
+
+    @property
+    def around(self) -> tuple[tuple[int, int], ...]:
+        """Margin and reach of each volume's cut: portions that were read with others are of no use."""
+        return tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
+
+
+def make_multi_volume(
+    scene: Scene, volumes: Sequence[KnownVolume], step_world: float
+) -> tuple[MultiVolume, NDArray[np.float64]]:
+    """What a completed scene shows of its volumes, and what it costs to draw each brick of the domain.
+
+    Parameters
+    ----------
+    volumes : in the order of the scene
+    step_world : length of a slab in world units
+
+    Returns
+    -------
+    mixture, cost : float64 (bz, by, bx), the cells of all volumes; 0 where none has anything to show
+    """
+    domain = make_domain([known.grid for known in volumes])
+    layout = domain_layout(domain, scene.cluster.brick)
+    cost = np.zeros(layout.counts_zyx)
+    volume_layers = []
+    for volume, known in zip(scene.volumes, volumes, strict=True):
+        reach = reach_of(volume, scene.quality.classification)
+        cut = make_cut(domain, layout, known.grid, margin_of(volume) - reach_of(volume), reach)
+        part = _volume_layer(volume, known, scene, cut, step_world)
+        hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
+        cost += samples_in_bricks(part.cut, known.layout, hidden)
+        volume_layers.append(part)
+    return MultiVolume(domain, tuple(volume_layers)), cost
+
+
+def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> VolumeLayer:
+    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid) if scene.clip.cap else None
+    preintegrated = is_preintegrated(volume, scene.quality.classification)
+    return VolumeLayer(
+        cut,
+        make_blend_mode(
+            volume,
+            transfer,
+            make_shading(volume, scene.lights, known.grid, transfer.unit_distance, planes) if is_lit(volume) else None,
+            make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None,
+        ),
+        make_encoding(known.dtype, transfer.domain),
+        transfer,
+        # Extinctions are added, not opacities: the opacity of a unit length is what is needed, and that is linear.
+        make_preintegrated(transfer) if preintegrated else make_segments(transfer, 1.0),
+        volume.interpolation,
+        spread_of(volume) - reach_of(volume),
+        slab_units(step_world, transfer.unit_distance),
+        preintegrated,
+    )

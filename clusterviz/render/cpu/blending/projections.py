@@ -1,0 +1,85 @@
+"""Looks in which no light is blended, the twins of extreme.glsl and sum.glsl; pixels are as in image/merge.py."""
+
+from __future__ import annotations
+
+from clusterviz.kernels.code import Code, Variable
+from clusterviz.kernels.lanes import F32, I32, Value, Vector
+from clusterviz.render.cpu.blending.samples import ABREAST, Samples, add_exactly, four, zeros
+from clusterviz.render.cpu.fields.field import LARGEST, Spot
+from clusterviz.render.cpu.marching.march import Four, Variables
+from clusterviz.render.cpu.transfer.classify import Classifier
+
+
+class Extreme:
+    """The largest or the smallest scalar of a ray; a `BlendMode`."""
+
+    def __init__(self, code: Code, samples: Samples, largest: bool) -> None:
+        self._code, self._samples, self._largest = code, samples, largest
+
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
+        """The extreme of the run's samples, and whether there is any."""
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
+            for s, number, _ in samples:
+                self._take(sums, s, (number < slabs) & (self._code.size(s) <= LARGEST))
+        return slabs
+
+    def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
+        """A share of a slab counts as a whole one."""
+        found, s = zeros(self._code), self._samples.at(spot)
+        self._take(found, s, drawn & (self._code.size(s) <= LARGEST))
+        return four(found)
+
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
+        """The extreme of both."""
+        self._take(kept, run[0], drawn & (run[3] > 0.0))
+
+    def is_done(self, kept: Variables) -> Value:
+        """Nowhere."""
+        return nowhere(self._code)
+
+    def _take(self, found: Variables, s: Value, valid: Value) -> None:
+        code, scalar, exists = self._code, found[0], found[3]
+        further = s > scalar.now if self._largest else s < scalar.now
+        better = valid & (further | exists.now.equals(0.0))
+        scalar.set(code.select(better, s, scalar.now))
+        exists.set(code.select(valid, 1.0, exists.now))
+
+
+class Sum:
+    """Averages and sums: opacity times scalar, cut to the range of clim, times slabs; and how many; a `BlendMode`."""
+
+    def __init__(self, code: Code, samples: Samples, classifier: Classifier) -> None:
+        self._code, self._samples, self._classifier = code, samples, classifier
+
+    def run(self, kept: Variables, sums: Variables, spot: Spot, slab: Vector, slabs: Value, first: Value) -> Value:
+        """Of whole slabs."""
+        with self._samples.along(spot, slab, Variable(self._code.largest(slabs)), ABREAST) as samples:
+            for s, number, _ in samples:
+                self._take(sums, s, number < slabs, self._code.same(F32, 1.0))
+        return slabs
+
+    def last(self, spot: Spot, slab: Vector, share: Value, drawn: Value, only: Value) -> Four:
+        """Of a share."""
+        sums = zeros(self._code)
+        self._take(sums, self._samples.at(spot), drawn, share)
+        return four(sums)
+
+    def add(self, kept: Variables, run: Four, drawn: Value) -> None:
+        """To what is there."""
+        add_exactly(self._code, kept, run, drawn)
+
+    def is_done(self, kept: Variables) -> Value:
+        """Nowhere."""
+        return nowhere(self._code)
+
+    def _take(self, sums: Variables, s: Value, drawn: Value, share: Value) -> None:
+        code = self._code
+        valid = drawn & (code.size(s) <= LARGEST)
+        more = share * self._classifier.unit_opacity(s) * code.within(s, 0.0, 1.0)
+        sums[0].set(code.select(valid, sums[0].now + more, sums[0].now))
+        sums[3].set(code.select(valid, sums[3].now + share, sums[3].now))
+
+
+def nowhere(code: Code) -> Value:
+    """A mask of no lane."""
+    return code.same(I32, 0) > 0

@@ -1,0 +1,128 @@
+"""How a brick of several volumes lies in GPU memory: a header, and behind it a slot for each volume.
+
+The header has four words a volume: where its voxels begin, in words from the header's first (−1: there are none), and
+the volume's cell (x, y, z) that is their first. Groups of cells are those of the domain. What a group may show is known
+by the extremes of each volume over the groups of voxels that its image meets; so it is known for any transfer function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.plan.cut import SLACK, Cut
+from clusterviz.plan.multi_volume import MultiVolume, MultiVolumeBrick, VolumeLayer
+from clusterviz.render.empty_space import Ranges, group_ranges
+from clusterviz.render.storage import GROUP, HEADER_WORDS, Slot
+from clusterviz.render.stored_brick import Stored
+
+Words = NDArray[np.uint32]
+
+
+def store_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Stored:
+    """Make a brick of several volumes ready for a slot."""
+    low, high = multi_volume_ranges(portions, multi_volume, slot)
+    return Stored(pack_multi_volume(portions, multi_volume, slot), low, high, portions.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one volume has in a brick.
+
+    Attributes
+    ----------
+    samples : (z, y, x), as `Encoding.encode` made them, no more than its slot has
+    first_xyz : the volume's cell whose corner is the first of them behind the slot's margin
+    """
+
+    samples: NDArray[Any]
+    first_xyz: tuple[int, ...]
+
+
+def pack_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Words:
+    """The words of a brick's slot, uint32 (slot.words,)."""
+    parts = [
+        None if samples is None else Part(of.encoding.encode(samples), of.cut.cell_box(portions.index_zyx)[0][::-1])
+        for samples, of in zip(portions.samples, multi_volume.volume_layers, strict=True)
+    ]
+    return pack_parts(parts, slot)
+
+
+def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
+    """The same of what each volume has; None: nothing."""
+    words = np.zeros(slot.words, np.uint32)
+    header = _header(words, slot)
+    for row, begin, part, room in zip(header, _begins(slot), parts, slot.parts, strict=True):
+        row[0] = -1
+        if part is not None:
+            row[0], row[1:] = begin, part.first_xyz
+            words[begin : begin + room.words] = room.pack(part.samples).reshape(-1).view(np.uint32)
+    return words
+
+
+def parts_of(words: Words, slot: Slot) -> list[Part | None]:
+    """What each volume has in a brick, from its words; as many samples as its slot has."""
+    return [
+        None if row[0] < 0 else Part(room.unpack(words[begin : begin + room.words]), tuple(row[1:].tolist()))
+        for row, begin, room in zip(_header(words, slot), _begins(slot), slot.parts, strict=True)
+    ]
+
+
+def _header(words: Words, slot: Slot) -> NDArray[np.int32]:
+    return words[: HEADER_WORDS * len(slot.parts)].view(np.int32).reshape(-1, HEADER_WORDS)
+
+
+def _begins(slot: Slot) -> list[int]:
+    """Where the parts of a slot begin."""
+    ends = accumulate((room.words for room in slot.parts), initial=HEADER_WORDS * len(slot.parts))
+    return list(ends)[:-1]
+
+
+def multi_volume_ranges(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Ranges:
+    """Smallest and largest finite sample of each volume in each of the domain's groups of cells.
+
+    Returns
+    -------
+    low, high : float64 (volumes, *slot.groups_zyx); NaN where a volume has nothing
+    """
+    pairs = [
+        _ranges_of_part(samples, volume_layer, part, portions.index_zyx, slot)
+        for samples, volume_layer, part in zip(portions.samples, multi_volume.volume_layers, slot.parts, strict=True)
+    ]
+    return np.stack([low for low, _ in pairs]), np.stack([high for _, high in pairs])
+
+
+def _ranges_of_part(
+    samples: NDArray[Any] | None, volume_layer: VolumeLayer, part: Slot, index_zyx: tuple[int, int, int], slot: Slot
+) -> Ranges:
+    found = np.full((2, *slot.groups_zyx), np.nan)
+    if samples is None:
+        return found[0], found[1]
+    low, high = (side.astype(np.float64) for side in group_ranges(samples, part))
+    begin, end = _groups_met(volume_layer.cut, index_zyx, slot)
+    met = (end > begin).all(axis=-1)
+    # Few groups of voxels meet a group of cells along each axis: as many as the longest image needs.
+    for offset in np.ndindex(*(end - begin).reshape(-1, 3).max(axis=0).clip(0).tolist()):
+        there = tuple(np.moveaxis(np.minimum(begin + offset, end - 1), -1, 0))
+        found[0] = np.where(met, np.fmin(found[0], low[there]), found[0])
+        found[1] = np.where(met, np.fmax(found[1], high[there]), found[1])
+    return found[0], found[1]
+
+
+def _groups_met(cut: Cut, index_zyx: tuple[int, int, int], slot: Slot) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group of cells."""
+    z, y, x = np.meshgrid(*(np.arange(count) for count in slot.groups_zyx), indexing="ij")
+    begin = np.array(index_zyx[::-1], np.float64) * cut.layout.brick + GROUP * np.stack([x, y, z], axis=-1)
+    low, high = cut.images(begin, np.minimum(begin + GROUP, cut.extent))
+    first = np.array(cut.cell_box(index_zyx)[0][::-1])
+    last_group = np.array([-(-cells // GROUP) - 1 for cells in cut.most_cells_zyx[::-1]])
+    groups = [
+        np.clip(np.floor((side - first) / GROUP), 0, last_group).astype(int) for side in (low - SLACK, high + SLACK)
+    ]
+    met = cut.meets(low, high)[..., None]
+    return groups[0][..., ::-1], np.where(met, groups[1] + 1, groups[0])[..., ::-1]

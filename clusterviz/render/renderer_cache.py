@@ -1,0 +1,154 @@
+"""One rank's ray caster from frame to frame: compiled, and filled, only when the plan asks for it.
+
+A program is made for a variant; bricks are stored in an encoding, for OpenGL or for the processor. Another camera needs
+nothing new; another transfer function may need another program, or bricks that nobody could see before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, MutableMapping
+from typing import TYPE_CHECKING, Any
+
+from clusterviz.errors import InputError
+from clusterviz.image.partial import blank
+from clusterviz.partition import Piece
+from clusterviz.plan.encoding import Encoding
+from clusterviz.plan.plan import Plan
+from clusterviz.render.choice import Device, egl_device, prefers_processor
+from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.cpu.kernel import can_draw
+from clusterviz.render.render_result import RenderResult, Tell, untold
+from clusterviz.render.storage import slot_of
+from clusterviz.render.stored_brick import Stored
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from clusterviz.render.raycast import Raycaster
+
+Index = tuple[int, int, int]
+
+
+class RendererCache:
+    """What a rank keeps for drawing: its context, where it needs one, and a ray caster for its last plan.
+
+    Parameters
+    ----------
+    limit_bytes : of bricks, as `Raycaster` keeps to it
+    """
+
+    def __init__(self, limit_bytes: int | None = None) -> None:
+        self._limit_bytes = limit_bytes
+        self._context: moderngl.Context | None = None
+        self._caster: Raycaster | VectorCaster | None = None
+        self._prefers_processor: bool | None = None
+        self._encodings: tuple[Encoding | None, ...] = ()
+
+    def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
+        """The bricks that have to be loaded, or loaded again, before the plan can be drawn."""
+        if self._caster is None or self._encodings != _encodings_of(plan) or not self._suits(plan):
+            return set(wanted)
+        return set(wanted) - self._caster.pool.bricks
+
+    def is_compiled(self, plan: Plan) -> bool:
+        """Whether there is a program for the plan."""
+        return self._caster is not None and self._suits(plan) and self._caster.can_draw(plan)
+
+    def open(self, plan: Plan, local_rank: int, device: Device) -> None:
+        """Choose what draws, and make its context, unless there is one or none is needed."""
+        if self._prefers_processor is None:
+            self._prefers_processor = prefers_processor(device)
+        if self._context is None and not self._on_processor(plan):
+            from clusterviz.gl.context import open_context
+
+            self._context = open_context(local_rank, egl_device(device))
+
+    def compile(self, plan: Plan) -> None:
+        """Make the program, unless the last one will do; bricks stay where they fit the plan's slots."""
+        if self._caster is not None and not self._suits(plan):
+            self._drop()
+        if self._caster is None:
+            self._caster = self._made(plan)
+        elif not self._caster.can_draw(plan):
+            self._caster.compile(plan)
+
+    def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
+        """Upload bricks, taken out as they are stored, in place of those of the same indices that are there."""
+        if self._caster is not None:
+            self._caster.drop(bricks)
+            self._caster.load(plan, bricks)
+            self._encodings = _encodings_of(plan)
+
+    def put(self, plan: Plan, bricks: MutableMapping[Index, Stored]) -> None:
+        """The same with bricks that another rank has stored for the same plan."""
+        if self._caster is not None:
+            self._caster.drop(bricks)
+            self._caster.pool.put(bricks, lambda _, stored: stored)
+            self._encodings = _encodings_of(plan)
+
+    def keep(self, wanted: Collection[Index]) -> None:
+        """Give up all other bricks."""
+        if self._caster is not None:
+            self._caster.drop(self._caster.pool.bricks - set(wanted))
+
+    def stored(self, bricks: Collection[Index]) -> dict[Index, Stored]:
+        """Bricks that are here, read back."""
+        return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
+
+    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
+        """Draw a frame's pieces of this rank; blank ones where it never had a brick. See `VectorCaster.draw`."""
+        return (
+            [RenderResult(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces, tell)
+        )
+
+    @property
+    def held(self) -> dict[str, Any]:
+        """What there is to draw with: renderer, its name; bricks, their voxels and bytes of memory."""
+        if self._caster is None:
+            return {}
+        pool = self._caster.pool
+        counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
+        return {"renderer": self._caster.renderer, **counted}
+
+    def release(self) -> None:
+        """Give everything back to the driver."""
+        self._drop()
+        if self._context is not None:
+            self._context.release()
+            self._context = None
+
+    def _made(self, plan: Plan) -> Raycaster | VectorCaster:
+        if self._on_processor(plan):
+            return VectorCaster(plan)
+        if plan.layout.edges_zyx is not None:
+            raise InputError(
+                "OpenGL draws bricks of one size only",
+                where="cluster.largest_brick",
+                found="bricks of several sizes",
+                allowed="null; or the processor, where it can draw the scene (--device cpu)",
+            )
+        if self._context is None:
+            raise ValueError("there is no context yet")
+        from clusterviz.render.raycast import Raycaster
+
+        return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
+
+    def _on_processor(self, plan: Plan) -> bool:
+        return bool(self._prefers_processor) and can_draw(plan)
+
+    def _suits(self, plan: Plan) -> bool:
+        """Whether the caster's bricks are of the plan's kind."""
+        caster = self._caster
+        same_kind = isinstance(caster, VectorCaster) == self._on_processor(plan)
+        return caster is not None and same_kind and caster.slot == slot_of(plan)
+
+    def _drop(self) -> None:
+        if self._caster is not None:
+            self._caster.release()
+            self._caster = None
+
+
+def _encodings_of(plan: Plan) -> tuple[Encoding | None, ...]:
+    """What stored bricks depend on, of each volume; None for integers, which are stored as they are."""
+    each = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
+    return tuple(encoding if encoding.kind == "f32" else None for encoding in each)

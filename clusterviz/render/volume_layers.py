@@ -1,0 +1,283 @@
+"""The volumes of a mixture in the shader: the files that sample each, its constants, and its block.
+
+A shader file knows one volume. For several, the files that sample a volume are put in once for each, one volume after
+the other and no loop over them, and every name that belongs to one of them is a macro that ends in its number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.plan.blend_mode import BlendMode
+from clusterviz.plan.grading import Table
+from clusterviz.plan.multi_volume import MultiVolume
+from clusterviz.plan.plan import Filter
+from clusterviz.plan.preintegration import SUM_ROWS
+from clusterviz.plan.segments import BUCKETS
+from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
+from clusterviz.render.storage import Slot
+
+VOLUMES_BINDING, ROWS_BINDING = 6, 7  # of the block of all volumes, and of the rows of their looks
+TABLES_BINDING = 1  # of the first volume's texture
+VOLUME = np.dtype(
+    [
+        ("x", "f8", 4),  # rows of the matrix that takes the domain's index space to the volume's
+        ("y", "f8", 4),
+        ("z", "f8", 4),
+        ("last", "f8", 4),  # sample in x, y, z
+        ("scalar", "f4", 4),  # as in the frame's block
+        ("buckets", "f4", 4),
+        ("optics", "f4", 4),  # a slab in opacity unit distances
+        ("last_segment", "i4"),
+        ("base", "i4"),
+        ("unused", "i4"),
+        ("unused_too", "i4"),
+    ]
+)
+OWN_NAMES = (
+    *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
+    *("invalid", "derivative", "is_missing", "along", "gradient_at"),
+    *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
+    *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
+    *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
+    *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
+    *("absorbing", "surface", "meet_surfaces", "CELL_BEGINS", "cell_within", "extent_of", "cubic_of", "field_on"),
+    *(
+        "FAR",
+        "EARLIER",
+        "STILL",
+        "UNKNOWN",
+        "REFINEMENTS",
+        "Walk",
+        "walk_from",
+        "CubicAlongRay",
+        "take_level",
+        "reached_by",
+    ),
+    *(
+        "turns_of",
+        "course_of",
+        "crossed",
+        "faces_of",
+        "leaves_of",
+        "to_next_cell",
+        "next_course",
+        "met_in",
+        "gradient_in",
+    ),
+    *("within", "uncut", "met", "met_at", "find_ends"),
+    *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
+)
+"""What the files of one volume define, and another volume's define too."""
+CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span"}
+"""Functions that call those of the volumes before, and their parameters."""
+
+
+@dataclass(frozen=True)
+class VolumeVariant:
+    """What a program is compiled with for one volume of a mixture.
+
+    Attributes
+    ----------
+    filter : how the field is reconstructed
+    slot : how what a brick of the domain needs of the volume is stored
+    further_starts : of its segments
+    lights : how many light it; 0: it is not lit
+    caps : planes that cut it, its own faces among them, where it is lit
+    near : some of them have a place
+    smooth : its gradients are those of cubic B-splines
+    fading, table : as in `Variant`
+    surfaces : isosurfaces that it shows
+    in_volume : it shows more than those
+    preintegrated : its slabs are classified between their ends, not at their midpoints
+    """
+
+    filter: Filter
+    slot: Slot
+    further_starts: int
+    lights: int = 0
+    caps: int = 0
+    near: bool = False
+    smooth: bool = False
+    fading: int = 0
+    table: Table = ""
+    surfaces: int = 0
+    in_volume: bool = True
+    preintegrated: bool = False
+
+    @property
+    def rows(self) -> dict[str, int]:
+        """How many rows its look has of each kind; `rows_of` gives them in the same order."""
+        found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps} if self.lights else {}
+        found |= {"grading": 4 + self.fading} if self.fading or self.table else {}
+        return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
+
+    @property
+    def light_rows(self) -> int:
+        """Rows for each light."""
+        return 5 if self.near else 2
+
+    @property
+    def further_iterations(self) -> int:
+        """Of loops in a slab, at most, beyond those of one sample; those of surfaces that are met count themselves."""
+        return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
+
+    def parts(self, number: int) -> tuple[str, ...]:
+        """The files that sample the volume, between the macros that make them its own.
+
+        Parameters
+        ----------
+        number : of the volume
+        """
+        macros, chain = self._macros(number), _chain(number)
+        begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
+        end = _undefine([*macros, *(name for name in chain if "_before" in name)])
+        graded = self.lights or self.fading or self.table
+        gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
+        magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
+        fade = "faded.glsl" if self.fading else "unfaded.glsl"
+        classified = ("segment.glsl", "table.glsl" if self.table else "classified.glsl", "absorbing.glsl")
+        absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
+        met = (cell_file(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
+        places = "lights_near.glsl" if self.near else "lights_far.glsl"
+        light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
+        voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
+        files = (voxel, spline_file(self.filter, gradient), field, gradient, *light)
+        return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *met, end)
+
+    def _macros(self, number: int) -> dict[str, str]:
+        z, y, x = self.slot.cells_zyx
+        frame = f"volume[{number}]"
+        return {name: f"{name}_{number}" for name in OWN_NAMES} | {
+            "frame": frame,
+            "scalar": f"{frame}.scalar",
+            "buckets": f"{frame}.buckets",
+            "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
+            "NUMBER": str(number),
+            "FIRST_BUCKET": str(BUCKETS * number),
+            "FURTHER_STARTS": str(self.further_starts),
+            "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
+            "MARGIN": str(self.slot.margin),
+            "REACH": "0",
+            "ROW_WORDS": str(self.slot.row_words),
+            "SLICE_WORDS": str(self.slot.slice_words),
+            "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
+            "LIGHTS": str(self.lights),
+            "CAPS": str(self.caps),
+            "LIGHT_ROWS": str(self.light_rows),
+            "FADING_PIECES": str(self.fading),
+            "TABLE_BINDING": str(TABLES_BINDING + number),
+            "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
+            "SURFACES": str(self.surfaces),
+            "IN_VOLUME": str(self.in_volume).lower(),
+        }
+
+
+def _chain(number: int) -> dict[str, str]:
+    """`face_all` and the like, which stay defined for what comes after, and what they call."""
+    if not number:
+        return {f"{name}_all": f"{name}_all_0" for name in CHAINED} | {
+            f"{name}_before({given})": "" for name, given in CHAINED.items()
+        }
+    both = [(f"{name}_all", f"{name}_before") for name in CHAINED]
+    return {own: f"{own}_{number}" for own, _ in both} | {before: f"{own}_{number - 1}" for own, before in both}
+
+
+def _define(macros: dict[str, str]) -> str:
+    return _undefine(macros) + "".join(f"#define {name} {value}\n" for name, value in macros.items())
+
+
+def _undefine(names: Iterable[str]) -> str:
+    return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
+
+
+def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVariant, ...]:
+    """What a program is compiled with for each volume."""
+    return tuple(
+        VolumeVariant(
+            part.interpolation,
+            room,
+            part.segments.further_starts,
+            len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
+            len(part.blend_mode.shading.caps) if part.blend_mode.shading else 0,
+            bool(part.blend_mode.shading and part.blend_mode.shading.has_places),
+            part.blend_mode.smooth,
+            part.blend_mode.grading.fading if part.blend_mode.grading else 0,
+            part.blend_mode.grading.table_holds if part.blend_mode.grading else "",
+            len(part.blend_mode.surfaces),
+            part.blend_mode.blending == "composite",
+            part.preintegrated,
+        )
+        for part, room in zip(multi_volume.volume_layers, slot.parts, strict=True)
+    )
+
+
+def multi_volume_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
+    """The files that sample a slab of several volumes."""
+    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
+    rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
+    blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Looks", ROWS_BINDING, rows)
+    sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
+    layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
+    return (*(blocks if rows else blocks[:1]), *sums, layers, *each, "multi_volume.glsl")
+
+
+def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:
+    """The uniform blocks of several volumes, with their bindings."""
+    rows = [rows for part in multi_volume.volume_layers for rows in rows_of(part.blend_mode)]
+    looks = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
+    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *looks]
+
+
+def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
+    """The rows of a volume's look, as `VolumeVariant.rows` counts them: float32 (n, 4) each."""
+    surfaces = [blend_mode.surface_block()] if blend_mode.surfaces else []
+    return [part.block() for part in (blend_mode.shading, blend_mode.grading) if part] + surfaces
+
+
+def multi_volume_tables(multi_volume: MultiVolume) -> list[tuple[int, NDArray[np.float32]]]:
+    """The transfer functions that are tables over scalars and magnitudes, with the bindings of their textures."""
+    gradings = [(TABLES_BINDING + n, part.blend_mode.grading) for n, part in enumerate(multi_volume.volume_layers)]
+    return [(binding, one.table) for binding, one in gradings if one and one.table is not None]
+
+
+def volumes_block(multi_volume: MultiVolume) -> NDArray[np.void]:
+    """The block of all volumes, `VOLUME` (n,)."""
+    blocks, first = np.zeros(len(multi_volume.volume_layers), VOLUME), 0
+    for block, part in zip(blocks, multi_volume.volume_layers, strict=True):
+        segments = part.segments
+        for name, row in zip("xyz", part.cut.index_from_domain, strict=True):
+            block[name] = row
+        block["last"][:3] = np.array(part.cut.shape_zyx[::-1]) - 1
+        block["scalar"][:2] = part.encoding.scale, part.encoding.bias
+        block["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
+        block["optics"][0] = part.slab_units
+        block["last_segment"], block["base"] = first + len(segments.records) - 1, part.encoding.base
+        first += len(segments.records)
+    return blocks
+
+
+def joined_segments(
+    multi_volume: MultiVolume,
+) -> tuple[NDArray[np.void], NDArray[np.uint8], NDArray[np.float64] | None]:
+    """Buckets, records and sums of all volumes, one after the other; buckets count records from the first volume's on.
+
+    Records are given as bytes, since there are two kinds of one size; sums are None where no volume has any.
+    """
+    buckets, sums, first = [], [], 0
+    for part in multi_volume.volume_layers:
+        own = part.segments.buckets.copy()
+        own["first"] += first
+        buckets.append(own)
+        count = len(part.segments.records)
+        sums.append(np.zeros((count, SUM_ROWS)) if part.segments.sums is None else part.segments.sums)
+        first += count
+    records = np.concatenate([part.segments.records.view(np.uint8) for part in multi_volume.volume_layers])
+    has_sums = any(part.preintegrated for part in multi_volume.volume_layers)
+    return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None

@@ -1,0 +1,127 @@
+"""Reference pages that are made from the code: commands, scene keys and the Python API.
+
+`conf.py` writes them before Sphinx reads the pages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer.main
+
+import clusterviz
+from clusterviz.cli import COMMANDS, command_line
+from clusterviz.scene import scene_schema
+
+Schema = dict[str, Any]
+
+
+def cell(text: object) -> str:
+    """One cell of a Markdown table."""
+    return " ".join(str(text).split()).replace("|", "\\|")
+
+
+def table(head: tuple[str, ...], rows: list[tuple[object, ...]]) -> Iterator[str]:
+    """The lines of a Markdown table."""
+    yield ""
+    for row in (head, ("---",) * len(head), *rows):
+        yield f"| {' | '.join(map(cell, row))} |"
+    yield ""
+
+
+def commands() -> Iterator[str]:
+    """The command line: arguments, options and an example of each command."""
+    yield "# Commands"
+    group: Any = typer.main.get_command(command_line(list(COMMANDS)))
+    for name, command in group.commands.items():
+        for part, each in getattr(command, "commands", {"": command}).items():
+            context = each.context_class(each)
+            yield f"\n## clusterviz {' '.join(filter(None, (name, part)))}\n\n{each.help or ''}"
+            rows: list[tuple[object, ...]] = []
+            for parameter in each.get_params(context):
+                names = (
+                    parameter.opts
+                    if parameter.param_type_name == "option"
+                    else [parameter.metavar or parameter.name.upper()]
+                )
+                default = parameter.default
+                shown = "" if default in (None, False, (), []) or callable(default) else f"`{default}`"
+                meaning = getattr(parameter, "help", "") or ""
+                rows.append(
+                    (", ".join(f"`{one}`" for one in names), meaning, "required" if parameter.required else shown)
+                )
+            yield from table(("option", "meaning", "default"), rows)
+        if COMMANDS[name].example:
+            yield f"\n    {COMMANDS[name].example}\n"
+
+
+def scene(schema: Schema) -> Iterator[str]:
+    """The keys of the scene file, section by section."""
+    yield "# Scene keys\n\nA scene is a YAML or JSON file. Every key may be left out, but for the `path` of a volume."
+    yield "`-D section.key=value` sets a key on the command line. `clusterviz schema` prints these keys as JSON Schema."
+    for key, part in schema["properties"].items():
+        yield f"\n## {key}\n\n{part.get('description', '')}"
+        for name in dict.fromkeys(names_in(part)):
+            section = schema["$defs"].get(name, {})
+            if "properties" in section:
+                yield from keys(name, section)
+
+
+def names_in(part: Schema) -> Iterator[str]:
+    """The names of the definitions that a part of the schema refers to."""
+    for key, value in part.items():
+        if key == "$ref":
+            yield value.rsplit("/", 1)[-1]
+        for each in value if isinstance(value, list) else [value]:
+            if isinstance(each, dict):
+                yield from names_in(each)
+
+
+def keys(name: str, section: Schema) -> Iterator[str]:
+    """The keys of one section."""
+    yield f"\n{section.get('description', name)}"
+    rows: list[tuple[object, ...]] = []
+    for key, part in section["properties"].items():
+        default = part.get("default")
+        rows.append((f"`{key}`", kind(part), "" if default is None else f"`{default}`", part.get("description", "")))
+    yield from table(("key", "value", "default", "meaning"), rows)
+
+
+def kind(part: Schema) -> str:
+    """The values that a key takes, in a few words."""
+    if "enum" in part:
+        return ", ".join(f"`{one}`" for one in part["enum"])
+    if "const" in part:
+        return f"`{part['const']}`"
+    choices = part.get("anyOf") or part.get("oneOf")
+    if choices:
+        return " or ".join(dict.fromkeys(filter(None, map(kind, choices))))
+    if "$ref" in part:
+        return part["$ref"].rsplit("/", 1)[-1]
+    if part.get("type") == "array":
+        items = part.get("prefixItems")
+        return f"list of {len(items)}" if items else f"list of {kind(part.get('items', {})) or 'values'}"
+    return {"null": "", "string": "text", "object": "mapping"}.get(part.get("type", ""), part.get("type", ""))
+
+
+def api() -> Iterator[str]:
+    """The names of `clusterviz`, which autodoc writes out."""
+    yield "# Python API\n"
+    for name in clusterviz.__all__:
+        found = getattr(clusterviz, name)
+        home = getattr(found, "__module__", "")
+        if home.startswith("clusterviz"):
+            kind = "autoclass" if isinstance(found, type) else "autofunction"
+            yield f"\n```{{eval-rst}}\n.. {kind}:: {home}.{name}\n```\n"
+
+
+def write_pages(folder: Path) -> None:
+    """Write the pages into a folder."""
+    folder.mkdir(exist_ok=True)
+    for page, lines in (("commands", commands()), ("scene", scene(scene_schema())), ("python", api())):
+        text = "\n".join(lines) + "\n"
+        path = folder / f"{page}.md"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")

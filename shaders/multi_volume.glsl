@@ -1,0 +1,32 @@
+// Runs of slabs in several volumes: extinctions add up, and a slab's colour is the mean weighted by them. `volume_layer.glsl` gives the absorption
+// of each volume, `in_order` composites it. A brick begins with four words for each volume: the offset of its voxels from here (-1 for none),
+// and their first cell in the volume.
+void face(Ray ray) {
+    face_all(ray);
+}
+
+// Premultiplied colour and opacity of slab k, `at` slabs behind the place with which all began, from where to where it goes.
+vec4 mixed(int k, int at, dvec2 span) {
+    vec4 sum = vec4(0.0); // of the depths, with colours
+    take_all(sum, k, at, span);
+    return in_order(sum, float(span.y - span.x));
+}
+
+void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    begin_all(on_lattice(ray, origin), place.brick);
+    for (int at = from; at < to; ++at) {
+        double along = double(origin + at);
+        sum += (1.0 - sum.a) * mixed(origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
+        note(origin + at, sum.a);
+    }
+    run_iterations += (to - from) * SAMPLE_ITERATIONS;
+}
+
+// The last slab, or a first one that the entry has cut.
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
+    begin_all(midpoint(ray, k), place.brick);
+    double begin = double(k) - 0.5LF, end = begin + 1.0LF;
+    if (JITTERED && k == 0) begin += 1.0LF - double(ray.first_share);
+    if (k == ray.slabs - 1) end = begin + double(share);
+    return mixed(k, 0, dvec2(begin, end));
+}

@@ -1,0 +1,129 @@
+"""Bounds on the error from frame to frame: held in views where the first choice breaks them, at a small cost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.auto.calibration import FOLLOWED
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.frame import FrameLoop, Options
+from clusterviz.report.decisions import Accuracy
+from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.animation import scenes_along
+from clusterviz.scene.settings import with_settings
+
+PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
+RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"
+BOUND = 4 / 255
+
+VIEW = ["automatic=false", "camera.position=[3.864, 3.864, 3.864]", "camera.focal_point=[0, 0, 0]"]
+
+
+def scene_of(field: str, opacity: str, bound: float, size: str) -> Scene:
+    keys = [f"image.size={size}", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
+    return scene_of_data(f"field:{field}:16", [*VIEW, *keys, f"quality.max_error={bound}"])
+
+
+def turned(loop: FrameLoop) -> list[Scene]:
+    """A view along an axis, of which a few long slabs see all, and one that is turned away from it."""
+    camera = loop.scene.camera
+    x, y, z = camera.focal_point
+    position = (x, y, z + float(np.linalg.norm(np.subtract(camera.position, camera.focal_point))))
+    along = camera.model_copy(update={"position": position, "view_up": (0.0, 1.0, 0.0)})
+    return scenes_along(loop.scene.model_copy(update={"camera": along}), 2, 45.0)
+
+
+def drawn(channel: Channel, scene: Scene) -> list[Any]:
+    with FrameLoop(scene, channel, options=Options(overlap=False)) as loop:
+        scenes = [one.model_copy(update={"quality": scene.quality}) for one in turned(loop)]
+        return [loop.frame(one, number) for number, one in enumerate(scenes)]
+
+
+def accuracy_of(rendered: Any) -> Accuracy:
+    assert rendered.statistics.accuracy is not None
+    return rendered.statistics.accuracy  # type: ignore[no-any-return]
+
+
+def largest_errors(frames: list[Any], truths: list[Any]) -> list[float]:
+    return [float(np.abs(one.image - truth.image).max()) for one, truth in zip(frames, truths, strict=True)]
+
+
+@pytest.mark.gl
+def test_the_bound_is_held_in_views_where_the_first_choice_breaks_it() -> None:
+    scene = scene_of("marschner-lobb", PEAK, BOUND, "[28,20]")
+    followed = drawn(LoopbackChannel(), scene)
+    fine = {"max_error": None, "classification": "pre-integrated", "step": 1 / 64}
+    truths = drawn(LoopbackChannel(), with_settings(scene, fine))
+    alone = drawn(LoopbackChannel(), scene.model_copy(update={"quality": followed[0].scene.quality}))
+    assert max(largest_errors(alone, truths)) > BOUND
+    found = [accuracy_of(one) for one in followed]
+    for error, accuracy in zip(largest_errors(followed, truths), found, strict=True):
+        assert error <= accuracy.error <= BOUND
+    assert found[-1].step < found[0].step
+
+
+@pytest.mark.gl
+def test_any_number_of_ranks_follows_alike() -> None:
+    scene = scene_of("marschner-lobb", PEAK, BOUND, "[20,14]")
+    chosen = []
+    for ranks in (1, 3, 5):
+        every = run_loopback(ranks, lambda channel: [accuracy_of(one) for one in drawn(channel, scene)])
+        settings = [[(one.step, one.classification) for one in found] for found in every]
+        assert settings == [settings[0]] * ranks
+        chosen.append(settings[0])
+    assert chosen == [chosen[0]] * 3
+
+
+@pytest.mark.gl
+def test_following_costs_a_small_share_of_a_frame_and_a_view_that_was_seen_nothing() -> None:
+    with FrameLoop(scene_of("gaussian", RAMP, 1e-3, "[192,160]"), LoopbackChannel()) as loop:
+        scenes = scenes_along(loop.scene, 3, 30.0)
+        first, _, third, again = (loop.frame(scenes[number]) for number in (0, 1, 2, 2))
+    samples = sum(rank.samples for rank in third.statistics.per_rank)
+    assert accuracy_of(first).pilot_samples > FOLLOWED * samples
+    assert 0 < accuracy_of(third).pilot_samples < 1.2 * FOLLOWED * samples
+    assert accuracy_of(again).pilot_samples == accuracy_of(again).pilot_pixels == 0
+    assert accuracy_of(again).error == accuracy_of(third).error
+
+
+@pytest.mark.gl
+def test_another_transfer_function_is_followed_and_another_bound_is_not() -> None:
+    with FrameLoop(scene_of("gaussian", RAMP, 2 / 255, "[28,20]"), LoopbackChannel()) as loop:
+        other = with_settings(loop.scene, {"opacity": [[0.0, 0.0], [0.5, 0.0], [0.52, 0.9], [0.6, 0.0]]})
+        found = [accuracy_of(loop.frame(scene)) for scene in (loop.scene, other)]
+        bounded = accuracy_of(loop.frame(with_settings(other, {"max_error": 0.1})))
+    assert found[1].step < found[0].step
+    assert bounded.max_error == 0.1
+    assert bounded.step > found[1].step
+
+
+@pytest.mark.gl
+def test_fewer_bits_are_taken_where_ranks_send_and_the_bound_has_room() -> None:
+    scene = scene_of("gaussian", RAMP, 0.06, "[28,20]")
+    fine = {"max_error": None, "step": 1 / 40}
+    truths = drawn(LoopbackChannel(), with_settings(scene, fine))
+    for ranks, formats in ((1, {"float32"}), (3, {"float16", "uint8"})):
+        frames = run_loopback(ranks, lambda channel: drawn(channel, scene))[0]
+        for error, frame in zip(largest_errors(frames, truths), frames, strict=True):
+            accuracy = accuracy_of(frame)
+            assert frame.scene.quality.pixel == accuracy.pixel
+            assert accuracy.pixel in formats
+            assert error <= accuracy.error <= 0.06
+            assert set(accuracy.reasons) == {"step", "classification", "filter", "early_termination", "pixel"}
+            assert all(accuracy.reasons.values())
+
+
+@pytest.mark.gl
+def test_the_texture_unit_is_measured_where_opengl_draws() -> None:
+    scene = scene_of("gaussian", RAMP, 0.02, "[28,20]")
+    with FrameLoop(scene, LoopbackChannel(), options=Options(device=0, overlap=False)) as loop:
+        frames = [loop.frame(one, number) for number, one in enumerate(scenes_along(loop.scene, 2, 20.0))]
+        truth = loop.frame(with_settings(frames[0].scene, {"step": 1 / 32, "filter": "exact"}), 2)
+    first, second = map(accuracy_of, frames)
+    assert "hardware adds about" in first.reasons["filter"]
+    assert "of the time a sample" in first.reasons["filter"]
+    assert second.filter == first.filter == frames[1].scene.quality.filter
+    assert largest_errors([frames[0]], [truth])[0] <= first.error <= 0.02

@@ -1,0 +1,157 @@
+"""Bricks on their way: drawn once, held by who draws them, never above the limit, never lost, whatever happens."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from clusterviz.distribution.flights import Migration, arrive, dispatch, forget, launch, settled, switch, withdraw
+from clusterviz.distribution.rebalance import Move
+from clusterviz.errors import InputError
+from clusterviz.partition import Owners, build_tree, owners_of
+from clusterviz.partition.tree import Index
+
+SHAPE = (2, 3, 4)
+BRICKS: list[Index] = list(product(*map(range, SHAPE)))
+RANKS = 3
+SIZES = np.arange(24).reshape(SHAPE) % 4 * 10
+
+
+def moved(migration: Migration, brick: Index, target: int) -> Migration:
+    """Planned, sent, arrived and switched."""
+    before = launch(migration, [Move(brick, int(migration.owners.owner[brick]), target, 1)])
+    before = dispatch(before, [f.brick for f in before.flights if f.stage == "planned"])
+    return switch(arrive(before, [f.brick for f in before.flights if f.stage == "sent"]))
+
+
+class RanksThatSwapBricks(RuleBasedStateMachine):
+    """Three ranks with memories of their own, which do what the value says, and forget what it lets them forget."""
+
+    @initialize(room=st.integers(0, 200))
+    def begin(self, room: int) -> None:
+        owners = owners_of(build_tree(np.ones(SHAPE), RANKS))
+        limit = int(owners.loads(SIZES.astype(float)).max()) + room
+        self.value = settled(owners, SIZES, limit)
+        self.memory = [self.value.holds(rank) for rank in range(RANKS)]
+        self.wire: set[tuple[Index, int]] = set()
+
+    def follow(self, value: Migration) -> None:
+        self.value = value
+        for rank in range(RANKS):
+            self.memory[rank] &= value.holds(rank)
+
+    @rule(choices=st.lists(st.tuples(st.sampled_from(BRICKS), st.integers(0, RANKS - 1)), max_size=4))
+    def plan(self, choices: list[tuple[Index, int]]) -> None:
+        for brick, target in choices:
+            source, moving = int(self.value.owners.owner[brick]), self.value.moving
+            fits = SIZES[brick] <= self.value.free_bytes[target]
+            if source != target and fits and not moving[brick]:
+                self.follow(launch(self.value, [Move(brick, source, target, int(SIZES[brick]))]))
+            else:
+                with pytest.raises(InputError):
+                    launch(self.value, [Move(brick, source, target, int(SIZES[brick]))])
+
+    @precondition(lambda self: any(f.stage == "planned" for f in self.value.flights))
+    @rule(data=st.data())
+    def send(self, data: st.DataObject) -> None:
+        flight = data.draw(st.sampled_from([f for f in self.value.flights if f.stage == "planned"]))
+        assert flight.brick in self.memory[flight.source]
+        self.wire.add((flight.brick, flight.target))
+        self.follow(dispatch(self.value, [flight.brick]))
+
+    @precondition(lambda self: any(f.stage == "sent" for f in self.value.flights))
+    @rule(data=st.data(), damaged=st.booleans())
+    def receive(self, data: st.DataObject, damaged: bool) -> None:
+        flight = data.draw(st.sampled_from([f for f in self.value.flights if f.stage == "sent"]))
+        self.wire.remove((flight.brick, flight.target))
+        if damaged:
+            self.follow(withdraw(self.value, [flight.brick]))
+            return
+        self.memory[flight.target].add(flight.brick)
+        self.follow(arrive(self.value, [flight.brick]))
+
+    @rule()
+    def hand_over(self) -> None:
+        self.follow(switch(self.value))
+
+    @rule()
+    def voxels_change(self) -> None:
+        self.follow(forget(self.value))
+
+    @invariant()
+    def who_draws_a_brick_has_it(self) -> None:
+        if hasattr(self, "value"):
+            drawn = [brick for rank in range(RANKS) for brick in map(tuple, self.value.owners.bricks(rank))]
+            assert sorted(drawn) == BRICKS
+            for brick in BRICKS:
+                # Bricks without bytes are everywhere at once.
+                assert not SIZES[brick] or brick in self.memory[self.value.owners.owner[brick]]
+
+    @invariant()
+    def memory_stays_below_the_limit(self) -> None:
+        if hasattr(self, "value"):
+            assert (self.value.held_bytes <= self.value.limit_bytes).all()
+            for rank in range(RANKS):
+                due = sum(int(SIZES[brick]) for brick, target in self.wire if target == rank)
+                assert due + sum(int(SIZES[brick]) for brick in self.memory[rank]) <= self.value.limit_bytes
+
+    @invariant()
+    def ranks_hold_what_the_value_says(self) -> None:
+        if hasattr(self, "value"):
+            for rank in range(RANKS):
+                said = {brick for brick in self.value.holds(rank) if SIZES[brick]}
+                assert said == {brick for brick in self.memory[rank] if SIZES[brick]}
+
+
+TestRanksThatSwapBricks = RanksThatSwapBricks.TestCase
+TestRanksThatSwapBricks.settings = settings(max_examples=40, stateful_step_count=40, deadline=None)
+
+
+def row(limit: int) -> Migration:
+    """Four bricks of 10 bytes in a row, two a rank."""
+    return settled(Owners(2, np.array([[[0, 0, 1, 1]]], np.int32)), np.full((1, 1, 4), 10), limit)
+
+
+def test_the_sender_draws_until_the_receiver_has_it() -> None:
+    value = launch(row(40), [Move((0, 0, 1), 0, 1, 10)])
+    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    value = switch(dispatch(value, [(0, 0, 1)]))
+    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    value = arrive(value, [(0, 0, 1)])
+    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    assert switch(value).owners.owner.tolist() == [[[0, 1, 1, 1]]]
+
+
+def test_a_brick_that_comes_back_is_not_sent_again() -> None:
+    there = moved(row(40), (0, 0, 1), 1)
+    assert there.cached == (((0, 0, 1),), ())
+    back = launch(there, [Move((0, 0, 1), 1, 0, 0)])
+    assert [flight.stage for flight in back.flights] == ["held"]
+    assert switch(back).owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    assert switch(back).cached == ((), ((0, 0, 1),))
+
+
+def test_the_least_recently_drawn_brick_gives_way() -> None:
+    value = moved(moved(row(40), (0, 0, 1), 1), (0, 0, 0), 1)
+    assert value.cached[0] == ((0, 0, 1), (0, 0, 0))
+    value = moved(moved(value, (0, 0, 2), 0), (0, 0, 3), 0)
+    assert value.cached[0] == ((0, 0, 1), (0, 0, 0))
+    tight = moved(moved(row(30), (0, 0, 1), 1), (0, 0, 2), 0)
+    assert tight.cached == (((0, 0, 1),), ((0, 0, 2),))
+    assert moved(tight, (0, 0, 3), 0).cached[0] == ()
+
+
+def test_a_share_above_the_limit_is_refused() -> None:
+    with pytest.raises(InputError, match="≥ 20"):
+        row(19)
+
+
+@pytest.mark.parametrize("call", [dispatch, arrive, withdraw])
+def test_bricks_that_are_not_on_their_way_are_refused(call: object) -> None:
+    with pytest.raises(InputError, match=r"brick \(0, 0, 2\)"):
+        call(row(40), [(0, 0, 2)])  # type: ignore[operator]

@@ -1,0 +1,173 @@
+"""Compositing behind drawing: the same pictures and counts, both at once, and failures of either end all ranks."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from failures.jobs import FIELD, SMALL, failing, finish
+
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm.mpi import MpiChannel
+from clusterviz.errors import RankError
+from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.frame.compositing import Compositing
+from clusterviz.render.renderer_cache import RendererCache
+from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.settings import with_settings
+
+FIRST = scene_of_data("field:gaussian:16", ["image.size=[24,18]", "cluster.brick=8"])
+CAMERAS = ((60.0, 10.0, 5.0), (-40.0, 30.0, 9.0), (7.0, 7.0, -50.0), (8.0, 7.0, 6.0))
+COUNTED = ("bricks", "bricks_drawn", "voxels", "samples", "bytes_raw", "bytes_sent", "messages_sent")
+
+
+def scenes(**settings: Any) -> list[Scene]:
+    """A camera each, and one that sees nothing; what is counted shall not depend on what was measured."""
+    views = [{"position": camera, "focal_point": (7.5, 7.5, 7.5)} for camera in CAMERAS]
+    views.insert(2, {"position": CAMERAS[0], "focal_point": (90.0, 10.0, 5.0)})
+    return [with_settings(FIRST, {"mode": "sort-last"} | view | settings) for view in views]
+
+
+def draw(channel: Channel, views: list[Scene], **options: Any) -> list[Rendered]:
+    with FrameLoop(views[0], channel, options=Options(**options)) as loop:
+        return list(loop.frames(enumerate(views)))
+
+
+def waiting_threads() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "compositing"]
+
+
+def check_consistency(overlapped: list[Rendered], alone: list[Rendered]) -> None:
+    """Pictures bit for bit, and everything that is counted."""
+    assert len(overlapped) == len(alone) == len(CAMERAS) + 1
+    for number, (one, other) in enumerate(zip(overlapped, alone, strict=True)):
+        assert one.statistics.number == other.statistics.number == number
+        assert one.image is not None
+        assert other.image is not None
+        assert np.array_equal(one.image, other.image)
+        for mine, plain in zip(one.statistics.per_rank, other.statistics.per_rank, strict=True):
+            assert [getattr(mine, name) for name in COUNTED] == [getattr(plain, name) for name in COUNTED]
+            assert mine.seconds["total"] >= mine.seconds["render"]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("ranks", "settings"),
+    [
+        (1, {}),
+        (3, {}),
+        (3, {"blending": "average", "transport": "messages"}),
+        (3, {"distribution": "dynamic", "migration_share": 1.0, "opacity": [[0.3, 0.0], [1.0, 0.5]]}),
+    ],
+    ids=str,
+)
+def test_pictures_and_counts_are_those_without_overlap(ranks: int, settings: dict[str, Any]) -> None:
+    written: list[int] = []
+
+    def run(channel: LoopbackChannel) -> tuple[list[Rendered], list[Rendered]]:
+        views = scenes(**settings)
+        write = lambda image, scene, number: written.append(number)  # noqa: E731
+        return draw(channel, views, write=write), draw(channel, views, overlap=False)
+
+    check_consistency(*run_loopback(ranks, run)[0])
+    assert written == list(range(len(CAMERAS) + 1))
+    assert waiting_threads() == []
+
+
+@pytest.mark.gl
+@pytest.mark.mpi(ranks=[3], timeout=60)
+def test_over_mpi_with_rows_of_their_own_in_the_trace(mpi_ranks: int) -> None:
+    channel = MpiChannel(several_threads=True)
+    overlapped, alone = (draw(channel, scenes(), overlap=overlap, trace=True) for overlap in (True, False))
+    if channel.rank == 0:
+        check_consistency(overlapped, alone)
+        assert len(overlapped[0].statistics.per_rank) == mpi_ranks
+    for frames, rows in ((overlapped, {"", "compositing"}), (alone, {""})):
+        assert {span.row for rendered in frames for span in rendered.spans} == rows
+    composited = [span for rendered in overlapped for span in rendered.spans if span.name == "composite"]
+    assert {span.row for span in composited} == {"compositing"}
+    channel.close()
+
+
+@pytest.mark.gl
+def test_a_frame_is_composited_while_the_next_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    meeting = threading.Barrier(2, timeout=20)
+    right_draw, right_picture, draws = RendererCache.draw, Compositing.picture, list[int]()
+
+    def draw_and_meet(caster: RendererCache, *arguments: Any) -> Any:
+        draws.append(1)
+        if len(draws) == 2:
+            meeting.wait()
+        return right_draw(caster, *arguments)
+
+    def composite_and_meet(compositing: Compositing, *arguments: Any) -> Any:
+        if compositing._run.frame == 0:
+            meeting.wait()
+        return right_picture(compositing, *arguments)
+
+    monkeypatch.setattr(RendererCache, "draw", draw_and_meet)
+    monkeypatch.setattr(Compositing, "picture", composite_and_meet)
+    assert len(draw(LoopbackChannel(), scenes())) == len(CAMERAS) + 1
+
+
+@pytest.mark.gl
+def test_a_frame_that_was_drawn_is_kept_when_the_next_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, written, raised = RendererCache.draw, list[int](), list[str]()
+    failing_frame = threading.local()
+
+    def fail_at_the_third(caster: RendererCache, *arguments: Any) -> Any:
+        failing_frame.calls = getattr(failing_frame, "calls", 0) + 1
+        if failing_frame.calls == 3:
+            raise ValueError("odd")
+        return right(caster, *arguments)
+
+    def run(channel: LoopbackChannel) -> None:
+        with pytest.raises(RankError) as error:
+            draw(channel, scenes(), write=lambda image, scene, number: written.append(number))
+        raised.append(str(error.value))
+
+    monkeypatch.setattr(RendererCache, "draw", fail_at_the_third)
+    run_loopback(2, run)
+    assert raised == ["rank 0, frame 2, render: ValueError: odd"] * 2
+    assert written == [0, 1]
+    assert waiting_threads() == []
+
+
+@pytest.mark.gl
+def test_a_picture_that_cannot_be_written_is_raised_on_all_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
+    raised: list[str] = []
+
+    def fail(image: Any, scene: Scene, number: int) -> None:
+        if number == 1:
+            raise OSError("full")
+
+    def run(channel: LoopbackChannel) -> None:
+        with pytest.raises(RankError) as error:
+            draw(channel, scenes(), write=fail)
+        raised.append(str(error.value))
+
+    run_loopback(3, run)
+    assert raised == ["rank 0, frame 1, write: OSError: full"] * 3
+    assert waiting_threads() == []
+
+
+@pytest.mark.fresh
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("rank", "place", "said"),
+    [
+        (1, "clusterviz.composite.compositor:Compositor.composite", "rank 1, frame 0, composite: ValueError: odd"),
+        (2, "clusterviz.frame.async_compositing:tell_costs", "rank 2: ValueError: odd"),
+        (0, "clusterviz.cli.animate:_Animation.write", "rank 0, frame 0, write: ValueError: odd"),
+    ],
+)
+def test_what_fails_in_one_thread_of_one_rank_ends_the_job(rank: int, place: str, said: str, tmp_path: Path) -> None:
+    command = ("animate", FIELD, "-o", str(tmp_path / "f%d.png"), *SMALL, "--orbit", "90", "--frames", "4")
+    ended = finish(failing(rank, place, "raise", 3, *command), 40)
+    assert ended.status == 1
+    messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
+    assert len(messages) == 1, ended.err
+    assert said in messages[0]

@@ -1,0 +1,79 @@
+"""Ranks that decide otherwise are found before anything is composited, on all ranks alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from frame.views import draw_all, views
+
+from clusterviz.comm import Channel, run_loopback
+from clusterviz.distribution.dynamic import Dynamic
+from clusterviz.distribution.flights import Flight
+from clusterviz.errors import RankError
+from clusterviz.frame import Options, Run
+from clusterviz.frame.consistency import check_equal, digest_of
+from clusterviz.image.region import Rect
+from clusterviz.partition import BrickBox, Piece
+
+BOX = BrickBox((0, 1, 2), (2, 3, 4))
+OWN = np.arange(8).reshape(2, 2, 2) % 3 == 0
+PIECES = (Piece(0, BOX), Piece(2, BOX, OWN), Piece(1, BOX, None, Rect(0, 0, 5, 4)))
+OTHERS = (
+    PIECES[::-1],
+    PIECES[:2],
+    (replace(PIECES[0], rank=1), *PIECES[1:]),
+    (replace(PIECES[0], box=BrickBox((0, 1, 2), (2, 3, 3))), *PIECES[1:]),
+    (PIECES[0], replace(PIECES[1], bricks=~OWN), PIECES[2]),
+    (PIECES[0], replace(PIECES[1], bricks=None), PIECES[2]),
+    (replace(PIECES[0], bricks=OWN), replace(PIECES[1], bricks=None), PIECES[2]),
+    (*PIECES[:2], replace(PIECES[2], rect=Rect(0, 0, 4, 5))),
+    (*PIECES[:2], replace(PIECES[2], rect=None)),
+)
+
+
+def test_pieces_have_the_same_checksum_only_where_they_are_the_same() -> None:
+    again = (Piece(0, BOX), Piece(2, BOX, OWN.copy()), Piece(1, BOX, None, Rect(0, 0, 5, 4)))
+    assert digest_of(again) == digest_of(PIECES)
+    assert len({digest_of(pieces) for pieces in (PIECES, *OTHERS, ())}) == len(OTHERS) + 2
+
+
+@pytest.mark.parametrize(
+    ("sums", "said"),
+    [
+        ([7, 7, 8], "rank 2, frame 0, compare: decides otherwise than the other ranks all; "),
+        ([7, 8, 7, 9, 7], r"rank 1, frame 0, compare: .* all \(and so do ranks 3\); "),
+        ([7, 8], "rank 1, frame 0"),
+    ],
+)
+def test_the_ranks_that_differ_from_most_are_named(sums: list[int], said: str) -> None:
+    def run(channel: Channel) -> None:
+        check_equal(Run(channel, Options()), {"nothing": [4] * len(sums), "all": sums})
+
+    with pytest.raises(RankError, match=said):
+        run_loopback(len(sums), run)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [("assign", "frame 3, compare: .* who draws what"), ("depart", "frame 3, compare: .* bricks fly")],
+)
+def test_a_rank_whose_distribution_differs_ends_all_ranks(
+    place: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the difference would show in the next frame only."""
+    right, calls = getattr(Dynamic, place), dict[int, int]()
+
+    def wrong(distribution: Dynamic, *args: Any) -> Any:
+        calls[id(distribution)] = calls.get(id(distribution), 0) + 1
+        found = right(distribution, *args)
+        if calls[id(distribution)] != 4 or id(distribution) != min(calls):
+            return found
+        return found[1:] if place == "assign" else (*found, Flight((0, 0, 0), 7, 8, "planned"))
+
+    monkeypatch.setattr(Dynamic, place, wrong)
+    with pytest.raises(RankError, match=said):
+        run_loopback(3, lambda channel: draw_all(views(5, 4, distribution="dynamic"), channel))

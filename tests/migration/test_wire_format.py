@@ -1,0 +1,77 @@
+"""Parcels: bricks come out as they went in, and no damage passes for a brick."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
+
+from clusterviz.codec import pack
+from clusterviz.codec.contract import CodecError
+from clusterviz.data.grid import Grid
+from clusterviz.migration.wire_format import WireFormat, wire_format_of
+from clusterviz.render.stored_brick import Stored, store
+
+BRICK = (1, 0, 2)
+PIECE_BYTES = 144
+
+
+def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
+    voxels = noise(dtype=dtype)
+    prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), filter=filter), voxels, brick=7)
+    parcels = replace(wire_format_of(prepared.plan, voxels.dtype), piece_bytes=PIECE_BYTES)
+    return parcels, store(prepared.bricks[BRICK], prepared.plan.encoding, parcels.slot)
+
+
+@pytest.mark.parametrize("codec", ["raw", "active+lz4", "active+delta+shuffle+lz4"])
+@pytest.mark.parametrize("filter", ["exact", "hardware"])
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])
+def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) -> None:
+    parcels, stored = made(dtype, filter)
+    stream, came = parcels.stream(stored), np.zeros(parcels.stream_bytes, np.uint8)
+    assert parcels.pieces > 3
+    for number in reversed(range(parcels.pieces)):
+        piece = parcels.wrap(BRICK, stored.voxels, stream, number, lambda pixels, rows: pack(pixels, codec, rows))
+        assert piece.size <= parcels.most_bytes(number)
+        voxels = parcels.unwrap(piece, BRICK, number, came)
+    found = parcels.brick(came, voxels)
+    z, y, x = stored.samples.shape
+    assert found.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(stored.samples).tobytes()
+    assert (found.low == stored.low).all()
+    assert (found.high == stored.high).all()
+    assert (found.low.dtype, found.voxels) == (stored.low.dtype, stored.voxels)
+
+
+@pytest.mark.parametrize("codec", ["raw", "lz4"])
+def test_no_damage_passes_for_a_brick(codec: str) -> None:
+    parcels, stored = made("uint8")
+    flat = Stored(np.zeros_like(stored.samples), stored.low, stored.high, stored.voxels)
+    stream, came = parcels.stream(flat), np.zeros(parcels.stream_bytes, np.uint8)
+    first = parcels.wrap(BRICK, flat.voxels, stream, 0, lambda pixels, rows: pack(pixels, codec, rows))
+    assert (first.size < 100) == (codec == "lz4")
+    for at in range(first.size):
+        damaged = first.copy()
+        damaged[at] ^= 1 << at % 8
+        try:
+            parcels.unwrap(damaged, BRICK, 0, came)
+        except CodecError:
+            continue
+        # Zeros may be copied from any place where there are some.
+        assert codec == "lz4"
+        assert not came.any()
+    for size in (0, 10, 32, first.size - 1):
+        with pytest.raises(CodecError):
+            parcels.unwrap(first[:size], BRICK, 0, came)
+
+
+def test_another_brick_another_piece_and_another_way_of_storing_are_refused() -> None:
+    parcels, stored = made("float32")
+    stream, came = parcels.stream(stored), np.zeros(parcels.stream_bytes, np.uint8)
+    piece = parcels.wrap(BRICK, stored.voxels, stream, 1, lambda pixels, rows: pack(pixels, "raw", rows))
+    others = [(parcels, (0, 0, 2), 1), (parcels, BRICK, 0), (replace(parcels, stamp=parcels.stamp ^ 1), BRICK, 1)]
+    for made_of, brick, number in others:
+        with pytest.raises(CodecError):
+            made_of.unwrap(piece, brick, number, came)
+    assert parcels.unwrap(piece, BRICK, 1, came) == stored.voxels
