@@ -15,7 +15,7 @@ import numpy as np
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
 from clusterviz.plan.accuracy import COARSEST, SAFETY, VERIFIED_FINEST, Aim, Choice, choose, next_trial, verified
-from clusterviz.plan.estimate import Trial, apart, largest
+from clusterviz.plan.estimate import Trial, difference, largest
 from clusterviz.plan.filter_and_pixel import Picked, Probe, pick_filter, reduced, why_exact
 from clusterviz.plan.plan import Filter
 from clusterviz.scene.values import Quality, Scene
@@ -73,7 +73,7 @@ class TextureUnit:
         exact, textured = (self._drawn(scene).image for scene in self._scenes)
         added = 0.0
         if exact is not None and textured is not None:
-            added = largest(apart(exact, textured), aim.pixels) * (2 * SAFETY if aim.jumps else SAFETY)
+            added = largest(difference(exact, textured), aim.pixels) * (2 * SAFETY if aim.jumps else SAFETY)
         return self._channel.broadcast(added)
 
     def share(self) -> float:

@@ -113,7 +113,7 @@ def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
         check_same_volume(last.scene, scene)
     except SceneError:
         return False
-    return last.scene.quality == scene.quality and last.choice.trial.classification in aim.ways
+    return last.scene.quality == scene.quality and last.choice.trial.classification in aim.classifications
 
 
 def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:

@@ -1,20 +1,8 @@
-"""The plan room: one frame's decisions, a pure function of the scene and of facts about the data.
+"""The plan of a frame, a pure function of the scene and of metadata of its volumes.
 
-- plan.py      the plan, and how it is made
-- view.py      the camera in index space; footprints
-- lattice.py   how long slabs are
-- look.py      what becomes of the samples along a ray
-- mixture.py   several volumes
-- domain.py    the box around them, and its bricks
-- cut.py       which of their voxels a brick needs
-- shading.py   how a volume is lit
-- clip.py      clipping planes in index space
-- encoding.py  how voxels are stored
-- segments.py  the transfer function as the shader reads it
-- accuracy.py  which settings hold a bound on the error at least cost; estimate.py: by which errors; leftover.py: filter
-  and pixels
-- stretching.py  where slabs may be longer
-- preintegration.py  the same for slabs that are classified between their ends
+`make_plan` gives a `Plan`: the camera in index space, the sampling of rays, the blend mode, clipping planes, the
+encoding of voxels, the transfer function as the shader reads it, and the cost of each brick. It is equal on all ranks.
+The modules on accuracy choose settings that hold `quality.max_error`.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Which settings hold a bound on the error at least cost: `quality.max_error`, decided from small pictures.
+"""Choice of step and classification for `quality.max_error`: the cheapest that hold the bound in small pictures.
 
-What a step costs in accuracy depends on the field, the transfer function and the view, and no bound from slopes alone
-is within an order of magnitude of the truth. So the scene is drawn with few rays at steps of 2, 1, ½, … voxels, until
-a step is found that holds, by the errors that `estimate.py` finds in these pictures. Both ways of classification go to
-the same picture: only the one that promises to be cheaper is made finer, unless they contradict each other. From frame
-to frame a choice is followed: of the way that was chosen, pictures around the last step tell whether it still holds.
+The error of a step depends on the field, the transfer function and the view, and bounds from slopes alone are wrong by
+an order of magnitude. So the scene is drawn with few rays at steps of 2, 1, ½, … voxels, until the errors that
+`estimate.py` finds in these pictures are within the bound. Both classifications converge to the same picture, so only
+the one that is likely to be cheaper is refined, unless they disagree. From frame to frame, pictures around the last
+step, with the last classification, show if it still holds.
 
-An eighth of the bound is for rays that end early (what is behind them adds no more than the residual), the rest for the
-step. docs/measurements/accuracy.md says how often the choice was right.
+An eighth of the bound is for early ray termination, the rest for the step. docs/measurements/accuracy.md says how often
+the choice was right.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from clusterviz.plan.estimate import (
     SLOWEST,
     Pictures,
     Trial,
-    apart,
+    difference,
     errors_of,
     largest,
     left_of,
@@ -40,44 +40,45 @@ from clusterviz.scene.values import Scene, Volume
 COARSEST, FINEST = -1, 6
 """Levels: a step is 2^-level voxels."""
 FIRST = 1
-"""Pictures down to this level are made in any case: coarse ones may agree on what they all miss."""
+"""Pictures down to this level are always drawn: coarser ones may all miss the same detail."""
 TERMINATION = 1 / 8
-"""Share of the bound for rays that end early."""
+"""Share of the bound for early ray termination."""
 SAFETY = 2.0
-"""On all estimates."""
+"""Safety factor of all estimates."""
 VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
-"""Where anything jumps, or nearly so, single pixels are far worse than all others, and no sample of pixels tells of
-them: nothing is believed of a small picture before a finer one was drawn, and the choice is verified in all pixels,
-with this factor on what is found, at steps down to this level."""
+"""Where opacity or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of
+pixels misses. Then an estimate needs a picture one level finer, and the choice is verified in all pixels, with this
+safety factor, at steps down to this level."""
 STEEP = 8.0
-"""Full scales of opacity or colour that a transfer function changes by in the range of clim: steeper ones are jumps."""
+"""Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
+jump."""
 STEADY = math.sqrt(2)
-"""A step that still holds stays until another costs so many times less, so that frames that follow look alike."""
+"""A step that still holds is kept until another is cheaper by this factor, so that consecutive frames are similar."""
 FEW = 500
-"""Pixels that the volume covers below which only steps that were drawn are taken, as are steps of more than half a
-voxel: how few slabs, or the same ones in all pixels, fall on the field is chance, and no step tells of another."""
+"""Covered pixels below which only steps that were drawn are chosen; so are steps of more than half a voxel. With so
+few samples errors are erratic, and those of one step do not predict those of another."""
 STRAY = 1.5
-"""Levels that a choice may be followed away from where both ways of classification were compared."""
+"""Levels that a choice may move away from the one at which both classifications were compared."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is asked for.
+    """Bound on the error, and the choices that are allowed.
 
     Attributes
     ----------
-    bound : on the error
-    pixels : of the whole picture
-    ways : of classification, between which there is a choice
-    jumps : whether opacity or colour jump, or nearly so, along rays
-    is_cut : whether they do at clipping planes, or at the faces of one of several volumes, whatever the classification
-    last : the choice of the frame before, which is followed; None where there is none
+    bound : largest error
+    pixels : number of pixels of the whole picture
+    classifications : those that may be chosen
+    jumps : opacity or colour jump, or nearly so, along rays
+    is_cut : they jump at clipping planes or at the faces of one of several volumes, with any classification
+    last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     """
 
     bound: float
     pixels: int
-    ways: tuple[Classification, ...]
+    classifications: tuple[Classification, ...]
     jumps: bool = False
     is_cut: bool = False
     last: Trial | None = None
@@ -85,39 +86,39 @@ class Aim:
 
     @property
     def target(self) -> float:
-        """The share of the bound that is for the step."""
+        """Part of the bound for the step."""
         return (1 - TERMINATION) * self.bound
 
     @property
     def residual(self) -> float:
-        """The share that is for rays that end early."""
+        """Part of the bound for early ray termination."""
         return TERMINATION * self.bound
 
     @property
     def levels(self) -> tuple[int, ...]:
-        """Of the pictures that are drawn in any case, each half the step of the one before."""
+        """Levels of the pictures that are always drawn, each with half the step of the one before."""
         finest = FIRST if self.last is None else min(max(math.ceil(self.last.level), FIRST) + self.jumps, FINEST)
         return (finest - 2, finest - 1, finest)
 
     @property
     def first_cost(self) -> float:
-        """Of those pictures, of any way, beside a picture of their size by the last choice."""
+        """Cost of those pictures, relative to one of their size with the last choice."""
         return sum(math.exp2(level) for level in self.levels) / math.exp2(self.last.level if self.last else 0.0)
 
     def following(self, last: Trial, coarsest: float = COARSEST) -> Aim:
-        """The same, from a choice that held for another view or transfer function."""
-        return replace(self, ways=(last.classification,), last=last, coarsest=coarsest)
+        """Return the aim that updates a choice which held for another view or transfer function."""
+        return replace(self, classifications=(last.classification,), last=last, coarsest=coarsest)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen.
+    """Chosen settings.
 
     Attributes
     ----------
     trial : classification and step
-    error : estimated, the residual of rays that end early included
-    reason : for its way of classification, in words
+    error : estimated error, including the residual of early ray termination
+    reason : explanation of the choice of classification
     """
 
     trial: Trial
@@ -126,18 +127,18 @@ class Choice:
 
 
 def make_aim(scene: Scene) -> Aim:
-    """What a completed scene with a volume and `quality.max_error` asks for."""
+    """Return the aim of a completed scene with a volume and `quality.max_error`."""
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
     both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
-    ways: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
-    # Slabs are cut, and lie in one of several volumes, as wholes: opacity jumps at planes and faces.
+    classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
+    # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    return Aim(bound, math.prod(scene.image.size), ways, cut or any(map(_is_steep, scene.volumes)), cut)
+    return Aim(bound, math.prod(scene.image.size), classifications, cut or any(map(_is_steep, scene.volumes)), cut)
 
 
 def _is_steep(volume: Volume) -> bool:
-    """Whether its opacity or colour jumps, or changes faster than a few samples of a steep field can show."""
+    """Return True if opacity or colour jumps, or changes faster than `STEEP`."""
     if volume.transfer_2d or volume.interpolation == "nearest":
         return True
     transfer = transfer_function(volume)
@@ -153,30 +154,30 @@ def _is_steep(volume: Volume) -> bool:
 
 
 def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:
-    """What to draw next, or None where enough is known to choose."""
-    for way in aim.ways:  # the outer loop, since each has its bricks stored in its own way
+    """Return the picture to draw next, or None if there are enough to choose."""
+    for classification in aim.classifications:  # the outer loop, since each needs other bricks
         for level in aim.levels:
-            if Trial(way, level) not in pictures:
-                return Trial(way, level)
+            if Trial(classification, level) not in pictures:
+                return Trial(classification, level)
     errors = errors_of(pictures, aim.pixels, SAFETY)
     disputed = _disputed(pictures, aim)
     if disputed:
         return disputed
-    best = min(aim.ways, key=lambda way: _wanted(errors[way], way, aim.target).cost)
+    best = min(aim.classifications, key=lambda each: _wanted(errors[each], each, aim.target).cost)
     last = max(errors[best])
     holds = errors[best][last - aim.jumps] <= aim.target
     return None if holds or last >= FINEST else Trial(best, last + 1)
 
 
 def choose(pictures: Pictures, aim: Aim) -> Choice:
-    """The cheapest setting that is expected to hold the bound, or else the most accurate one."""
+    """Return the cheapest setting that is expected to hold the bound, or else the most accurate one."""
     found, errors = [], errors_of(pictures, aim.pixels, SAFETY)
     few = max(np.count_nonzero(picture.any(axis=-1)) for picture in pictures.values()) < FEW
-    for way, curve in errors.items():
-        wanted = _wanted(curve, way, aim.target).level
+    for classification, curve in errors.items():
+        wanted = _wanted(curve, classification, aim.target).level
         level = math.ceil(wanted) if few or wanted < FIRST else math.ceil(4 * wanted) / 4
         level = min(max(curve), max(aim.coarsest, level))
-        found.append(_expected(Trial(way, level), curve, aim))
+        found.append(_expected(Trial(classification, level), curve, aim))
     reached = [choice for choice in found if choice.error <= aim.bound]
     if not reached:
         return _with_reason(min(found, key=lambda one: one.error), found, aim)
@@ -188,7 +189,7 @@ def choose(pictures: Pictures, aim: Aim) -> Choice:
 
 
 def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
-    """The choice, and why not the other way."""
+    """Return the choice with the reason against the other classification."""
     other = next((one for one in among if one.trial.classification != choice.trial.classification), None)
     if other is None:
         text = "as in the view before" if aim.last else "the only one for what is shown"
@@ -203,48 +204,48 @@ def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
 
 
 def verified(pictures: Sequence[NDArray[Any]], aim: Aim) -> float:
-    """The error of a picture in all of its pixels, by those of longer steps; the residual of early ends is included.
+    """Estimate the error of a whole picture from those of longer steps, including the residual.
 
     Parameters
     ----------
-    pictures : (h, w, 4), whole, of twice the step each: the last but two, the last but one, and the picture itself
+    pictures : three pictures (h, w, 4) with four times, twice and once the step
     """
     first, before, finest = pictures
-    last, earlier = float(apart(finest, before).max()), float(apart(before, first).max())
+    last, earlier = float(difference(finest, before).max()), float(difference(before, first).max())
     return VERIFIED_SAFETY * (last if aim.is_cut else still_missing(last, earlier)) + aim.residual
 
 
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:
-    """Whether a choice was followed too far: the other way may be cheaper now, or hold where it does not."""
+    """Return True if a choice has moved so far that the other classification may be better now."""
     unreached = choice.error > aim.bound and calibrated.error <= aim.bound
     return unreached or abs(choice.trial.level - calibrated.trial.level) > STRAY
 
 
 def _expected(trial: Trial, curve: dict[int, float], aim: Aim) -> Choice:
-    """A setting with the error that the errors of its way promise."""
+    """Return a setting with its error interpolated between those of its classification."""
     return Choice(trial, math.exp2(np.interp(trial.level, list(curve), logarithms(curve))) + aim.residual)
 
 
 def _disputed(pictures: Pictures, aim: Aim) -> Trial | None:
-    """The next picture of the coarser way, where two ways differ by more than both of them are said to lack."""
+    """Return the next picture of the coarser classification, if the two differ by more than their estimated errors."""
     levels = levels_of(pictures)
     if len(levels) < 2:
         return None
-    lacking = sum(left_of(pictures, way, known, aim.pixels) for way, known in levels.items())
-    one, other = (pictures[Trial(way, known[-1])] for way, known in levels.items())
-    way, known = min(levels.items(), key=lambda item: item[1][-1])
-    agree = largest(apart(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / SAFETY)
-    return None if agree or known[-1] >= FINEST else Trial(way, known[-1] + 1)
+    lacking = sum(left_of(pictures, classification, known, aim.pixels) for classification, known in levels.items())
+    one, other = (pictures[Trial(classification, known[-1])] for classification, known in levels.items())
+    classification, known = min(levels.items(), key=lambda item: item[1][-1])
+    agree = largest(difference(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / SAFETY)
+    return None if agree or known[-1] >= FINEST else Trial(classification, known[-1] + 1)
 
 
-def _wanted(curve: dict[int, float], way: Classification, target: float) -> Trial:
-    """Where the errors of a way meet the target: linear in the logarithms, and extended beyond the last of them."""
+def _wanted(curve: dict[int, float], classification: Classification, target: float) -> Trial:
+    """Return the level at which a classification meets the target, by log-linear inter- or extrapolation."""
     levels, logs = list(curve), logarithms(curve)
     over = np.flatnonzero(logs > math.log2(target)).tolist()
     if not over:
-        return Trial(way, levels[0])
+        return Trial(classification, levels[0])
     last = over[-1]
     slope = float(logs[min(last, len(levels) - 2)] - logs[min(last, len(levels) - 2) + 1])
     if last == len(levels) - 1:
         slope = min(max(slope, -math.log2(SLOWEST)), -math.log2(FASTEST))
-    return Trial(way, levels[last] + float(logs[last] - math.log2(target)) / slope)
+    return Trial(classification, levels[last] + float(logs[last] - math.log2(target)) / slope)

@@ -1,19 +1,20 @@
-"""Where rays may take longer slabs: in groups of cells in which one sample stands for several, by a bound on the error.
+"""Adaptive step: longer slabs in groups of cells where one sample replaces several within a bound on the error.
 
-`quality.adaptive` bounds what a pixel may lose. Of a group three things are known: the range of its samples, their
-steepness (how fast the field may change along a line) and their bend (the largest second difference, along an axis or
-mixed). Along a line, a trilinear field is a chain of curves whose slopes change by no more than the bend asks: one
-sample in the middle of n slabs differs from the mean of their n samples by at most length/8 · (3 · length + √3) · bend,
-lengths in voxels (Peano's kernel of that difference is length/8 at most). What the transfer function makes of it
-follows from the largest slope of extinction κ and emission κc over the range, and from how far they are from lines over
-what a stretch can pass of it: length/8 · steepness times how far the slope changes there.
+`quality.adaptive` bounds the error of a pixel. Three things are known of a group: the range of its samples, their
+steepness (largest change of the field along a line) and their bend (largest second difference, along an axis or
+mixed). Along a line, a trilinear field consists of curves whose changes of slope are bounded by the bend: one sample
+in the middle of n slabs differs from the mean of their n samples by at most length/8 · (3 · length + √3) · bend, with
+lengths in voxels (Peano's kernel of that difference is at most length/8). The error after the transfer function
+follows from the largest slope of extinction κ and emission κc over the range, and from their deviation from lines over
+the scalars that a stretch passes: length/8 · steepness times the change of the slope there.
 
-An error of κ or κc relative to κ is the error of a pixel at most, since what a ray sees of all its slabs together is 1
-at most; where κ is small, the error along the whole diagonal is less. Each of the two gets half of the bound, and a
-sixteenth of the worst case counts: measured errors are less than a fifth of the bound (docs/measurements/accuracy.md).
+The error of κ or κc relative to κ bounds the error of a pixel, since the weights of a ray's slabs add up to at most 1;
+where κ is small, the error along the whole diagonal is less. Each of the two gets half of the bound, and a sixteenth of
+the worst case counts: measured errors are less than a fifth of the bound (docs/measurements/accuracy.md).
 
-A stretch of slabs begins at a multiple of its length in the lattice of the whole volume, and lies in one group, so
-neither ranks nor bricks of 8, 16, … cells change it; other bricks have other groups, and pictures within the bound.
+A stretch of slabs begins at a multiple of its length in the lattice of the whole volume and lies in one group, so
+neither ranks nor bricks of 8, 16, … cells change it. Bricks of other sizes have other groups; their pictures differ
+within the bound.
 
 References
 ----------
@@ -38,22 +39,22 @@ from clusterviz.scene.values import Quality, Volume
 
 Floats = NDArray[np.float64]
 LONGEST = 3
-"""Doublings of a slab, at most."""
+"""Most doublings of a slab."""
 BINS = 4096
 CAUTION = 1 / 16
-"""Of the worst case: where it is met in one group, it is not in all others of a ray. Errors stay far below even so."""
+"""Share of the worst case that is assumed, as a ray does not meet it in all groups; errors stay far below even so."""
 
 
 @dataclass(frozen=True)
 class AdaptiveStep:
-    """What decides how long slabs may be.
+    """Bound on the error, and the lengths from which the adaptive step follows.
 
     Attributes
     ----------
-    bound : on the error of a pixel
-    step_voxels : length of a slab, in the smallest spacing
-    slab_units : the same in opacity unit distances
-    diagonal_units : of the volume, likewise: no ray is longer
+    bound : largest error of a pixel
+    step_voxels : length of a slab in units of the smallest spacing
+    slab_units : length of a slab in opacity unit distances
+    diagonal_units : diagonal of the volume, the longest ray, in opacity unit distances
     """
 
     bound: float
@@ -64,13 +65,13 @@ class AdaptiveStep:
     def doublings(
         self, transfer: TransferFunction, low: Floats, high: Floats, steep: Floats, bend: Floats
     ) -> NDArray[np.uint8]:
-        """How often slabs may be doubled in groups of cells, 0 to LONGEST.
+        """Return how often slabs may be doubled in groups of cells, 0 to LONGEST.
 
         Parameters
         ----------
         transfer : the transfer function
         low, high : float64 (n,), data values; NaN where a voxel has none
-        steep, bend : likewise, for a voxel and for a voxel squared
+        steep, bend : float64 (n,), data values per voxel and per voxel squared; NaN likewise
         """
         known = np.isfinite(low) & np.isfinite(high) & np.isfinite(bend) & np.isfinite(steep) & (low <= high)
         found = np.zeros(low.shape, np.uint8)
@@ -81,7 +82,7 @@ class AdaptiveStep:
             length = slabs * self.step_voxels
             away = bend[some] * length / 8 * (3 * length + math.sqrt(3.0))
             error, colours = terms.errors(np.minimum(away, high[some] - low[some]), steep[some] * length)
-            # Within a stretch, what is in front hides what is behind: a quarter of the colours' range at most.
+            # The order of absorption within a stretch is lost: at most a quarter of the colours' range.
             order = terms.most * slabs * self.slab_units * colours / 4
             relative = error / np.maximum(terms.least, 1e-300) + order
             absolute = self.diagonal_units * (error + terms.most * order)
@@ -91,26 +92,26 @@ class AdaptiveStep:
 
 
 def make_adaptive_step(volume: Volume, quality: Quality, grid: Grid, transfer: TransferFunction) -> AdaptiveStep | None:
-    """What `quality.adaptive` asks for; None where it is 0.
+    """Return the adaptive step of `quality.adaptive`; None if it is 0.
 
     Raises
     ------
     SceneError
-        The look has no bound on the error: it is lit, say, or it is not composited.
+        The error has no bound, since the volume is lit, for example, or not composited.
     """
     if not quality.adaptive:
         return None
     problem = what_has_no_bound(volume, quality)
     if problem:
-        told = f"there is no bound with {problem}"
-        raise SceneError(told, where="quality.adaptive", found=quality.adaptive, allowed=0)
+        message = f"there is no bound with {problem}"
+        raise SceneError(message, where="quality.adaptive", found=quality.adaptive, allowed=0)
     spacing, unit = min(grid.spacing), transfer.unit_distance
     diagonal = math.hypot(*((n - 1) * s for n, s in zip(grid.shape_zyx[::-1], grid.spacing, strict=True)))
     return AdaptiveStep(quality.adaptive, quality.step, quality.step * spacing / unit, diagonal / unit)
 
 
 def what_has_no_bound(volume: Volume, quality: Quality) -> str:
-    """What of a scene keeps slabs from being stretched; "" where nothing does."""
+    """Return the setting that rules out an adaptive step; "" if there is none."""
     problems = {
         f"blending {volume.blending}": volume.blending != "composite",
         "isosurfaces": bool(volume.isosurfaces),
@@ -124,11 +125,11 @@ def what_has_no_bound(volume: Volume, quality: Quality) -> str:
 
 
 class _Terms:
-    """What the transfer function is over intervals of scalars.
+    """Bounds of the transfer function over intervals of scalars.
 
     Attributes
     ----------
-    least, most : float64 (n,), of extinction per unit distance
+    least, most : float64 (n,), extinction per unit distance
     """
 
     def __init__(self, transfer: TransferFunction, low: Floats, high: Floats) -> None:
@@ -145,12 +146,12 @@ class _Terms:
         self._steepest = -_least(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
 
     def errors(self, away: Floats, passed: Floats) -> tuple[Floats, Floats]:
-        """What extinction and emission together are wrong by, and how far a colour may change.
+        """Return the error of extinction and emission together, and the change of the colour, float64 (n,).
 
         Parameters
         ----------
-        away : float64 (n,), what the scalar is wrong by at most
-        passed : likewise, how far it goes in a stretch
+        away : float64 (n,), largest error of the scalar
+        passed : float64 (n,), change of the scalar along a stretch
         """
         with np.errstate(invalid="ignore"):
             found = self._steepest * away[:, None] + self._bent(passed) * passed[:, None] / 8
@@ -158,7 +159,7 @@ class _Terms:
         return found[:, 0] + found[:, 1:4].max(axis=1), colours
 
     def _bent(self, passed: Floats) -> Floats:
-        """How far slopes change over any part of the intervals that is as long as `passed`: float64 (n, 7)."""
+        """Return the largest change of slopes over any part of length `passed` of the intervals, float64 (n, 7)."""
         bins = np.ceil(passed / self._width) + 1
         doublings = np.frexp(np.minimum(bins, len(self._slopes[0])))[1]
         found = np.empty((len(passed), 7))
@@ -167,7 +168,7 @@ class _Terms:
             lowest, highest = self._slopes[0], -self._slopes[1]
             for reach in (1 << step for step in range(doubling)):
                 lowest, highest = _paired(lowest, reach), _paired(highest, reach)
-            # Parts that lie in the interval; where it is shorter than they, it is the only one.
+            # Parts inside the interval; the whole interval if it is shorter than a part.
             first, last = self._first[some], self._last[some] - (1 << doubling) + 1
             parts = -_least(lowest + highest, first, np.maximum(first, last))
             found[some] = np.where((last < first)[:, None], self._ranges[some], parts)
@@ -175,11 +176,11 @@ class _Terms:
 
 
 def _extremes(transfer: TransferFunction, edges: Floats, grid: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest extinction per unit distance, and slopes of it, of emission (3) and of colour (3).
+    """Return extremes of extinction per unit distance, and of the slopes of it, of emission (3) and of colour (3).
 
     Returns
     -------
-    lowest, highest : float64 (bins, 8): of what lies below the grid, in each of its bins, and above it
+    lowest, highest : float64 (bins, 8): below the grid, in each of its bins, and above it
     """
     below = np.nextafter(edges, -np.inf)
     front, back = _values(transfer, edges[:-1]), _values(transfer, below[1:])
@@ -200,21 +201,21 @@ def _extremes(transfer: TransferFunction, edges: Floats, grid: Floats) -> tuple[
 
 
 def _values(transfer: TransferFunction, scalars: Floats) -> Floats:
-    """Extinction per unit distance, emission (3), colour (3): float64 (n, 7)."""
+    """Return extinction per unit distance, emission (3) and colour (3), float64 (n, 7)."""
     extinction, colour = transfer.extinction(scalars)[:, None] * transfer.unit_distance, transfer.colour(scalars)
     values: Floats = np.concatenate([extinction, extinction * colour, colour], axis=1)
     return values
 
 
 def _paired(rows: Floats, reach: int) -> Floats:
-    """The lesser of each row and the one so far behind it, the last one beyond the end."""
+    """Return the minimum of each row and the one `reach` rows behind it; the last row continues beyond the end."""
     behind = np.concatenate([rows[reach:], np.repeat(rows[-1:], min(reach, len(rows)), axis=0)])
     less: Floats = np.minimum(rows, behind)
     return less
 
 
 def _least(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
-    """The least of each column over rows `first` to `last`, by tables of spans of 1, 2, 4, … rows."""
+    """Return column minima over rows `first` to `last`, by tables of spans of 1, 2, 4, … rows."""
     found = np.empty((len(first), rows.shape[1]))
     doublings = np.frexp(last - first + 1)[1] - 1
     for doubling in range(int(doublings.max(initial=0)) + 1):

@@ -1,4 +1,4 @@
-"""How the samples along a ray become a pixel: the look of a volume, as the renderer needs it."""
+"""Blend mode of a volume as the renderer needs it: how the samples along a ray become a pixel."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
 
 LONGEST_SLAB = 2.0
-"""Voxels; where the field is sampled at the ends of slabs, they lie in their brick's margin."""
+"""Voxels, if the field is sampled at the ends of slabs, so that these lie in their brick's margin."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Surface:
 
     Attributes
     ----------
-    value : in data values
-    units : the same in units of clim
+    value : isovalue in data values
+    units : isovalue in units of clim
     colour : straight (r, g, b)
-    opacity : for no length
+    opacity : opacity of the surface, whatever the step
     """
 
     value: float
@@ -54,16 +54,16 @@ class Surface:
 
 @dataclass(frozen=True)
 class BlendMode:
-    """What is made of the samples of a ray.
+    """Blend mode of a volume, with its lighting and isosurfaces.
 
     Attributes
     ----------
     blending : as in the scene
-    threshold : in units of clim; what a stretch of a local maximum is not below
-    shading : how the volume is lit; None where it is not
-    surfaces : those that are not wholly transparent, by ascending value
-    grading : how opacity depends on the gradient's magnitude; None where it does not
-    smooth : gradients are those of cubic B-splines, whatever the field is
+    threshold : least scalar of a stretch of a local maximum, in units of clim
+    shading : lighting; None if the volume is not lit
+    surfaces : isosurfaces that are not wholly transparent, by ascending value
+    grading : dependence of opacity on the gradient's magnitude; None if there is none
+    smooth : gradients are those of cubic B-splines, with any interpolation
     """
 
     blending: Blending
@@ -75,11 +75,11 @@ class BlendMode:
 
     @property
     def operator(self) -> Operator:
-        """How the pixels of two boxes become one; what their four floats mean is said in `image/merge.py`."""
+        """Operator that merges the pixels of two boxes; `image/merge.py` defines their four floats."""
         return OPERATORS[self.blending]
 
     def hides(self, transfer: TransferFunction, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
-        """Whether samples in a closed interval can be left out without any change of the picture.
+        """Return True where samples in a closed interval do not affect the picture.
 
         Parameters
         ----------
@@ -87,8 +87,8 @@ class BlendMode:
 
         Returns
         -------
-        hidden : bool (…). A maximum needs no scalar below which all is transparent, a minimum none above which all is.
-            Averages count transparent samples as well, sums show black where the volume is, and stretches end there.
+        hidden : bool (…). A maximum ignores scalars below which everything is transparent, a minimum those above which
+            everything is. Averages, sums and local maxima depend on transparent samples too.
         """
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         if self.blending in ("composite", "isosurface"):
@@ -103,36 +103,36 @@ class BlendMode:
         return np.asarray(low > high)
 
     def surface_block(self) -> NDArray[np.float32]:
-        """The block of surfaces.glsl, (2 · surfaces, 4)."""
+        """Return the block of surfaces.glsl, (2 · surfaces, 4)."""
         rows = [row for s in self.surfaces for row in ((s.units, 0.0, 0.0, 0.0), (*s.colour, s.opacity))]
         return np.array(rows, np.float32)
 
 
 def is_lit(volume: Volume) -> bool:
-    """Whether light makes a difference to a volume."""
+    """Return True if a volume is lit."""
     return volume.shade and volume.blending in ("composite", "isosurface")
 
 
 def is_graded(volume: Volume) -> bool:
-    """Whether the magnitude of the gradient makes a difference to a volume's opacity."""
+    """Return True if a volume's opacity depends on the magnitude of the gradient."""
     return volume.blending == "composite" and bool(volume.gradient_opacity or volume.transfer_2d)
 
 
 def has_surfaces(volume: Volume) -> bool:
-    """Whether isosurfaces are shown, alone or in the volume."""
+    """Return True if isosurfaces are shown, alone or in the volume."""
     return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
 
 
 def classification_of(quality: Quality) -> Classification:
-    """What bricks must be read for: both ways, where the choice is open."""
+    """Return the classification that bricks are read for; it suits both if the choice is open."""
     return quality.classification if quality.max_error is None else "pre-integrated"
 
 
 def is_preintegrated(volume: Volume, classification: Classification) -> bool:
-    """Whether slabs of the volume are classified between their ends.
+    """Return True if slabs of the volume are classified between their ends.
 
-    Not where no light is blended, nor between nearest voxels, where a slab has one scalar and not a ramp, nor where
-    surfaces cut the slabs, nor by a table of two dimensions.
+    They are not in projections, with nearest-voxel interpolation, with isosurfaces, which cut slabs, nor with a 2-D
+    transfer function.
     """
     if volume.interpolation == "nearest" or volume.isosurfaces or volume.transfer_2d:
         return False
@@ -140,39 +140,39 @@ def is_preintegrated(volume: Volume, classification: Classification) -> bool:
 
 
 def is_jittered(volume: Volume, jitter: bool) -> bool:
-    """Whether each pixel has a lattice of slabs of its own; surfaces are found, not sampled, and need none."""
+    """Return True if each pixel has its own lattice of slabs; isosurfaces need none, as they are not sampled."""
     return jitter and not has_surfaces(volume)
 
 
 def reach_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
-    """Cells beyond its own in which a brick of the volume samples the field: where slabs end, if that is asked."""
+    """Return the cells beyond its own in which a brick samples the field, at the ends of pre-integrated slabs."""
     return int(has_surfaces(volume) or (is_preintegrated(volume, classification) and borders == "overlap"))
 
 
 LARGEST_MARGIN = 2
-"""What `margin_of` gives at most; of bricks that are read before it is known how they are shown."""
+"""Largest result of `margin_of`, for bricks that are read before the blend mode is known."""
 
 
 def margin_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
-    """Samples beyond its cells' corners that a brick needs on every side: one for its reach, one for a kernel."""
+    """Return the samples that a brick needs beyond its cells on every side: one for its reach, one for a kernel."""
     kernel = is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
     return reach_of(volume, classification, borders) + kernel
 
 
 def spread_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
-    """Samples beyond a cell's corners on which the field in it, or where its slabs end, may depend."""
+    """Return the samples beyond a cell's corners on which the field in it, or at the ends of its slabs, depends."""
     return reach_of(volume, classification, borders) + (volume.interpolation == "cubic")
 
 
 def step_of(volume: Volume, step: float, classification: Classification = "post") -> float:
-    """The length of a slab in voxels; bounded where the field is sampled at its ends."""
+    """Return the length of a slab in voxels; it is bounded if the field is sampled at its ends."""
     return min(step, LONGEST_SLAB) if reach_of(volume, classification) else step
 
 
 def make_blend_mode(
     volume: Volume, transfer: TransferFunction, shading: Shading | None, grading: Grading | None = None
 ) -> BlendMode:
-    """The look of a completed volume."""
+    """Return the blend mode of a completed volume."""
     threshold = 0.0 if volume.threshold is None else _in_float32(in_units_of_clim(volume.threshold, *transfer.domain))
     surfaces = []
     for entry in volume.isosurfaces if has_surfaces(volume) else ():
@@ -186,5 +186,5 @@ def make_blend_mode(
 
 
 def _in_float32(units: NDArray[np.float64]) -> float:
-    """A value in units of clim that float32 holds; no voxel comes to what lies beyond `FAR`."""
+    """Return a value in units of clim clamped to `FAR`, which no voxel exceeds."""
     return float(np.clip(units, -2 * FAR, 2 * FAR))

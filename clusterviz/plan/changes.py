@@ -1,6 +1,6 @@
-"""Settings that a scene asks for and that are not used as given, with what is used instead and why.
+"""Settings of a scene that are replaced, with the value used instead and the reason.
 
-What is refused needs no entry, nor what is left to be chosen (`auto`, `quality.max_error`).
+Settings that raise an error have no entry, nor those that are chosen automatically (`auto`, `quality.max_error`).
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from clusterviz.scene.values import Scene
 
 
 def changed_settings(scene: Scene, ranks: int, no_processor: bool = False) -> tuple[Change, ...]:
-    """All settings of a scene that are not used as given.
+    """Return all settings of a scene that are not used as given.
 
     Parameters
     ----------
     scene : completed, all settings chosen
     ranks : that draw
-    no_processor : whether the processor's caster was asked for and cannot draw the scene
+    no_processor : the CPU ray caster was asked for and cannot draw the scene
     """
     found = [*_of_quality(scene), *_of_light(scene), *_of_cluster(scene, ranks)] if scene.volumes else []
     if no_processor:

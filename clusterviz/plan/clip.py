@@ -1,4 +1,4 @@
-"""Clipping planes in index space, and the bricks that they leave nothing of."""
+"""Clipping planes in index space, and the bricks that they hide."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from clusterviz.scene.values import Clip
 
 
 def clip_planes(clip: Clip, grid: Grid) -> NDArray[np.float64]:
-    """The planes of a scene over a grid, those of its box included.
+    """Return the clipping planes of a scene in index space, those of its box included.
 
     Returns
     -------
@@ -33,11 +33,11 @@ def clip_planes(clip: Clip, grid: Grid) -> NDArray[np.float64]:
 
 
 def clipped_bricks(planes: NDArray[np.float64], layout: BrickLayout) -> NDArray[np.bool_]:
-    """Which bricks, (bz, by, bx), lie wholly on the far side of a plane."""
+    """Return the bricks, bool (bz, by, bx), that lie wholly on the clipped side of a plane."""
     edges = [borders.astype(np.float64) for borders in layout.borders_zyx]
     clipped = np.zeros(layout.counts_zyx, bool)
     for *normal, offset in planes.tolist():
-        # The farthest corner into what is kept, axis by axis, and room for the rounding of the shader's own test.
+        # The corner farthest on the kept side, with a tolerance for the rounding of the shader's own test.
         ahead = [np.maximum(n * edge[:-1], n * edge[1:]) for n, edge in zip(normal[::-1], edges, strict=True)]
         size = abs(offset) + sum(abs(n) * float(edge[-1]) for n, edge in zip(normal[::-1], edges, strict=True))
         most = ahead[0][:, None, None] + ahead[1][None, :, None] + ahead[2][None, None, :] + offset

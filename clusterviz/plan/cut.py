@@ -1,7 +1,7 @@
-"""Which voxels of a volume the bricks of a domain need: for each brick, the box of voxels around its image.
+"""Voxels of a volume that the bricks of a domain need: for each brick, the box of voxels around its image.
 
-The volume's axes need not be the domain's, nor its voxels the domain's cells. A brick's image in index space is a
-parallelepiped; the box around it, cut to the volume, is what is read and stored for that brick.
+The volume's axes and spacing may differ from the domain's. The image of a brick in the volume's index space is a
+parallelepiped; the box around it, clipped to the volume, is read and stored for that brick.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from clusterviz.plan.domain import Domain
 
 Floats = NDArray[np.float64]
 SLACK = 1e-3
-"""Voxels beyond the image of a brick: more than float32 loses of a position inside it."""
+"""Voxels beyond the image of a brick, more than the rounding of a float32 position inside it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One volume, cut by the bricks of a domain.
+    """Map from the bricks of a domain to boxes of one volume.
 
     Attributes
     ----------
     layout : the domain's bricks
-    extent : of the domain, cells along (x, y, z)
+    extent : cells of the domain along (x, y, z)
     shape_zyx : samples of the volume
-    index_from_domain : float64 (3, 4), takes (x, y, z, 1) in cells of the domain to samples (x, y, z) of the volume
-    margin : samples beyond the corners of its cells that a brick is read with, on every side
-    reach : cells of the domain beyond its own in which a brick samples the volume: slabs end there
+    index_from_domain : float64 (3, 4), maps (x, y, z, 1) in cells of the domain to samples (x, y, z) of the volume
+    margin : samples beyond the corners of its cells that are read for a brick, on every side
+    reach : cells of the domain beyond its own in which a brick samples the volume, at the ends of its slabs
     """
 
     layout: BrickLayout
@@ -44,40 +44,37 @@ class Cut:
 
     @property
     def most_cells_zyx(self) -> Index:
-        """Cells along each axis for which every box of the cut has room."""
+        """Cells along each axis of the largest box of the cut."""
         sides = np.minimum(self.layout.brick, np.array(self.layout.cells_zyx[::-1]))
         lengths = np.abs(self.index_from_domain[:, :3]) @ (sides + 2.0 * self.reach) + 2 * SLACK
         x, y, z = (min(max(1, n - 1), int(np.ceil(a)) + 1) for a, n in zip(lengths, self.shape_zyx[::-1], strict=True))
         return z, y, x
 
     def images(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """The boxes [low, high], float64 (…, 3), in samples (x, y, z), around boxes (…, 3) of the domain's cells.
-
-        They are those of all that is sampled from there.
-        """
+        """Return boxes [low, high], float64 (…, 3), in samples (x, y, z): bounds of all samples for boxes of cells."""
         matrix, offset = self.index_from_domain[:, :3], self.index_from_domain[:, 3]
         begin, end = begin - self.reach, end + self.reach
         least, most = np.minimum(matrix, 0), np.maximum(matrix, 0)
         return begin @ most.T + end @ least.T + offset, begin @ least.T + end @ most.T + offset
 
     def brick_edges(self) -> tuple[Floats, Floats]:
-        """Begin and end of all bricks, float64 (bz, by, bx, 3), along (x, y, z) in the domain's cells."""
+        """Return begin and end of all bricks, float64 (bz, by, bx, 3), along (x, y, z) in the domain's cells."""
         brick, (nz, ny, nx) = self.layout.brick, self.layout.counts_zyx
         z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
         begin = brick * np.stack([x, y, z], axis=-1).astype(np.float64)
         return begin, np.minimum(begin + brick, self.extent)
 
     def meets(self, low: Floats, high: Floats) -> NDArray[np.bool_]:
-        """Which boxes [low, high] (…, 3) of samples hold a part of the volume; it has none if it is flat."""
+        """Return the boxes [low, high] (…, 3) of samples that meet the volume; none if it is flat."""
         last = np.array(self.shape_zyx[::-1]) - 1
         return np.asarray(((high >= -SLACK) & (low <= last + SLACK)).all(axis=-1) & bool(min(self.shape_zyx) > 1))
 
     def bricks_met(self) -> NDArray[np.bool_]:
-        """Which bricks of the domain meet the volume, bool (bz, by, bx)."""
+        """Return the bricks of the domain that meet the volume, bool (bz, by, bx)."""
         return self.meets(*self.images(*self.brick_edges()))
 
     def cell_box(self, index_zyx: Index) -> Box:
-        """The cells of the volume, half-open, that a brick of the domain may sample; the brick's box must meet it."""
+        """Return the half-open box of the volume's cells that a brick, which must meet the volume, may sample."""
         begin = self.layout.brick * np.array(index_zyx[::-1], np.float64)
         low, high = self.images(begin, np.minimum(begin + self.layout.brick, self.extent))
         cells = np.array(self.shape_zyx[::-1]) - 1
@@ -87,7 +84,7 @@ class Cut:
         return (z, y, x), (z_end, y_end, x_end)
 
     def sample_box(self, index_zyx: Index) -> Box:
-        """The samples, half-open: those of the cells, and the margin; inside the volume."""
+        """Return the half-open box of samples of those cells and the margin, inside the volume."""
         begin, end = self.cell_box(index_zyx)
         low_z, low_y, low_x = (max(0, b - self.margin) for b in begin)
         z, y, x = (min(n, e + 1 + self.margin) for e, n in zip(end, self.shape_zyx, strict=True))
@@ -95,7 +92,7 @@ class Cut:
 
 
 def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach: int = 0) -> Cut:
-    """The cut of a volume by the bricks of a domain."""
+    """Return the cut of a volume by the bricks of a domain."""
     index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
     offset = index_from_world @ (np.array(domain.origin) - np.array(grid.origin))
     matrix = np.column_stack([index_from_world * domain.spacing, offset])
@@ -103,16 +100,16 @@ def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach
 
 
 def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> Floats:
-    """What it costs to show the volume in each brick of the domain, float64 (bz, by, bx): cells, as in `brick_cost`.
+    """Return the cost of the volume in each brick of the domain, float64 (bz, by, bx): cells, as in `brick_cost`.
 
     Parameters
     ----------
     own : bricks of the volume itself
-    hidden : bool (bz, by, bx of these), which of them have nothing to show
+    hidden : bool (bz, by, bx) of these, True if hidden
 
     Returns
     -------
-    cost : 0 where all of the volume that a brick may sample is hidden
+    cost : 0 where everything that a brick may sample is hidden
     """
     begin, end = cut.brick_edges()
     low, high = cut.images(begin, end)
@@ -122,13 +119,13 @@ def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> 
     last_brick = np.clip(np.floor((high + SLACK) / own.brick), 0, np.array(own.counts_zyx[::-1]) - 1).astype(int)
     shown = count_in_boxes(~hidden, first_brick[..., ::-1], last_brick[..., ::-1] + 1) > 0
     inside = np.clip(np.minimum(high, last) - np.maximum(low, 0), 0, None) / np.maximum(high - low, 1e-300)
-    # A brick that just touches the volume is not for nothing.
+    # A brick that just touches the volume costs something.
     share = np.maximum(inside.prod(axis=-1), 1 / 64)
     return np.where(meets & shown, share * (end - begin).clip(0).prod(axis=-1).clip(1), 0.0)
 
 
 def count_in_boxes(flags: NDArray[np.bool_], begin: NDArray[np.int_], end: NDArray[np.int_]) -> NDArray[np.int64]:
-    """How many flags (z, y, x) are set in half-open boxes (…, 3), (z, y, x), by sums over all corners."""
+    """Count the flags (z, y, x) set in half-open boxes (…, 3), (z, y, x), by a summed-volume table."""
     sums = np.zeros(np.array(flags.shape) + 1, np.int64)
     sums[1:, 1:, 1:] = flags.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     found = np.zeros(begin.shape[:-1], np.int64)

@@ -1,8 +1,8 @@
-"""The domain of several volumes: the axis-aligned box around them all, in cells of their smallest spacing.
+"""The domain of several volumes: the axis-aligned box around them, with cells of their smallest spacing.
 
-Where volumes overlap they are mixed slab by slab, on one rank. So what ranks share out are regions of space, not bricks
-of one volume: bricks of the domain. Rays, slabs, ownership and the visibility order know the domain alone; what a brick
-of it needs of each volume is said in `cut.py`.
+Overlapping volumes are combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume.
+Rays, slabs, ownership and visibility order refer to the domain alone; `cut.py` finds the voxels of each volume that a
+brick of the domain needs.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from clusterviz.data.grid import Grid, Triple
 from clusterviz.errors import InputError
 
 MOST_BRICKS = 1 << 20
-"""Decisions are arrays over all bricks, on every rank."""
+"""Every rank holds arrays over all bricks."""
 ROUNDING = 1e-9
-"""Of a cell: what an extent may exceed a whole number by without another cell."""
+"""Part of a cell by which an extent may exceed a whole number of cells."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Domain:
 
     @property
     def grid(self) -> Grid:
-        """The grid whose cells cover the box: index space of the domain is index space of this grid."""
+        """The grid whose cells cover the box; its index space is that of the domain."""
         z, y, x = (max(1, math.ceil(length - ROUNDING)) + 1 for length in self.extent[::-1])
         return Grid((z, y, x), (self.spacing,) * 3, self.origin)
 
 
 def make_domain(grids: Sequence[Grid]) -> Domain:
-    """The domain of one or more volumes."""
+    """Return the domain of one or more volumes."""
     corners = np.concatenate([grid.corners for grid in grids])
     low, high = corners.min(axis=0), corners.max(axis=0)
     spacing = min(min(grid.spacing) for grid in grids)
@@ -55,7 +55,7 @@ def make_domain(grids: Sequence[Grid]) -> Domain:
 
 
 def domain_layout(domain: Domain, brick: int) -> BrickLayout:
-    """The bricks of a domain.
+    """Return the brick layout of a domain.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def domain_layout(domain: Domain, brick: int) -> BrickLayout:
     Raises
     ------
     InputError
-        There would be too many.
+        There would be too many bricks.
     """
     if math.prod(max(1.0, length / brick) for length in domain.extent) > MOST_BRICKS:
         size = " × ".join(f"{length:.3g}" for length in domain.extent)

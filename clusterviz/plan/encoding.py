@@ -1,8 +1,7 @@
-"""How voxels are stored for drawing, and the scalar that the shader sees: 0 at the low end of clim, 1 at the high end.
+"""Encoding of voxels for drawing, and of scalars in the shader: 0 at the low end of clim, 1 at the high end.
 
-8- and 16-bit integers keep their size where clim is a range of some of their steps. All else becomes float32 in units
-of clim, by way of float64, so that a field of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function
-can tell apart.
+8- and 16-bit integers keep their size if clim spans a range of their values. All else becomes float32 in units of clim,
+computed in float64, so that a field of 300.00 … 300.01 or of 1e300 keeps the digits that the transfer function needs.
 """
 
 from __future__ import annotations
@@ -14,20 +13,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 VoxelKind = Literal["u8", "u16", "f32"]
-FAR = 1e30  # stands for everything further from clim; its differences stay finite in float32
+FAR = 1e30  # values farther from clim are clamped to it; its differences stay finite in float32
 FINEST, WIDEST = 2.0**-8, 2.0**64
-"""The least and the most of clim, and the most of its ends, of which small integers are made units in float32."""
+"""Least and greatest range of clim, and greatest magnitude of its ends, with which small integers keep their size."""
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """From stored voxels to scalars in units of clim.
+    """Map from stored voxels to scalars in units of clim.
 
     Attributes
     ----------
     kind : the stored type
-    shift : what was added to signed integers to make them unsigned
-    base : stored integer that the shader takes off before it interpolates (u16)
+    shift : added to signed integers to make them unsigned
+    base : stored integer that the shader subtracts before it interpolates (u16)
     scale, bias : scalar = scale · (stored − base) + bias
     """
 
@@ -40,7 +39,7 @@ class Encoding:
     bias: float = 0.0
 
     def encode(self, voxels: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
-        """Voxels of the source's dtype, any shape, as stored; float32 is in units of clim, NaN where not finite."""
+        """Return voxels of the source's dtype as stored; float32 is in units of clim, NaN where not finite."""
         if self.kind == "u8":
             return voxels.view(np.uint8) ^ np.uint8(self.shift)
         if self.kind == "u16":
@@ -53,7 +52,7 @@ class Encoding:
 
 
 def make_encoding(dtype: np.dtype[Any], clim: tuple[float, float]) -> Encoding:
-    """The encoding of a dtype for a range of values."""
+    """Return the encoding of a dtype for a range of values."""
     low, high = clim
     sensible = max(-low, high) <= WIDEST and high - low >= FINEST
     if dtype.kind not in "iu" or dtype.itemsize > 2 or not sensible:
@@ -68,7 +67,7 @@ def make_encoding(dtype: np.dtype[Any], clim: tuple[float, float]) -> Encoding:
 
 
 def in_units_of_clim(values: ArrayLike, low: float, high: float) -> NDArray[np.float64]:
-    """(value − low) / (high − low) in float64, from denormals to the largest floats; what overflows is infinite."""
+    """Return (value − low) / (high − low) in float64, correct from denormals to the largest floats; overflow is inf."""
     exponent = -int(np.frexp(max(abs(low), abs(high)))[1])
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.ldexp(np.asarray(values, np.float64), exponent)

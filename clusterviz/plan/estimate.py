@@ -1,8 +1,8 @@
-"""How far small pictures of a scene are from the picture without error, from how far they are from each other.
+"""Estimated errors of small pictures of a scene, from the differences between them.
 
-The finest of the pictures stands for the truth. What it lacks itself follows from how fast the pictures before it came
-nearer, and what the rays that were not drawn may add from how steep the tail of the errors is. The error of a picture
-is the largest of any pixel and channel, of a full scale of 1.
+The finest picture serves as the reference. Its own error follows from the rate at which the coarser pictures converge,
+and the error in pixels that were not drawn from the tail of the distribution of errors. The error of a picture is the
+largest of any pixel and channel, with a full scale of 1.
 
 References
 ----------
@@ -24,39 +24,39 @@ from clusterviz.plan.blend_mode import Classification
 WEIGHTS: dict[Classification, float] = {"post": 1.0, "pre-integrated": 1.8}
 """Time of a sample, measured (docs/measurements/accuracy.md)."""
 TAIL, MOST_TAIL = 16, 4.0
-"""How many of the largest errors tell how the tail goes on, and what it may add at most."""
+"""Number of largest errors to which the tail is fitted, and the largest factor that it may add."""
 SLOWEST, FASTEST = 1 / 2, 1 / 4
-"""What of an error half the step leaves: 1/2 at jumps of the opacity, 1/4 where nothing jumps."""
+"""Factor of the error when the step is halved: 1/2 at jumps of the opacity, 1/4 without jumps."""
 
 
 class Trial(NamedTuple):
-    """A small picture that is drawn."""
+    """Settings of a small picture: its classification, and the level of its step."""
 
     classification: Classification
     level: float
 
     @property
     def step(self) -> float:
-        """In voxels."""
+        """Length of a slab in voxels."""
         return math.exp2(-self.level)
 
     @property
     def cost(self) -> float:
-        """Relative to midpoints at a step of one voxel."""
+        """Cost relative to post-classification at a step of one voxel."""
         return WEIGHTS[self.classification] * math.exp2(self.level)
 
 
 Pictures = Mapping[Trial, NDArray[Any]]
-"""(h, w, 4) each, of one size."""
+"""Pictures (h, w, 4), all of one size."""
 
 
 def largest(errors: NDArray[Any], pixels: int) -> float:
-    """The largest error of a picture, from those of a sample of its pixels.
+    """Estimate the largest error of a picture from a sample of its pixels.
 
     Parameters
     ----------
-    errors : of any shape, one a pixel
-    pixels : of the whole picture
+    errors : errors of the sampled pixels, any shape
+    pixels : number of pixels of the whole picture
 
     Returns
     -------
@@ -72,48 +72,56 @@ def largest(errors: NDArray[Any], pixels: int) -> float:
 
 
 def levels_of(pictures: Pictures) -> dict[Classification, list[int]]:
-    """The levels that there are of each way, ascending."""
+    """Return the levels of the pictures by classification, ascending."""
     levels: dict[Classification, list[int]] = {}
-    for way, level in sorted(pictures):
-        levels.setdefault(way, []).append(int(level))
+    for classification, level in sorted(pictures):
+        levels.setdefault(classification, []).append(int(level))
     return levels
 
 
 def errors_of(pictures: Pictures, pixels: int, safety: float) -> dict[Classification, dict[int, float]]:
-    """Estimated errors by way and level, ascending; none is smaller than that of a finer level.
+    """Estimate errors by classification and level, ascending; none is smaller than that of a finer level.
 
-    Each way's finest picture may stand for the truth; the one that promises the smaller error does.
+    The reference is the finest picture of the classification with the smaller estimated error.
     """
     levels = levels_of(pictures)
-    truths = [(left_of(pictures, way, known, pixels), pictures[Trial(way, known[-1])]) for way, known in levels.items()]
+    truths = [
+        (left_of(pictures, classification, known, pixels), pictures[Trial(classification, known[-1])])
+        for classification, known in levels.items()
+    ]
     errors: dict[Classification, dict[int, float]] = {}
-    for way, known in levels.items():
-        drawn = [pictures[Trial(way, level)] for level in known]
-        rows = [min(left + largest(apart(one, truth), pixels) for left, truth in truths) for one in drawn]
+    for classification, known in levels.items():
+        drawn = [pictures[Trial(classification, level)] for level in known]
+        rows = [min(left + largest(difference(one, truth), pixels) for left, truth in truths) for one in drawn]
         monotone = np.maximum.accumulate(rows[::-1])[::-1] * safety
-        errors[way] = dict(zip(known, monotone.tolist(), strict=True))
+        errors[classification] = dict(zip(known, monotone.tolist(), strict=True))
     return errors
 
 
-def left_of(pictures: Pictures, way: Classification, levels: list[int], pixels: int) -> float:
-    """What the finest picture of a way lacks: each halving is taken to leave the share that the last one left."""
-    finest, before, first = (pictures[Trial(way, level)] for level in levels[:-4:-1])
-    last, earlier = largest(apart(finest, before), pixels), largest(apart(before, first), pixels)
+def left_of(pictures: Pictures, classification: Classification, levels: list[int], pixels: int) -> float:
+    """Estimate the error of a classification's finest picture, if further halvings converge at the last rate."""
+    finest, before, first = (pictures[Trial(classification, level)] for level in levels[:-4:-1])
+    last, earlier = largest(difference(finest, before), pixels), largest(difference(before, first), pixels)
     return still_missing(last, earlier)
 
 
 def still_missing(last: float, earlier: float) -> float:
-    """What is left after two halvings of the step, the last of which changed this much."""
+    """Estimate the error left after two halvings of the step.
+
+    Parameters
+    ----------
+    last, earlier : change by the last halving, and by the one before
+    """
     share = min(max(last / max(earlier, 1e-30), FASTEST), SLOWEST)
     return last * share / (1 - share)
 
 
-def apart(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.float64]:
-    """The largest difference of each pixel's channels, (h, w)."""
+def difference(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the largest difference of each pixel's channels, float64 (h, w)."""
     difference: NDArray[np.float64] = np.abs(a.astype(np.float64) - b).max(axis=-1)
     return difference
 
 
 def logarithms(curve: dict[int, float]) -> NDArray[np.float64]:
-    """Base 2; no error at all counts as a very small one."""
+    """Return logarithms to base 2 of errors; an error of 0 counts as a very small one."""
     return np.asarray(np.log2(np.maximum(list(curve.values()), 1e-30)))

@@ -1,7 +1,8 @@
-"""What is left of a bound on the error once the step has its share: the texture unit's filter, and fewer bits a pixel.
+"""Choice of filter and pixel format for `quality.max_error`, within what the step leaves of the bound.
 
-Neither error falls with the step. Both are taken only where they fit into the bound, and cost less: the filter by a
-measurement of this device, pixels because they are fewer bytes. Why something was taken or not is told in words.
+The errors of the texture unit's filter and of shorter pixel formats do not fall with the step. Each is chosen only if
+it fits into the bound and costs less: the filter by a measurement on this device, pixels because they have fewer
+bytes. Every choice gives its reason.
 """
 
 from __future__ import annotations
@@ -13,18 +14,18 @@ from clusterviz.plan.accuracy import Aim, Choice
 from clusterviz.plan.plan import Filter
 
 WORTH = 0.9
-"""Share of the time that the texture unit may take of that of exact weights, to be worth its error."""
+"""Time of the texture unit over that of exact weights, below which it is worth its error."""
 
 
 @dataclass(frozen=True)
 class Picked:
-    """A value of a key.
+    """Chosen value of a setting.
 
     Attributes
     ----------
     value : as in the scene
-    error : that it adds
-    reason : why, in words
+    error : error that it adds
+    reason : explanation for the user
     """
 
     value: str
@@ -34,12 +35,12 @@ class Picked:
 
 @dataclass(frozen=True)
 class Probe:
-    """The texture unit beside exact weights, in a small picture.
+    """Comparison of the texture unit with exact weights, by a small picture.
 
     Attributes
     ----------
-    error : largest difference to be expected in the whole picture
-    share : of the time that exact weights take, on the slowest rank; None where the error alone says enough
+    error : largest difference expected in the whole picture
+    share : time over that of exact weights, on the slowest rank; None if the error alone decides
     """
 
     error: float
@@ -47,33 +48,33 @@ class Probe:
 
 
 def why_exact(filter: Filter, volumes: int, has_texture_unit: bool) -> str:
-    """Why the texture unit need not be tried; "" where it may be.
+    """Return the reason not to try the texture unit; "" if it may be tried.
 
     Parameters
     ----------
-    filter : of the plan, with exact weights
-    volumes : in the scene
-    has_texture_unit : whether all ranks draw by OpenGL
+    filter : the plan's filter, with exact weights
+    volumes : number of volumes in the scene
+    has_texture_unit : all ranks draw by OpenGL
     """
     if not has_texture_unit:
-        return "the processor's own caster draws, which has no texture unit"
+        return "the CPU ray caster draws, which has no texture unit"
     if volumes > 1:
         return "several volumes are not filtered by the texture unit"
     return "nearest voxels are not filtered" if filter == "nearest" else ""
 
 
 def reduced(aim: Aim, error: float) -> Aim | None:
-    """What is asked of the step where something else takes so much of the bound; None where too little is left."""
+    """Return the aim with its bound reduced by an error; None if less than half of the bound is left."""
     return replace(aim, bound=aim.bound - error) if error < aim.bound / 2 else None
 
 
 def pick_filter(probe: Probe, choice: Choice, instead: Choice | None, aim: Aim) -> tuple[Picked, Choice]:
-    """The filter, and the step that goes with it.
+    """Choose the filter, and the step that goes with it.
 
     Parameters
     ----------
-    choice : with exact weights
-    instead : for what the texture unit leaves of the bound; None where that is too little
+    choice : the step with exact weights
+    instead : the step for what the texture unit leaves of the bound; None if too little is left
     """
     added = f"hardware adds about {probe.error:.2g}"
     if probe.share is None or instead is None or instead.error + probe.error > aim.bound:
@@ -85,14 +86,14 @@ def pick_filter(probe: Probe, choice: Choice, instead: Choice | None, aim: Aim) 
 
 
 def pick_pixel(bounds: Mapping[str, float], left: float, ranks: int, colours: bool) -> Picked:
-    """The format of partial images.
+    """Choose the pixel format of partial images.
 
     Parameters
     ----------
-    bounds : what each format adds at most, those with the fewest bits first; float32 is not among them
-    left : of the bound
-    ranks : that composite
-    colours : whether pixels are colours, and not scalars or sums
+    bounds : largest error of each format but float32, those with the fewest bits first
+    left : part of the bound that is left
+    ranks : number of ranks that composite
+    colours : pixels are colours, not scalars or sums
     """
     if ranks == 1:
         return Picked("float32", reason="one rank sends nothing")

@@ -1,7 +1,7 @@
-"""How far before what the last frame found rays start: `quality.frame_coherence`.
+"""Distance between the start of a ray and the last frame's hit: `quality.frame_coherence`.
 
-The hits of four neighbouring rays bound what lies between them as far as the field is smooth: two slabs are room for
-what it bulges. Voxels that stand for themselves are boxes, whose corners jut out by as much as their diagonal.
+The hits of four neighbouring rays bound a smooth surface between them but for its bulge, for which two slabs are added.
+With nearest-voxel interpolation voxels are boxes, so their diagonal is added.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ BULGE = 2  # slabs
 
 
 def make_frame_coherence(scene: Scene, grids: Sequence[Grid], step_world: float) -> int | None:
-    """Slabs between a ray's start and what the last frame found; None where rays start as if there had been none.
+    """Return the slabs between a ray's start and the last frame's hit; None without frame coherence.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How the magnitude of the gradient bears on opacity, as the shader reads it: two-dimensional transfer functions.
+"""Gradient opacity and two-dimensional transfer functions, as the shader reads them.
 
 Either extinction is multiplied by a piecewise-linear function of the magnitude (gradient opacity), or colour and
 opacity come from a table over scalars and magnitudes. In the shader scalars are in units of clim, and magnitudes in
@@ -30,17 +30,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Grading:
-    """What the gradient's magnitude does.
+    """Dependence of opacity on the gradient's magnitude.
 
     Attributes
     ----------
-    magnitude_from_gradient : float64 (3, 3); the length of what it makes of a gradient (in units of clim per voxel) is
+    magnitude_from_gradient : float64 (3, 3); maps a gradient in units of clim per voxel to a vector whose length is
         the magnitude
     pieces : float64 (n, 4): start, 1 / length, rise and end of each piece of gradient opacity
-    first : gradient opacity up to the first piece; with a table, where its first column and row lie and how many there
-        are to a unit: (scalar, columns, magnitude, rows)
+    first : gradient opacity up to the first piece; with a table (scalar, columns, magnitude, rows): scalar and
+        magnitude of its first entry, and columns and rows per unit
     table : float32 (rows, columns, 4), straight colour and opacity; None for gradient opacity
-    table_holds : what is read of the table
+    table_holds : the part of the table that is read
     """
 
     magnitude_from_gradient: Floats
@@ -51,11 +51,11 @@ class Grading:
 
     @property
     def fading(self) -> int:
-        """How many pieces there are."""
+        """Number of pieces."""
         return len(self.pieces)
 
     def block(self) -> NDArray[np.float32]:
-        """The block of magnitude.glsl, (4 + fading, 4): the matrix's columns, `first`, the pieces."""
+        """Return the block of magnitude.glsl, (4 + fading, 4): the matrix's columns, `first`, the pieces."""
         rows = np.zeros((4 + self.fading, 4))
         rows[:3, :3] = self.magnitude_from_gradient.T
         rows[3, : len(self.first)] = self.first
@@ -64,12 +64,12 @@ class Grading:
 
 
 def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Grading:
-    """The grading of a completed volume that has one."""
+    """Return the grading of a completed volume that has one."""
     length = min(grid.spacing)
     matrix = np.linalg.inv(grid.world_from_index[:3, :3] / length).T.astype(np.float64)
 
     def units(magnitudes: Floats) -> Floats:
-        # Halves: the range of clim may overflow.
+        # In halves, as the range of clim may overflow.
         with np.errstate(over="ignore"):
             found = magnitudes * (length / 2 / (clim[1] / 2 - clim[0] / 2))
         return np.minimum(found, FAR)
@@ -90,7 +90,7 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
 
 
 def _pieces(places: Floats, factors: Floats) -> Floats:
-    """Pieces between points, (n, 4); a single point is a piece that rises by nothing."""
+    """Return the pieces between points, (n, 4); a single point is a constant piece."""
     places, factors = np.append(places, places[-1]), np.append(factors, factors[-1])
     lengths = np.diff(places)
     per_unit = np.where(lengths > 0, 1 / np.maximum(lengths, 1 / FAR), 0)
@@ -99,6 +99,6 @@ def _pieces(places: Floats, factors: Floats) -> Floats:
 
 
 def _axis(ends: Floats, count: int) -> tuple[float, float]:
-    """Where the first entry lies, and entries to a unit."""
+    """Return the position of the first entry, and entries per unit."""
     width = float(ends[1] - ends[0])
     return float(ends[0]), (count - 1) / width if width > 0 else 0.0

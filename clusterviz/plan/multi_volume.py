@@ -1,4 +1,4 @@
-"""Several volumes in one scene, as the renderer needs them: a common domain, and one layer for each volume."""
+"""Several volumes in one scene as the renderer needs them: a common domain, and one layer for each volume."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from clusterviz.scene.values import Scene, Volume
 
 @dataclass(frozen=True, eq=False)
 class MultiVolumeBrick:
-    """The samples of one brick.
+    """Samples of all volumes in one brick of the domain.
 
     Attributes
     ----------
-    index_zyx : of the brick in the domain
-    samples : of each volume (z, y, x), as its `Cut` and `read_bricks` say; None where nothing of it can be seen
+    index_zyx : index of the brick in the domain
+    samples : samples (z, y, x) of each volume, in the box of its `Cut`; None if the volume is invisible there
     around : margin and reach of each volume's cut, with which they were read
     """
 
@@ -54,19 +54,19 @@ class MultiVolumeBrick:
 
     @property
     def size(self) -> int:
-        """Samples of all volumes."""
+        """Number of samples of all volumes."""
         return sum(part.size for part in self.samples if part is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownVolume:
-    """A volume of a scene, as far as planning needs to know it.
+    """Metadata of a volume that planning needs.
 
     Attributes
     ----------
-    grid, dtype : of its voxels
-    layout : bricks of its own, over which it is summarised; their margin is at least `margin_of`'s
-    summary : what it holds
+    grid, dtype : grid and dtype of its voxels
+    layout : bricks of the volume itself, which the summary describes; their margin is at least `margin_of`'s
+    summary : extremes of its bricks, and its histogram
     """
 
     grid: Grid
@@ -77,14 +77,14 @@ class KnownVolume:
 
 @dataclass(frozen=True, eq=False)
 class VolumeLayer:
-    """One volume of a mixture.
+    """One of several volumes.
 
     Attributes
     ----------
-    cut : which of its voxels a brick of the domain needs
-    look : what depends on its gradient; its blending is composite
+    cut : its voxels that each brick of the domain needs
+    blend_mode : its lighting and isosurfaces; its blending is composite
     encoding, transfer, segments : as in `Plan`
-    interpolation : of its voxels
+    interpolation : interpolation between its voxels
     spread : samples beyond a cell's corners on which the field in it depends
     slab_units : length of a slab in its opacity unit distances
     preintegrated : its slabs are classified between their ends, not at their midpoints
@@ -108,7 +108,7 @@ class MultiVolume:
     Attributes
     ----------
     domain : the box around them
-    ingredients : the volumes, in the order of the scene
+    volume_layers : the volumes, in the order of the scene
     """
 
     domain: Domain
@@ -116,23 +116,24 @@ class MultiVolume:
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
-        """Margin and reach of each volume's cut: portions that were read with others are of no use."""
+        """Margin and reach of each volume's cut; bricks that were read with others have to be read again."""
         return tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
 
 
 def make_multi_volume(
     scene: Scene, volumes: Sequence[KnownVolume], step_world: float
 ) -> tuple[MultiVolume, NDArray[np.float64]]:
-    """What a completed scene shows of its volumes, and what it costs to draw each brick of the domain.
+    """Return the volumes of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
-    volumes : in the order of the scene
+    volumes : metadata of the volumes, in the order of the scene
     step_world : length of a slab in world units
 
     Returns
     -------
-    mixture, cost : float64 (bz, by, bx), the cells of all volumes; 0 where none has anything to show
+    multi_volume : the volumes in their domain
+    cost : float64 (bz, by, bx), cells of all volumes; 0 where all are hidden
     """
     domain = make_domain([known.grid for known in volumes])
     layout = domain_layout(domain, scene.cluster.brick)
@@ -161,7 +162,7 @@ def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, st
         ),
         make_encoding(known.dtype, transfer.domain),
         transfer,
-        # Extinctions are added, not opacities: the opacity of a unit length is what is needed, and that is linear.
+        # Extinctions are added, not opacities, so the shader needs the opacity of a unit length, which is linear.
         make_preintegrated(transfer) if preintegrated else make_segments(transfer, 1.0),
         volume.interpolation,
         spread_of(volume) - reach_of(volume),

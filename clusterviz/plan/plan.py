@@ -1,4 +1,4 @@
-"""One frame's decisions as one frozen value: pure, and identical on every rank."""
+"""The plan of a frame: a frozen value, computed from the scene alone and equal on every rank."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ class March:
     slab_units : the same in opacity unit distances
     filter : "linear", "nearest", "cubic" (with float32 weights) or the texture unit's
         "hardware" (linear) and "cubic-hardware"
-    residual : a ray ends when what lies behind it can add at most this share
+    residual : a ray ends when its transparency falls to this value
     reach : cells beyond its own in which a brick samples the field
-    spread : samples beyond a cell's corners on which what is shown of it depends
+    spread : samples beyond a cell's corners on which its pixels depend
     preintegrated : slabs are classified between their ends, not at their midpoints
-    jittered : every pixel has a lattice of slabs of its own
-    stretching : where slabs are longer; None: nowhere
+    jittered : every pixel has its own lattice of slabs
+    stretching : the adaptive step; None: all slabs are equally long
     split : slabs are cut where they leave a brick
-    leaping : rays start so many slabs before what those of the last frame found; None: where they enter the volume
+    frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
     """
 
     step_world: float
@@ -80,21 +80,21 @@ class March:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a frame needs, and nothing that it does not.
+    """All decisions of one frame.
 
     Attributes
     ----------
     view : the camera in index space
     march : the sampling of rays
-    look : what becomes of the samples
+    blend_mode : how samples become a pixel
     clip : float64 (n, 4), planes in index space, see `clip_planes`
     encoding : how voxels are stored
     transfer : the transfer function
-    segments : the same as the shader reads it
+    segments : the transfer function as the shader reads it
     layout : the bricks of the volume
-    cost : float64 (bz, by, bx): what it costs to draw a brick; 0 for those that have nothing to show
-    mixture : several volumes, None where there is one; index space and bricks are then their domain's, and encoding,
-        transfer function and segments the first volume's
+    cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
+    multi_volume : the volumes of a scene with several, else None. If given, index space and bricks are the domain's,
+        and encoding, transfer function and segments are the first volume's
     """
 
     view: View
@@ -117,14 +117,14 @@ class Plan:
         return x, y, z
 
     def eye_in_bricks(self, first_zyx: Index = (0, 0, 0)) -> Vector | None:
-        """The eye (x, y, z), counted in bricks from one of them, whatever their sizes; None for parallel projection."""
+        """The eye (x, y, z) in units of bricks, relative to brick `first_zyx`; None for parallel projection."""
         eye, layout = self.view.eye_point, self.layout
         if eye is None:
             return None
         if layout.edges_zyx is None:
             places = [place / layout.brick for place in eye]
         else:
-            # Beyond the volume's faces, too, by as much as lies before or behind them.
+            # np.interp clamps at the volume's faces; the distance beyond them is added.
             places = [
                 float(np.interp(at, borders, np.arange(len(borders)))) + at - min(max(at, 0.0), float(borders[-1]))
                 for at, borders in zip(eye, layout.borders_zyx[::-1], strict=True)
@@ -134,7 +134,7 @@ class Plan:
 
 
 def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayout, summary: VolumeSummary) -> Plan:
-    """Decide one frame.
+    """Make the plan of a frame with one volume.
 
     Parameters
     ----------
@@ -144,12 +144,13 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     Raises
     ------
     InputError
-        The layout's margin is too small: pictures would depend on the bricks. Or a ray would have too many slabs.
+        The layout's margin is too small, so that pictures would depend on the bricks, or a ray would have too many
+        slabs.
     """
     volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
     if layout.margin < margin_of(volume, classification, borders):
         raise InputError(
-            "bricks lack the margin that the look needs",
+            "bricks lack the margin that the blend mode needs",
             where="brick layout",
             found=layout.margin,
             allowed=margin_of(volume, classification, borders),
@@ -191,18 +192,23 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     )
 
 
-def shows_more(plan: Plan, dealt: NDArray[np.float64] | None) -> bool:
-    """Whether a plan shows a brick that was hidden (of cost 0, or None: all were) when bricks were dealt."""
-    return dealt is None or bool(np.any((plan.cost > 0) & (dealt == 0)))
+def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
+    """Return True if a plan shows a brick that was hidden when bricks were assigned to ranks.
+
+    Parameters
+    ----------
+    assigned_cost : the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden
+    """
+    return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
 def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
-    """Decide one frame of several volumes.
+    """Make the plan of a frame with several volumes.
 
     Parameters
     ----------
     scene : a completed scene
-    volumes : what is known of each, in the order of the scene
+    volumes : their metadata, in the order of the scene
 
     Raises
     ------
@@ -243,13 +249,13 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Cells of each brick, float64 (bz, by, bx): samples are spread evenly over them; 0 for a hidden brick."""
+    """Return the cost of each brick, float64 (bz, by, bx): its cells, or 0 if it is hidden."""
     cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in layout.sides_zyx))
     return np.where(hidden, 0.0, cells)
 
 
 def _filter(interpolation: Literal["linear", "nearest", "cubic"], quality: str) -> Filter:
-    """The texture unit is for weights: nearest voxels need none."""
+    """Return the filter; nearest voxels have no weights, so they do not use the texture unit."""
     if quality != "hardware" or interpolation == "nearest":
         return interpolation
     return "cubic-hardware" if interpolation == "cubic" else "hardware"

@@ -1,14 +1,13 @@
-"""Pre-integrated classification without a table: the transfer function as a shader needs it to integrate along a slab.
+"""Pre-integrated classification without a table: segments of the transfer function that a shader integrates.
 
-Where the scalar goes linearly from the front of a slab to its back, the integrals of emission and absorption are
-those of the transfer function between two scalars. It is piecewise linear, so little needs to be stored: κ as a
-parabola in each segment, and sums over whole segments. A slab then is at most three parts: what it passes of the
-first segment, all whole segments between, and what it passes of the last one (preintegrated.glsl). There is no table
-of pairs of scalars. So no resolution enters, nor does the length of a slab: a last slab that is cut short is as exact
-as any, and another step needs nothing new.
+If the scalar changes linearly along a slab, the integrals of emission and absorption are those of the transfer
+function between two scalars. The function is piecewise linear, so κ is stored as a parabola for each segment, with
+sums over whole segments. A slab then has at most three parts: a part of the first segment, all whole segments between,
+and a part of the last one (ramp.glsl). There is no table of pairs of scalars, hence no resolution and no fixed length
+of a slab: a shorter last slab is exact, and another step needs no new data.
 
-The opacity of a slab is exact to float32. So are the mean of its colour and, nearly, how far that leans to its front;
-what is left of the order within a part counts only where a single slab is both opaque and of many colours.
+The opacity of a slab is exact to float32. So is the mean of its colour and, nearly, the weight of its front; the order
+within a part is neglected, which matters only if a single slab is both opaque and of many colours.
 
 References
 ----------
@@ -26,11 +25,11 @@ from numpy.typing import NDArray
 from clusterviz.plan.segments import FAR, MOST_CUTS, Floats, Segments, halved, indexed, outline
 from clusterviz.scene.transfer import OPAQUE, TransferFunction
 
-# Of κ in each segment, over one opacity unit distance: its share, and what is allowed where it is small.
+# Relative and absolute error of κ in each segment, over one opacity unit distance.
 PARABOLA_ERROR, PARABOLA_FLOOR = 5e-7, 1e-8
 NODES = np.array([-0.4305681557970263, -0.16999052179242813, 0.16999052179242813, 0.4305681557970263])
 WEIGHTS = np.array([0.17392742256872679, 0.3260725774312732, 0.3260725774312732, 0.17392742256872679])
-"""Gauss and Legendre's of fourth order, halved; importing numpy.polynomial takes longer than reading them."""
+"""Gauss-Legendre quadrature with four nodes, halved; written out, as importing numpy.polynomial is slow."""
 
 SLAB_RECORD = np.dtype(
     [
@@ -39,14 +38,14 @@ SLAB_RECORD = np.dtype(
         ("kappa", "f4", 3),  # κ = k₀ + k₁ x + k₂ x² over one opacity unit distance; x goes from 0 to 1 in the segment
         ("colour", "f4", 3),  # straight, at x = 0
         ("colour_change", "f4", 3),  # to x = 1
-        ("per_scalar", "f4"),  # x for a unit of the scalar; 0 in the constant segments at both ends
+        ("per_scalar", "f4"),  # x per unit of the scalar; 0 in the constant segments at both ends
     ]
 )
 SUM_ROWS = 8  # ∫κ, ∫κc (3), ∫κcK (3) with K = ∫κ, all up to the start of a segment; one unused
 
 
 def make_preintegrated(transfer: TransferFunction) -> Segments:
-    """Cut a transfer function into segments for slabs of any length; `sums` is given."""
+    """Cut a transfer function into segments for slabs of any length, with `sums`."""
     outlined, starts = outline(transfer)
     records = _refined(outlined)
     slabs = _parabolas(records)
@@ -55,9 +54,9 @@ def make_preintegrated(transfer: TransferFunction) -> Segments:
 
 
 def segment_sums(slabs: NDArray[np.void]) -> Floats:
-    """Integrals over the scalar, (n, SUM_ROWS), up to the start of each segment.
+    """Return integrals over the scalar, (n, SUM_ROWS), up to the start of each segment.
 
-    They count from the segment that starts nearest to 0, so that knots far from clim cost those within no digits.
+    They start at the segment nearest to 0, so that control points far from clim do not cost precision.
     """
     lengths = slabs["end"] - slabs["start"]
     lengths[[0, -1]] = 0.0
@@ -79,7 +78,7 @@ def segment_sums(slabs: NDArray[np.void]) -> Floats:
 
 
 def _from_pivot(steps: Floats, pivot: int) -> Floats:
-    """Sums of the steps before each row, 0 at the pivot."""
+    """Return prefix sums of the steps, 0 at the pivot."""
     sums = np.zeros(steps.shape)
     sums[pivot + 1 :] = np.cumsum(steps[pivot:-1], axis=0)
     sums[:pivot] = -np.cumsum(steps[:pivot][::-1], axis=0)[::-1]
@@ -87,7 +86,7 @@ def _from_pivot(steps: Floats, pivot: int) -> Floats:
 
 
 def _kappa(records: NDArray[np.void], share: float) -> Floats:
-    """κ over one opacity unit distance at a share of each segment."""
+    """Return κ over one opacity unit distance at a relative position in each segment."""
     lengths = np.append(np.diff(records["start"]), 0.0)
     lengths[0] = 0.0
     opacity = records["unit_opacity"] + records["unit_slope"] * lengths * share
@@ -96,13 +95,13 @@ def _kappa(records: NDArray[np.void], share: float) -> Floats:
 
 
 def _coefficients(records: NDArray[np.void]) -> Floats:
-    """The parabola through κ at both ends and in the middle, (n, 3)."""
+    """Return the parabola through κ at both ends and in the middle, (n, 3)."""
     begin, middle, end = (_kappa(records, share) for share in (0.0, 0.5, 1.0))
     return np.stack([begin, 4 * (middle - begin) - (end - begin), 2 * (begin - middle) + 2 * (end - middle)], axis=1)
 
 
 def _refined(records: NDArray[np.void]) -> NDArray[np.void]:
-    """Cut the inner segments in halves until κ is a parabola to PARABOLA_ERROR."""
+    """Halve the inner segments until κ is a parabola to PARABOLA_ERROR."""
     while True:
         parabola, error = _coefficients(records), np.zeros(len(records))
         least = np.minimum(_kappa(records, 0.0), _kappa(records, 1.0))
@@ -110,7 +109,7 @@ def _refined(records: NDArray[np.void]) -> NDArray[np.void]:
             found = parabola @ np.array([1.0, share, share * share])
             error = np.maximum(error, np.abs(found - _kappa(records, share)))
         middles = records["start"][:-1] + np.diff(records["start"]) / 2
-        # What float32 cannot tell apart is not cut further.
+        # Segments at the resolution of float32 are not cut further.
         apart = np.append(middles.astype(np.float32) > records["start"][:-1].astype(np.float32), False)
         cut = (error > PARABOLA_ERROR * least + PARABOLA_FLOOR) & apart
         if not cut.any() or len(records) > MOST_CUTS:
@@ -119,7 +118,7 @@ def _refined(records: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _parabolas(records: NDArray[np.void]) -> NDArray[np.void]:
-    """SLAB_RECORDs in float64."""
+    """Return SLAB_RECORDs in float64."""
     slabs = np.zeros(len(records), [(name, "f8", SLAB_RECORD[name].shape) for name in SLAB_RECORD.names or ()])
     slabs["start"], slabs["end"] = records["start"], np.append(records["start"][1:], FAR)
     lengths = slabs["end"] - slabs["start"]

@@ -1,4 +1,4 @@
-"""How long a slab is in the world, and how many of them a ray may have: slabs are counted in 32 bits."""
+"""Length of a slab, and the most slabs of a ray, which are counted in 32 bits."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from clusterviz.errors import InputError
 from clusterviz.plan.encoding import FAR
 
 MOST_SLABS = 1 << 30
-"""On the longest way through a volume; a jittered ray has one more, and windows of slabs end behind the last one."""
+"""On the diagonal of a volume; a jittered ray has one more, and the last batch of slabs may end behind them."""
 
 
 def slab_length(step: float, grid: Grid) -> float:
-    """A step of smallest spacings in world units.
+    """Return the length of a slab in world units.
 
     Parameters
     ----------
-    step : in smallest spacings
+    step : length of a slab in units of the smallest spacing
     grid : of the volume, or of the box around several
 
     Raises
@@ -37,5 +37,5 @@ def slab_length(step: float, grid: Grid) -> float:
 
 
 def slab_units(step_world: float, unit_distance: float) -> float:
-    """The length of a slab in opacity unit distances; what float32 does not hold is as opaque as `FAR`."""
+    """Return the length of a slab in opacity unit distances, at most `FAR`, so that float32 holds it."""
     return min(step_world / unit_distance, FAR)

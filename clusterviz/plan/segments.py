@@ -1,8 +1,8 @@
-"""The transfer function as the shader reads it: linear segments between all control points, and buckets to find them.
+"""The transfer function as the shader reads it: linear segments between control points, and buckets to find them.
 
-Colour and opacity are linear between control points, but the opacity of a slab, 1 − (1 − α)^d, is not. Its segments are
-cut until the chord is as good as float32, so that the shader needs no logarithm a sample and no table resolution
-enters. Steps in the function stay steps. Scalars are in units of clim (0 at its low end, 1 at its high end).
+Colour and opacity are linear between control points, but the opacity of a slab, 1 − (1 − α)^d, is not. Segments are cut
+until the chord is exact to float32, so that the shader needs no logarithm per sample and there is no table resolution.
+Steps in the function stay steps. Scalars are in units of clim (0 at its low end, 1 at its high end).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from clusterviz.scene.transfer import OPAQUE, TransferFunction, distinct, interp
 
 BUCKETS = 4096
 MOST_CUTS = 1 << 16
-# Of a slab's opacity, so that what adds up along a ray stays below 1e-6: its share of the opacity, and of a length.
+# Relative error of a slab's opacity, and absolute error per unit distance; the sum along a ray stays below 1e-6.
 CHORD_ERROR, CHORD_FLOOR = 5e-7, 3e-8
 FAR = float(np.finfo(np.float32).max)
 Floats = NDArray[np.float64]
@@ -44,11 +44,11 @@ class Segments:
     Attributes
     ----------
     records : RECORD (n,), ascending starts
-    buckets : BUCKET (BUCKETS,): a segment that starts at or before each bucket, and where the one behind it starts
-    low, per_unit : the scalar at the start of bucket 0, and buckets per unit of the scalar
+    buckets : BUCKET (BUCKETS,): a segment that starts at or before each bucket, and the start of the next one
+    low, per_unit : scalar at the start of bucket 0, and buckets per unit of the scalar
     further_starts : the largest stride (a power of two, or 0) of a search for later segments of one bucket
-    transparent_below : no scalar below this one has any opacity
-    sums : float64 (n, 8) for pre-integration, see `preintegration.py`; None where samples are classified one by one
+    transparent_below : scalar below which everything is transparent
+    sums : float64 (n, 8) for pre-integration, see `preintegration.py`; None for post-classification
     """
 
     records: NDArray[np.void]
@@ -61,7 +61,7 @@ class Segments:
 
 
 def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
-    """Cut a transfer function into segments; constant ones lie before the first control point and behind the last.
+    """Cut a transfer function into segments, with constant ones before the first control point and after the last.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
 
 
 def outline(transfer: TransferFunction) -> tuple[NDArray[np.void], Floats]:
-    """The segments between all control points, uncut.
+    """Return the segments between all control points, uncut.
 
     Returns
     -------
-    records : as `RECORD`, but float64; nothing is known of slabs
+    records : as `RECORD`, but float64; the fields of slabs are not set
     starts : float64 (n,), the control points
     """
     knots = distinct(transfer.opacity_values, transfer.colour_values)
@@ -96,9 +96,9 @@ def outline(transfer: TransferFunction) -> tuple[NDArray[np.void], Floats]:
 
 
 def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> tuple[Floats, Floats]:
-    """Value (n, c) at the start of each segment and slope (n, c) on it, the constant outer segments included."""
+    """Return value (n, c) at the start of each segment and slope (n, c), including the constant outer segments."""
     after = interpolate(knots, values, results)
-    # Mirrored, the later of two equal points is the earlier one: the limit from below.
+    # Mirrored, so that of two equal control points the earlier one counts: the limit from below.
     before = interpolate(-knots, -values[::-1], results[::-1])
     lengths = np.maximum(np.diff(starts), 1e-30)[:, None]
     flat = np.zeros((1, results.shape[1]))
@@ -107,7 +107,7 @@ def _pieces(knots: Floats, starts: Floats, values: Floats, results: Floats) -> t
 
 
 def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
-    """Cut the inner segments in halves until the chord of a slab's opacity is as good as CHORD_ERROR asks."""
+    """Halve the inner segments until the chord of a slab's opacity is exact to CHORD_ERROR."""
 
     def slab(alpha: Floats) -> Floats:
         opacity: Floats = -np.expm1(slab_units * np.log1p(-np.clip(alpha, 0.0, OPAQUE)))
@@ -123,7 +123,7 @@ def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
         for share in (0.25, 0.5, 0.75):
             inside = slab(records["unit_opacity"] + share * (ends - records["unit_opacity"]))
             error = np.maximum(error, np.abs(inside - (at_start + share * (at_end - at_start))))
-        # What float32 cannot tell apart is not cut further.
+        # Segments at the resolution of float32 are not cut further.
         middles = records["start"] + lengths / 2
         cut = (error > allowed) & (middles.astype(np.float32) > records["start"].astype(np.float32))
         if not cut.any() or len(records) > MOST_CUTS:
@@ -134,7 +134,7 @@ def _refined(records: NDArray[np.void], slab_units: float) -> NDArray[np.void]:
 
 
 def halved(records: NDArray[np.void], cut: NDArray[np.bool_]) -> NDArray[np.void]:
-    """The records with a further one in the middle of each that is to be cut; never the last."""
+    """Return the records with those to be cut divided in the middle; the last one is never cut."""
     lengths = np.diff(records["start"])[cut[:-1]]
     halves = records[cut].copy()
     halves["start"] += lengths / 2
@@ -151,21 +151,21 @@ def indexed(
     dtype: np.dtype[np.void],
     sums: Floats | None = None,
 ) -> Segments:
-    """The records in float32, and the buckets over the range of the control points.
+    """Return the records in float32, and buckets over the range of the control points.
 
     Parameters
     ----------
-    records : float64, the first field their starts
-    starts : of the control points
-    opaque : which of the segments are not transparent
-    dtype : the records as they are stored
+    records : float64; the first field is the start of the segment
+    starts : the control points
+    opaque : segments that are not transparent
+    dtype : type of the stored records
     """
     with np.errstate(over="ignore"):
         stored = records.astype(dtype)
     for name in dtype.names or ():
         stored[name] = np.clip(stored[name], -FAR, FAR)
     low, width = float(starts[0]), max(float(starts[-1] - starts[0]), 1e-30)
-    # A bucket starts a little early and ends a little late, for the rounding of the shader's division.
+    # Buckets overlap a little, for the rounding of the shader's division.
     margin = 0.01 * width / BUCKETS + 1e-6 * max(abs(low), abs(low + width))
     edges = low + width * np.arange(BUCKETS) / BUCKETS - margin
     buckets = np.zeros(BUCKETS, BUCKET)

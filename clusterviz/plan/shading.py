@@ -1,4 +1,4 @@
-"""How a volume is lit, as the shader reads it: its material, the lights, and how gradients become normals."""
+"""Lighting of a volume as the shader reads it: its material, the lights, and the map from gradients to normals."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 HEADLIGHT = Light(type="headlight")
 CAP_UNITS = 4.0
-"""Opacity unit distances behind a cut face in which its normal lights what has no gradient; its share falls to 0."""
+"""Depth behind a cut face, in opacity unit distances, at which the weight of the face's normal has fallen to 0."""
 CAP_STEEP, FACE_STEEP = 1 / 4, 1 / 128
-"""Gradients, in ranges of clim for the smallest spacing, from which on they alone light what lies behind a clipping
-plane, and behind a face of the volume; below, they do so by a share."""
-UP = np.array([0.0, 0.0, 1.0])  # of a light that shines everywhere, which has no axis
+"""Gradients, in units of clim per smallest spacing, above which the normal behind a clipping plane, and behind a face
+of the volume, is that of the gradient alone; below, it is blended with the normal of the face."""
+UP = np.array([0.0, 0.0, 1.0])  # axis of a light whose position is its focal point
 FAR = float(np.finfo(np.float32).max)
 
 
@@ -30,13 +30,13 @@ class Lamp:
 
     Attributes
     ----------
-    direction : unit vector towards it, in the world; None for one that shines from the eye; of one with a place, away
-        from where its cone points
+    direction : unit vector towards it, in the world; None for a headlight; for a light with a place, opposite to the
+        axis of its cone
     strength : (r, g, b), colour times intensity
-    place : (x, y, z) in index space; None for one that is far away
-    edge : cosine of the angle from the cone's axis to its edge; −2 where there is no cone
-    exponent : of the cosine of the angle from the axis
-    attenuation : what its light is divided by, in powers of the distance
+    place : (x, y, z) in index space; None for a directional light
+    edge : cosine of the angle from the cone's axis to its edge; −2 without a cone
+    exponent : exponent of the cosine of the angle from the axis
+    attenuation : coefficients of the polynomial in the distance by which its light is divided
     """
 
     direction: Triple | None
@@ -49,17 +49,17 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Shading:
-    """What lights a volume.
+    """Material and lights of a volume.
 
     Attributes
     ----------
     material : ambient, diffuse and specular share, and the highlight's power
     lights : one or more
     world_from_index : 3 × 3, row by row, times a factor that makes its largest entry 1
-    normal_from_gradient : 3 × 3, times such a factor: its inverse transpose, which takes gradients to the world
-    caps : float64 (n, 8), of the planes that cut the volume, its own faces among them: the unit normal in the world,
-        what makes the length of a normal from a gradient a share of `CAP_STEEP`, or of `FACE_STEEP`, and what makes of
-        a place (x, y, z, 1) in index space the way behind the plane, as a share of `CAP_UNITS`
+    normal_from_gradient : its inverse transpose, which maps gradients to the world, scaled likewise
+    caps : float64 (n, 8), for each plane that cuts the volume, its own faces included: the unit normal in the world; a
+        factor that maps the length of a normal to a share of `CAP_STEEP`, or of `FACE_STEEP`; and a plane equation
+        that maps (x, y, z, 1) in index space to the depth behind the plane as a share of `CAP_UNITS`
     """
 
     material: tuple[float, float, float, float]
@@ -70,7 +70,7 @@ class Shading:
 
     @property
     def has_places(self) -> bool:
-        """Whether any light is not far away."""
+        """True if any light has a place."""
         return any(light.place is not None for light in self.lights)
 
     @property
@@ -79,9 +79,9 @@ class Shading:
         return 5 if self.has_places else 2
 
     def block(self) -> NDArray[np.float32]:
-        """The block of lights.glsl, (7 + light_rows · lights + 2 · caps, 4): both matrices by columns, ….
+        """Return the block of lights.glsl, (7 + light_rows · lights + 2 · caps, 4).
 
-        Then the material, the lights and the caps.
+        It holds both matrices by columns, the material, the lights and the caps.
         """
         first = 7 + self.light_rows * len(self.lights)
         rows = np.zeros((first + 2 * len(self.caps), 4))
@@ -104,12 +104,12 @@ class Shading:
 
 
 def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats | None) -> Shading:
-    """The light on a volume; a scene without lights has a headlight, as PyVista's and ParaView's have.
+    """Return the lighting of a volume; a scene without lights has a headlight, as in PyVista and ParaView.
 
     Parameters
     ----------
     unit : its opacity unit distance
-    planes : float64 (n, 4), that cut it, in index space, see `clip_planes`; None where cut faces are lit by gradients
+    planes : float64 (n, 4), clipping planes in index space, see `clip_planes`; None if cut faces are lit by gradients
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
@@ -124,7 +124,7 @@ def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: floa
 
 
 def _caps(grid: Grid, planes: Floats, depth: float, scale: float) -> Floats:
-    """The rows of the planes and of the volume's own faces."""
+    """Return the rows of the planes and of the volume's own faces."""
     last = np.array(grid.shape_zyx[::-1], np.float64) - 1
     faces = np.concatenate([np.eye(3, 4), np.column_stack([-np.eye(3), last])])
     all_planes = np.concatenate([planes, faces])

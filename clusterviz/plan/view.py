@@ -1,7 +1,7 @@
-"""The camera in index space: where the ray of a pixel starts and runs, and what a box of cells covers on the screen.
+"""The camera in index space: rays of pixels, and footprints of boxes on the screen.
 
-Index space has sample i at coordinate i, so its unit is a voxel; ray parameters stay world lengths, because the map
-from the world is affine. All in float64.
+In index space, sample i has coordinate i, so its unit is a voxel. Ray parameters stay world lengths, because the map
+from the world is affine. All numbers are float64.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class View:
-    """VTK's camera over one grid; all vectors (x, y, z) in index space, of one world unit's length in the world.
+    """VTK's camera over one grid; vectors (x, y, z) are in index space and one world unit long.
 
     Attributes
     ----------
@@ -43,19 +43,20 @@ class View:
 
     @property
     def eye_point(self) -> Vector | None:
-        """Where all rays begin; None in parallel projection."""
+        """Common origin of all rays; None in parallel projection."""
         return None if self.parallel else self.eye
 
     def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
-        """The pixels whose rays may meet the box of cells [begin, end], (x, y, z); at most a pixel too many a side.
+        """Return the pixels whose rays may meet the box of cells [begin, end], (x, y, z).
 
-        The whole picture where a part of the box is beside or behind the eye.
+        The rectangle is at most one pixel too large on each side. It is the whole picture if a part of the box is
+        beside or behind the eye.
         """
         (sides,) = self.footprints(np.array([begin_cells]), np.array([end_cells])).tolist()
         return Rect(*sides)
 
     def footprints(self, begin_cells: NDArray[np.float64], end_cells: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The same for many boxes (n, 3): int64 (n, 4), x_begin, y_begin, x_end, y_end; all 0 where it is empty."""
+        """Return the footprints of boxes (n, 3): int64 (n, 4), x_begin, y_begin, x_end, y_end; all 0 if empty."""
         ends = np.stack([begin_cells, end_cells], axis=1)
         corners = np.stack([ends[:, [b & 1, b >> 1 & 1, b >> 2], range(3)] for b in range(8)], axis=1)
         ahead, aside = (part.reshape(len(ends), 8, -1) for part in self._camera_coordinates(corners.reshape(-1, 3)))
@@ -73,7 +74,7 @@ class View:
         return rects
 
     def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """World lengths ahead (n,) and to the right and up (n, 2) of the eye."""
+        """Return the distances ahead (n,) and to the right and up (n, 2) of the eye, in world units."""
         axes = np.array([self.right, self.up, self.forward]).T
         coordinates = np.linalg.solve(axes, (points - np.array(self.eye)).T).T
         return coordinates[:, 2], coordinates[:, :2]

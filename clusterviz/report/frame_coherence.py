@@ -1,8 +1,8 @@
-"""What `quality.frame_coherence` was good for in a frame, and what it may have missed.
+"""Rays saved by `quality.frame_coherence` in a frame, and its estimated error.
 
-Of each square of 16 blocks of 16 rays those of one block, drawn at random, start where they enter the volume. What such
-a ray gathers before it comes to where it would have started is what the picture would have missed: an error of at most
-its opacity, in every channel. Of all rays, how many err is then bounded with a confidence; how much they err is not.
+In each square of 16 blocks of 16 rays, those of one block, chosen at random, start where they enter the volume. The
+opacity that such a ray gathers before its predicted start bounds the error in every channel. The number of wrong rays
+is then bounded with a confidence; the size of their error is not.
 
 References
 ----------
@@ -18,25 +18,25 @@ from dataclasses import dataclass, field
 
 VISIBLE = 1 / 255
 BLOCK, BLOCKS = 4, 4
-"""Pixels along the side of a block, and blocks along the side of a square, of which one is drawn."""
+"""Pixels along the side of a block, and blocks along the side of a square, one of which is checked."""
 DOUBT = 0.05
 COUNTS = ("estimated", "left_out", "late", "checked", "wrong")
 
 
 @dataclass(frozen=True)
 class FrameCoherence:
-    """One frame's rays.
+    """Counts of one frame's rays.
 
     Attributes
     ----------
-    estimated : the last frame told where to start
-    left_out : it told that they meet nothing, so they were not drawn; those beside the volume's box are among them
-    late : of `estimated`, those that noticed that they had started too late, and began again
-    checked : drawn at random, started where they enter the volume, and found what they would have missed
-    wrong : of these, those that would have missed more than 1/255 of a full scale
-    error : the most that one of them would have missed, of a full scale of 1
-    wrong_at_most : of all rays no more missed more than 1/255, with a confidence of 95 %
-    beyond_at_most : nor did more than these miss more than `error`
+    estimated : rays that started by the last frame's hits
+    left_out : rays predicted to meet nothing, which were not drawn, including those beside the volume's box
+    late : rays of `estimated` that found that they had started too late, and were drawn again
+    checked : rays, chosen at random, that started where they enter the volume and measured their error
+    wrong : rays of `checked` with an error above 1/255 of a full scale
+    error : largest error of a checked ray, with a full scale of 1
+    wrong_at_most : bound on the rays with an error above 1/255, with a confidence of 95 %
+    beyond_at_most : bound on the rays with an error above `error`, likewise
     """
 
     estimated: int = 0
@@ -49,12 +49,12 @@ class FrameCoherence:
     beyond_at_most: int = field(init=False)
 
     def __post_init__(self) -> None:
-        """Bound what was not checked by what was."""
+        """Set the bounds."""
         for name, found in (("wrong_at_most", self.wrong), ("beyond_at_most", 0)):
             object.__setattr__(self, name, min(rays_at_most(found), self.estimated + self.left_out + self.checked))
 
     def __str__(self) -> str:
-        """What was saved, and missed, in a line."""
+        """Return a summary in one line."""
         rays = f"{self.estimated:,} rays started later, {self.left_out:,} were left out"
         checked = (
             f"of {self.checked:,} checked {self.wrong:,} would have missed more than 1/255, {self.error:.2g} at most"
@@ -63,7 +63,7 @@ class FrameCoherence:
 
 
 def together(each: Iterable[FrameCoherence | None]) -> FrameCoherence | None:
-    """All of several pieces, ranks or frames; None where nothing leapt."""
+    """Sum the counts of several pieces, ranks or frames; None if frame coherence was off."""
     some = [one for one in each if one is not None]
     if not some:
         return None
@@ -72,11 +72,11 @@ def together(each: Iterable[FrameCoherence | None]) -> FrameCoherence | None:
 
 
 def rays_at_most(found: int) -> int:
-    """The number of rays of a kind that are not exceeded, but in one case of twenty, where so many were drawn.
+    """Return an upper bound on the rays of a kind, with a confidence of 95 %, if `found` were among those checked.
 
-    Blocks count as a whole, so rays may be of that kind side by side.
+    Blocks are counted as a whole, so that neighbouring rays may depend on each other.
     """
-    # Drawn blocks hold `low` of them by their size; less than that has a probability of exp(low - high + ...) at most.
+    # By Chernoff's bound, if `high` are expected, `low` or less have a probability of exp(low - high + ...) at most.
     low = found / BLOCK**2
     high, step = low, 1.0
     while step > 1e-9:

@@ -1,4 +1,4 @@
-"""What coherence leaping can be asked for: composited volumes and isosurfaces, whose bricks are drawn whole."""
+"""Check of `quality.frame_coherence`: it needs composited volumes or isosurfaces, whose bricks are drawn whole."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 from clusterviz.scene.checks import InvalidValueError
 
 HIT = ("composite", "isosurface")
-"""Blendings of which a ray has a first sample that counts; a projection may need any."""
+"""Blendings with a first visible sample on a ray; projections have none."""
 
 
 def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
-    """Refuse what cannot be done with the hits of the last frame.
+    """Raise an error for settings that frame coherence does not support.
 
     Parameters
     ----------

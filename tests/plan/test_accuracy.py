@@ -162,7 +162,7 @@ def test_jumps_and_what_is_nearly_one_are_seen(opacity: Any, more: dict[str, Any
     volume = Volume(path="field:gaussian", **settings)
     aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)))
     assert aim.jumps == jumps
-    assert aim.ways == (("post",) if volume.interpolation == "nearest" else BOTH)
+    assert aim.classifications == (("post",) if volume.interpolation == "nearest" else BOTH)
     assert math.isclose(aim.target + aim.residual, 0.01)
 
 
