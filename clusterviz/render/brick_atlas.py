@@ -1,4 +1,4 @@
-"""Bricks in GPU memory: one buffer or texture with a slot for each, which brick is in which, what it may show."""
+"""Brick atlas: one GPU buffer or texture with a slot for each brick, and the visibility of their groups of cells."""
 
 from __future__ import annotations
 
@@ -24,46 +24,48 @@ TEXTURE_BYTES = 1 << 30
 
 
 class BrickAtlas:
-    """Room for bricks in one buffer or one texture.
+    """Slots for bricks in one buffer or one texture.
 
     Parameters
     ----------
     context : a context that this thread has current
-    slot : what a brick takes
-    room : bricks that fit, at least 1
+    slot : layout of a brick
+    slot_count : number of slots, at least 1
 
     Attributes
     ----------
     slots : the number of each brick's slot
     """
 
-    def __init__(self, context: moderngl.Context, slot: Slot, room: int) -> None:
-        self._context, self._slot, self.room = context, slot, room
+    def __init__(self, context: moderngl.Context, slot: Slot, slot_count: int) -> None:
+        self._context, self._slot, self.slot_count = context, slot, slot_count
         self.slots: dict[Index, int] = {}
-        self._free = list(range(room))[::-1]
+        self._free = list(range(slot_count))[::-1]
         self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
-        self._bends = np.zeros((room, 2, *slot.groups_zyx), np.float32) if slot.stretched else None
+        self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.stretched else None
         self._stretched: tuple[TransferFunction, NDArray[np.uint32]] | None = None
-        self._counts = np.zeros(room, np.int64)
-        self._voxels = _texture(context, slot, room) if slot.textured else context.buffer(reserve=room * slot.bytes)
+        self._counts = np.zeros(slot_count, np.int64)
+        self._voxels = (
+            _texture(context, slot, slot_count) if slot.textured else context.buffer(reserve=slot_count * slot.bytes)
+        )
 
     @property
     def free(self) -> int:
-        """Bricks that still fit."""
+        """Number of free slots."""
         return len(self._free)
 
     @property
     def bytes(self) -> int:
-        """GPU memory taken."""
-        return self.room * self._slot.bytes
+        """Bytes of GPU memory."""
+        return self.slot_count * self._slot.bytes
 
     @property
     def voxels(self) -> int:
-        """Samples of which its bricks were made."""
+        """Number of samples of its bricks."""
         return int(self._counts[list(self.slots.values())].sum())
 
     def put(self, index: Index, stored: Stored) -> None:
-        """Keep a brick in a free slot."""
+        """Store a brick in a free slot."""
         number = self._free.pop()
         self.slots[index] = number
         self._note(number, stored)
@@ -77,9 +79,9 @@ class BrickAtlas:
         """Free a brick's slot."""
         self._free.append(self.slots.pop(index))
 
-    def grown(self, room: int) -> BrickAtlas:
-        """The same bricks with more room; this one is given back."""
-        larger = BrickAtlas(self._context, self._slot, room)
+    def grown(self, slot_count: int) -> BrickAtlas:
+        """Return an atlas with the same bricks and more slots, and release this one."""
+        larger = BrickAtlas(self._context, self._slot, slot_count)
         if isinstance(self._voxels, moderngl.Buffer) and isinstance(larger._voxels, moderngl.Buffer):
             larger._take_over(self)
             self._context.copy_buffer(larger._voxels, self._voxels, self.bytes)
@@ -90,7 +92,7 @@ class BrickAtlas:
         return larger
 
     def stored(self, bricks: Sequence[Index]) -> Iterator[tuple[Index, Stored]]:
-        """What is in the slots of bricks, read back from the GPU."""
+        """Read bricks back from the GPU."""
         for index in bricks:
             number = self.slots[index]
             low, high = (side[number] for side in self._ranges or ())
@@ -99,16 +101,16 @@ class BrickAtlas:
             yield index, Stored(self._slot.unpack(words), low, high, int(self._counts[number]), bend)
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Where bricks begin, and which of their groups of cells may show something, for all bricks of a box.
+        """Return the offsets, and the visible groups of cells, of all bricks of a box.
 
         Parameters
         ----------
-        bricks : int64 (m, 3), those to be drawn; they are here and in the box
+        bricks : int64 (m, 3), bricks to draw, all of this atlas and in the box
 
         Returns
         -------
-        offsets : int32, one a brick of the box: first word (buffer) or slot number (texture), −1 for none
-        groups : uint32, `slot.group_words` a brick of the box
+        offsets : int32, one for each brick of the box: first word (buffer) or slot number (texture), −1 for none
+        groups : uint32, `slot.group_words` for each brick of the box
         """
         numbers = np.array([self.slots[z, y, x] for z, y, x in bricks.tolist()])
         places = tuple((bricks - box.begin_zyx).T)
@@ -124,7 +126,7 @@ class BrickAtlas:
         return offsets, groups
 
     def _stretches(self, plan: Plan) -> NDArray[np.uint32]:
-        """How long slabs may be in the groups of all slots; they stay so while the transfer function does."""
+        """Return the lengths of slabs in the groups of all slots, cached for one transfer function."""
         if self._stretched is None or self._stretched[0] is not plan.transfer:
             assert self._ranges, "no slot was filled"
             assert self._bends is not None, "nothing is stretched"
@@ -132,19 +134,19 @@ class BrickAtlas:
         return self._stretched[1]
 
     def bind(self) -> None:
-        """Let draws read from here."""
+        """Bind the buffer or texture for drawing."""
         if isinstance(self._voxels, moderngl.Buffer):
             self._voxels.bind_to_storage_buffer(7)
         else:
             self._voxels.use(0)
 
     def release(self) -> None:
-        """Give the GPU memory back."""
+        """Free the GPU memory."""
         self._voxels.release()
 
     def _note(self, number: int, stored: Stored) -> None:
         if self._ranges is None:
-            shape = (self.room, *stored.low.shape)
+            shape = (self.slot_count, *stored.low.shape)
             self._ranges = np.zeros(shape, stored.low.dtype), np.zeros(shape, stored.high.dtype)
         self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
         if self._bends is not None:
@@ -152,29 +154,29 @@ class BrickAtlas:
         self._counts[number] = stored.voxels
 
     def _take_over(self, smaller: BrickAtlas) -> None:
-        """All that is known of the slots of another one, whose voxels keep their places."""
+        """Copy the metadata of a smaller atlas, whose bricks keep their slots."""
         self.slots = dict(smaller.slots)
-        self._free = [number for number in range(self.room)[::-1] if number >= smaller.room] + smaller._free
-        self._counts = _lengthened(smaller._counts, self.room)
+        self._free = [number for number in range(self.slot_count)[::-1] if number >= smaller.slot_count] + smaller._free
+        self._counts = _lengthened(smaller._counts, self.slot_count)
         if smaller._ranges is not None:
-            low, high = (_lengthened(side, self.room) for side in smaller._ranges)
+            low, high = (_lengthened(side, self.slot_count) for side in smaller._ranges)
             self._ranges = low, high
         if smaller._bends is not None:
-            self._bends = _lengthened(smaller._bends, self.room)
+            self._bends = _lengthened(smaller._bends, self.slot_count)
 
     def _words(self, number: int) -> NDArray[Any]:
-        """A slot of a buffer."""
+        """Read a slot of a buffer."""
         assert isinstance(self._voxels, moderngl.Buffer), "textures have texels"
         return np.frombuffer(self._voxels.read(self._slot.bytes, offset=number * self._slot.bytes), "<u4")
 
     def _texels(self, number: int) -> NDArray[Any]:
-        """A slot of a texture, (z, y, x)."""
+        """Read a slot of a texture, (z, y, x)."""
         assert isinstance(self._voxels, moderngl.Texture3D), "buffers have words"
         x, y, z, width, height, depth = self._viewport(number)
         return read_box(self._voxels, (x, y, z), (depth, height, width), STORED_TYPE[self._slot.kind])
 
     def _viewport(self, number: int) -> tuple[int, int, int, int, int, int]:
-        """The texels of a slot: corner and size along (x, y, z)."""
+        """Return the texels of a slot: corner and size along (x, y, z)."""
         assert isinstance(self._voxels, moderngl.Texture3D), "buffers have no corners"
         z, y, x = self._slot.samples_zyx
         across, down = self._voxels.width // x, self._voxels.height // y
@@ -182,7 +184,7 @@ class BrickAtlas:
 
 
 def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = None) -> int:
-    """Bricks that one residence can hold on this context, at least 1.
+    """Return the bricks that one atlas can hold on this context, at least 1.
 
     Parameters
     ----------
@@ -197,16 +199,16 @@ def capacity(context: moderngl.Context, slot: Slot, block_bytes: int | None = No
 
 
 def _lengthened(rows: NDArray[Any], count: int) -> NDArray[Any]:
-    """The same rows, and further ones of zeros."""
+    """Return the rows, padded with zeros."""
     return np.concatenate([rows, np.zeros((count - len(rows), *rows.shape[1:]), rows.dtype)])
 
 
-def _texture(context: moderngl.Context, slot: Slot, room: int) -> moderngl.Texture3D:
-    """Slots side by side along x, then y, then z."""
+def _texture(context: moderngl.Context, slot: Slot, slot_count: int) -> moderngl.Texture3D:
+    """Return a texture of slots side by side along x, then y, then z."""
     side = int(context.info["GL_MAX_3D_TEXTURE_SIZE"])
     z, y, x = slot.samples_zyx
-    across, down = min(room, side // x), side // y
-    rows = -(-room // across)
+    across, down = min(slot_count, side // x), side // y
+    rows = -(-slot_count // across)
     down = min(rows, down)
     texture = context.texture3d(
         (across * x, down * y, -(-rows // down) * z), 1, alignment=1, dtype=TEXEL_TYPE[slot.kind]

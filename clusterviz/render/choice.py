@@ -1,7 +1,7 @@
-"""Which ray caster draws on a rank: OpenGL where there is a GPU, else the processor by itself, where it can.
+"""Choice of the ray caster of a rank: OpenGL if there is a GPU, else the CPU ray caster, if it supports the scene.
 
-OpenGL on a software device runs on the same cores as the processor's own caster, and several times slower: it executes
-every branch and takes every fetch apart.
+OpenGL on a software device runs on the same cores as the CPU ray caster and is several times slower: it executes every
+branch and emulates every fetch.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from clusterviz.render.raycast import Raycaster
 
 Device = int | Literal["cpu"] | None
-"""What a user asks to draw on: an EGL device by its index, the processor, or what is best."""
+"""Device to draw on, as a user sets it: an EGL device by its index, the CPU, or None for the best one."""
 
 
 def prefers_processor(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
-    """Whether a rank draws without OpenGL what it can.
+    """Return True if a rank prefers the CPU ray caster to OpenGL.
 
     Parameters
     ----------
-    device : as the user said; where that is None and CLUSTERVIZ_EGL_DEVICE names a device, OpenGL draws on it
+    device : the user's setting; if it is None and CLUSTERVIZ_EGL_DEVICE names a device, OpenGL draws on that
     environment : variables to read, this process's own by default
     """
     variables = os.environ if environment is None else environment
@@ -37,14 +37,14 @@ def prefers_processor(device: Device = None, environment: Mapping[str, str] | No
 
 
 def on_processor(plan: Plan, device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
-    """Whether a rank draws a plan without OpenGL."""
+    """Return True if the CPU ray caster draws a plan."""
     from clusterviz.render.cpu.kernel import can_draw
 
     return can_draw(plan) and prefers_processor(device, environment)
 
 
 def has_gpu() -> bool:
-    """Whether EGL lists hardware on this node."""
+    """Return True if EGL lists hardware on this node."""
     try:
         return any(not device.software for device in egl_devices())
     except DeviceError:
@@ -52,12 +52,12 @@ def has_gpu() -> bool:
 
 
 def egl_device(device: Device) -> int | None:
-    """The EGL device that is asked for; where the processor is, but cannot draw the scene, what EGL has."""
+    """Return the EGL device of a setting; EGL's default if the CPU was asked for but cannot draw the scene."""
     return None if device == "cpu" else device
 
 
 def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Raycaster | VectorCaster:
-    """The ray caster of a rank that needs no other one afterwards."""
+    """Return a ray caster for one plan."""
     from clusterviz.render.cpu.caster import VectorCaster
 
     if on_processor(plan, device):

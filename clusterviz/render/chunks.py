@@ -1,4 +1,4 @@
-"""A rank's bricks in as many groups as the GPU's limits ask for, each a box's, so that they are few from everywhere."""
+"""Division of a rank's bricks into groups within the GPU's limits, compact so that few parts have to be drawn."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Index = tuple[int, int, int]
 
 
 def chunks_of(bricks: Collection[Index], capacity: int) -> list[list[Index]]:
-    """Divide bricks into groups of at most `capacity`, at least 1; no box around one meets another's bricks."""
+    """Divide bricks into groups of at most `capacity` ≥ 1; the box around a group contains no brick of another."""
     if len(bricks) <= capacity:
         return [sorted(bricks)] if bricks else []
     indices = np.array(sorted(bricks), np.int64)

@@ -1,4 +1,4 @@
-"""What a draw needs on the GPU while it lasts: its buffers, and the dispatches that take rays through boxes."""
+"""Buffers of a draw, and the dispatches that march rays through boxes of bricks."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Buffers:
         return buffer
 
     def table(self, texels: NDArray[np.float32]) -> moderngl.Texture:
-        """A texture of float32 (h, w, 4)."""
+        """Return a texture of float32 (h, w, 4)."""
         texture = self._context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._made.append(texture)
@@ -57,9 +57,9 @@ class March:
 
     Attributes
     ----------
-    context, program, buffers : as of the caster
-    progress : of each pixel, bound
-    groups : how many work groups in x and y
+    context, program, buffers : those of the caster
+    progress : buffer with the progress of each pixel, bound
+    groups : number of work groups in x and y
     """
 
     context: moderngl.Context
@@ -69,18 +69,18 @@ class March:
     groups: tuple[int, int]
 
     def through(self, block: NDArray[np.void]) -> None:
-        """Dispatch until every ray has ended; rays of more than some thousand slabs take several dispatches."""
+        """Dispatch until all rays are done; rays of more than some thousand slabs take several dispatches."""
         block["first_dispatch"] = 1
         while self._dispatch(block):
             block["first_dispatch"] = 0
 
     def reaches(self, block: NDArray[np.void]) -> bool:
-        """Whether any ray that meets the block's box has not ended in front of it."""
+        """Return True if any ray that meets the block's box has not ended in front of it."""
         block["first_dispatch"] = ASK
         return self._dispatch(block)
 
     def _dispatch(self, block: NDArray[np.void]) -> bool:
-        """Whether the program has found a ray that goes on."""
+        """Run the program once; return True if a ray is not done."""
         self.buffers.make(block).bind_to_uniform_block(0)
         self.progress.write(b"\0\0\0\0")
         run_compute(self.program, self.groups)

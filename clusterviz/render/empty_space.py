@@ -1,8 +1,8 @@
-"""Which small groups of cells have nothing to show: what lets rays leap, exact by construction.
+"""Empty-space skipping: the small groups of cells that contribute nothing to the picture.
 
-A group is skipped only if the look hides the whole range of its samples, those on its far faces included: with
-most looks, if the transfer function is fully transparent there. So skipping leaves out nothing but zeros. The ranges
-depend on the voxels alone; they are kept, and a new transfer function needs no voxels again.
+A group is skipped only if the blend mode hides the whole range of its samples, including those on its far faces: with
+most blend modes, if the transfer function is fully transparent there. So only zeros are left out, and pictures are the
+same. The ranges depend on the voxels alone and are kept, so a new transfer function does not need the voxels.
 
 References
 ----------
@@ -25,11 +25,11 @@ Ranges = tuple[NDArray[Any], NDArray[Any]]
 
 
 def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
-    """Smallest and largest finite sample of each group of cells of a brick.
+    """Return the smallest and largest finite sample of each group of cells of a brick.
 
     Parameters
     ----------
-    voxels : (z, y, x), the brick's samples, the slot's margin before them included; may be smaller than the slot
+    voxels : (z, y, x), the brick's samples, including the slot's margin; may be smaller than the slot
 
     Returns
     -------
@@ -41,7 +41,7 @@ def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
 
 
 def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
-    """Where something may be visible.
+    """Return the groups in which something may be visible.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-    """One bit a group; 1 where something may be visible.
+    """Return one bit for each group; 1 if something may be visible.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 
 
 def packed_bits(flags: NDArray[np.bool_], slot: Slot) -> NDArray[np.uint32]:
-    """Flags of the groups of n bricks, (n, *slot.groups_zyx), as the shader reads them: see `visibility_bits`."""
+    """Pack flags of the groups of n bricks, (n, *slot.groups_zyx), as `visibility_bits` does."""
     groups = flags.reshape(len(flags), -1)
     bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
     bits[:, : groups.shape[1]] = groups
@@ -85,14 +85,14 @@ def _visible(
     low: NDArray[Any], high: NDArray[Any], blend_mode: BlendMode, transfer: TransferFunction
 ) -> NDArray[np.bool_]:
     low, high = low.astype(np.float64), high.astype(np.float64)
-    # The shader classifies in float32: a range is widened by more than its rounding.
+    # Ranges are widened by more than the rounding of the shader's float32.
     margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
     known = ~(np.isnan(low) | np.isnan(high))
     return np.asarray(known & ~blend_mode.hides(transfer, low - margin, high + margin))
 
 
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
-    """Reduce groups of GROUP cells, GROUP + 1 samples and those that it depends on, along each axis in turn."""
+    """Reduce groups of GROUP cells, with GROUP + 1 samples and those of the kernel, along each axis in turn."""
     for axis, groups in enumerate(slot.groups_zyx):
         first, end = slot.margin, slot.margin + groups * GROUP
         samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.spread]

@@ -1,4 +1,4 @@
-"""How far groups of cells are from linear, and how long slabs may be there: what stretches come from."""
+"""Steepness and bend of the field in groups of cells, and the lengths of slabs that follow (adaptive step)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from clusterviz.render.storage import GROUP, Slot
 
 
 def group_curvature(voxels: NDArray[Any], slot: Slot) -> NDArray[np.float32]:
-    """How steep and how bent the field is in each group of cells of a brick.
+    """Return steepness and bend of the field in each group of cells of a brick.
 
     Parameters
     ----------
-    voxels : as of `group_ranges`
+    voxels : as in `group_ranges`
 
     Returns
     -------
-    bends : float32, (2, *slot.groups_zyx), in data values; NaN where a sample has none. First the most that the field
-        changes over a voxel's length; then the largest second difference of samples, along an axis or mixed. Along an
-        axis they count where a line through the group has a kink: in the group, not on its faces.
+    bends : float32, (2, *slot.groups_zyx), in data values; NaN where a sample has none. First the largest change of the
+        field over a voxel's length; then the largest second difference of samples, along an axis or mixed. Those along
+        an axis count inside the group, where a line through it has a kink, not on its faces.
     """
     z, y, x = (slice(slot.margin, slot.margin + cells + 1) for cells in slot.cells_zyx)
     inside = voxels[z, y, x].astype(np.float32)
@@ -42,7 +42,7 @@ def group_curvature(voxels: NDArray[Any], slot: Slot) -> NDArray[np.float32]:
 
 
 def _grouped(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The largest value of each group of cells."""
+    """Return the largest value of each group of cells."""
     padded = np.pad(cells, [(0, -n % GROUP) for n in cells.shape])
     found: NDArray[np.float32] = padded.reshape([n for side in padded.shape for n in (side // GROUP, GROUP)]).max(
         (1, 3, 5)
@@ -51,18 +51,18 @@ def _grouped(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _beside(values: NDArray[Any], axis: int) -> NDArray[Any]:
-    """The larger of neighbours along an axis: from samples to cells."""
+    """Return the larger of neighbours along an axis: from samples to cells."""
     values = np.moveaxis(values, axis, 0)
     return np.moveaxis(np.maximum(values[:-1], values[1:]), 0, axis)
 
 
 def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> NDArray[np.uint8]:
-    """How often the slabs of groups are doubled, (n, *slot.groups_zyx).
+    """Return how often the slabs of groups are doubled, (n, *slot.groups_zyx).
 
     Parameters
     ----------
     ranges : low and high of n bricks, each (n, *slot.groups_zyx)
-    bends : of `group_curvature`, (n, 2, *slot.groups_zyx)
+    bends : results of `group_curvature`, (n, 2, *slot.groups_zyx)
     """
     assert plan.march.stretching is not None, "nothing is stretched"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
@@ -70,11 +70,11 @@ def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> N
 
 
 def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-    """Two bits a group, how often its slabs are doubled: uint32 (n, 2 * slot.visibility_words), low bits first.
+    """Return two bits for each group, its doublings: uint32 (n, 2 * slot.visibility_words), low bits first.
 
     Parameters
     ----------
-    ranges, bends : as of `group_doublings`
+    ranges, bends : as in `group_doublings`
     """
     doublings = group_doublings(ranges, bends, plan)
     return np.concatenate([packed_bits((doublings >> bit & 1).astype(bool), slot) for bit in (0, 1)], axis=1)

@@ -1,4 +1,4 @@
-"""The constants of one draw: a NumPy record that is also the shader's block `frame`."""
+"""Constants of one draw: a NumPy record with the layout of the shader's block `frame`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAME = np.dtype(
         ("forward", "f8", 4),
         ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
-        ("cells", "i4", 4),  # the volume's cells in x, y, z; slabs of a window
+        ("cells", "i4", 4),  # the volume's cells in x, y, z; slabs of a batch
         ("box_begin", "i4", 4),  # the cells that this draw owns
         ("box_end", "i4", 4),
         ("bricks_begin", "i4", 4),  # the bricks of the box
@@ -31,9 +31,9 @@ FRAME = np.dtype(
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
         ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a stretch
         ("last_segment", "i4"),
-        ("base", "i4"),  # integer taken off 16-bit voxels
-        ("first_box", "i4"),  # 1: no pixel holds anything yet; 2: likewise, and no other box follows
-        ("first_dispatch", "i4"),  # 1: no ray has begun in this box; 2: likewise, and the question is whether one must
+        ("base", "i4"),  # integer subtracted from 16-bit voxels
+        ("first_box", "i4"),  # 1: pixels are empty; 2: pixels are empty, and no other box follows
+        ("first_dispatch", "i4"),  # 1: no ray has begun in this box; 2: only find out if any ray reaches it
     ]
 )
 ASK = 2
@@ -43,9 +43,9 @@ FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
 def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:
-    """The record for drawing one box of bricks into one rectangle of pixels; `FRAME` (1,).
+    """Return the record for drawing one box of bricks into one rectangle of pixels; `FRAME` (1,).
 
-    The caller sets what changes between dispatches.
+    The caller sets the fields that change between dispatches.
     """
     record = np.zeros(1, FRAME)
     view, layout, segments = plan.view, plan.layout, plan.segments
@@ -61,16 +61,16 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["last_segment"], record["base"] = len(segments.records) - 1, plan.encoding.base
     record["rect"] = rect.x_begin, rect.y_begin, rect.width, rect.height
     encoding = plan.encoding
-    # The texture unit cannot take the base off before it interpolates.
+    # The texture unit cannot subtract the base before it interpolates.
     bias = encoding.bias - encoding.scale * encoding.base if slot.textured else encoding.bias
     record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
-    # No ray ends where nothing is left out: ranks that do not know what is in front of them count the same samples.
+    # Without a residual no ray ends early, so that ranks count the same samples whatever lies in front of them.
     record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.blend_mode.threshold
     return record
 
 
 def _window(plan: Plan) -> int:
-    """Slabs of a window: their places are counted from its middle, which should lie in its brick."""
+    """Return the slabs of a batch; positions are counted from its middle, which should lie in its brick."""
     widest = min(2.0 * plan.layout.brick, WIDEST_WINDOW)
     return slabs_in_window(widest / voxels_a_slab(plan), LONGEST_WINDOW)

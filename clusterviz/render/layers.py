@@ -1,4 +1,4 @@
-"""A piece's bricks in layers from front to back, so that what is opaque saves those behind it.
+"""Division of a piece's bricks into layers from front to back, so that opaque layers hide those behind them.
 
 References
 ----------
@@ -16,13 +16,14 @@ from clusterviz.plan.plan import Plan
 
 MOST_LAYERS = 64
 LEAST_BRICKS = 2
-"""A layer; each costs a look at all rays."""
+"""Least bricks of a layer; each layer costs a test of all rays."""
 
 
 def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
-    """The bricks of a piece that a plan shows, in boxes that do not meet, from front to back.
+    """Return the visible bricks of a piece in disjoint boxes, from front to back.
 
-    All in one where no ray ends early, and where the piece is a window of bricks that other windows share.
+    There is only one layer if no ray ends early, or if the piece is a rectangle of the screen that shares its bricks
+    with others.
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)

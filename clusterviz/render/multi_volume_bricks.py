@@ -1,8 +1,8 @@
-"""How a brick of several volumes lies in GPU memory: a header, and behind it a slot for each volume.
+"""Layout of a brick of several volumes in GPU memory: a header, and then a slot for each volume.
 
-The header has four words a volume: where its voxels begin, in words from the header's first (−1: there are none), and
-the volume's cell (x, y, z) that is their first. Groups of cells are those of the domain. What a group may show is known
-by the extremes of each volume over the groups of voxels that its image meets; so it is known for any transfer function.
+The header has four words for each volume: the offset of its voxels in words from the header (−1: none), and its first
+cell (x, y, z). Groups of cells are those of the domain. Their visibility follows, for any transfer function, from the
+extremes of each volume over the groups of voxels that meet the image of the group.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ Words = NDArray[np.uint32]
 
 
 def store_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Stored:
-    """Make a brick of several volumes ready for a slot."""
+    """Return a brick of several volumes as it is stored."""
     low, high = multi_volume_ranges(portions, multi_volume, slot)
     return Stored(pack_multi_volume(portions, multi_volume, slot), low, high, portions.size)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one volume has in a brick.
+    """Samples of one volume in a brick.
 
     Attributes
     ----------
-    samples : (z, y, x), as `Encoding.encode` made them, no more than its slot has
-    first_xyz : the volume's cell whose corner is the first of them behind the slot's margin
+    samples : (z, y, x), encoded by `Encoding.encode`, at most as many as its slot has
+    first_xyz : cell of the volume at the first sample inside the slot's margin
     """
 
     samples: NDArray[Any]
@@ -45,7 +45,7 @@ class Part:
 
 
 def pack_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Words:
-    """The words of a brick's slot, uint32 (slot.words,)."""
+    """Return the words of a brick's slot, uint32 (slot.words,)."""
     parts = [
         None if samples is None else Part(of.encoding.encode(samples), of.cut.cell_box(portions.index_zyx)[0][::-1])
         for samples, of in zip(portions.samples, multi_volume.volume_layers, strict=True)
@@ -54,22 +54,22 @@ def pack_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slo
 
 
 def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
-    """The same of what each volume has; None: nothing."""
+    """Return the words of a slot from the samples of each volume; None: no samples."""
     words = np.zeros(slot.words, np.uint32)
     header = _header(words, slot)
-    for row, begin, part, room in zip(header, _begins(slot), parts, slot.parts, strict=True):
+    for row, begin, part, part_slot in zip(header, _begins(slot), parts, slot.parts, strict=True):
         row[0] = -1
         if part is not None:
             row[0], row[1:] = begin, part.first_xyz
-            words[begin : begin + room.words] = room.pack(part.samples).reshape(-1).view(np.uint32)
+            words[begin : begin + part_slot.words] = part_slot.pack(part.samples).reshape(-1).view(np.uint32)
     return words
 
 
 def parts_of(words: Words, slot: Slot) -> list[Part | None]:
-    """What each volume has in a brick, from its words; as many samples as its slot has."""
+    """Return the samples of each volume from a brick's words, as many as its slot has."""
     return [
-        None if row[0] < 0 else Part(room.unpack(words[begin : begin + room.words]), tuple(row[1:].tolist()))
-        for row, begin, room in zip(_header(words, slot), _begins(slot), slot.parts, strict=True)
+        None if row[0] < 0 else Part(part_slot.unpack(words[begin : begin + part_slot.words]), tuple(row[1:].tolist()))
+        for row, begin, part_slot in zip(_header(words, slot), _begins(slot), slot.parts, strict=True)
     ]
 
 
@@ -78,17 +78,17 @@ def _header(words: Words, slot: Slot) -> NDArray[np.int32]:
 
 
 def _begins(slot: Slot) -> list[int]:
-    """Where the parts of a slot begin."""
-    ends = accumulate((room.words for room in slot.parts), initial=HEADER_WORDS * len(slot.parts))
+    """Return the first words of the parts of a slot."""
+    ends = accumulate((part_slot.words for part_slot in slot.parts), initial=HEADER_WORDS * len(slot.parts))
     return list(ends)[:-1]
 
 
 def multi_volume_ranges(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Ranges:
-    """Smallest and largest finite sample of each volume in each of the domain's groups of cells.
+    """Return the smallest and largest finite sample of each volume in each of the domain's groups of cells.
 
     Returns
     -------
-    low, high : float64 (volumes, *slot.groups_zyx); NaN where a volume has nothing
+    low, high : float64 (volumes, *slot.groups_zyx); NaN where a volume has no samples
     """
     pairs = [
         _ranges_of_part(samples, volume_layer, part, portions.index_zyx, slot)
@@ -106,7 +106,7 @@ def _ranges_of_part(
     low, high = (side.astype(np.float64) for side in group_ranges(samples, part))
     begin, end = _groups_met(volume_layer.cut, index_zyx, slot)
     met = (end > begin).all(axis=-1)
-    # Few groups of voxels meet a group of cells along each axis: as many as the longest image needs.
+    # Few groups of voxels meet a group of cells along each axis.
     for offset in np.ndindex(*(end - begin).reshape(-1, 3).max(axis=0).clip(0).tolist()):
         there = tuple(np.moveaxis(np.minimum(begin + offset, end - 1), -1, 0))
         found[0] = np.where(met, np.fmin(found[0], low[there]), found[0])
@@ -115,7 +115,7 @@ def _ranges_of_part(
 
 
 def _groups_met(cut: Cut, index_zyx: tuple[int, int, int], slot: Slot) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group of cells."""
+    """Return half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group."""
     z, y, x = np.meshgrid(*(np.arange(count) for count in slot.groups_zyx), indexing="ij")
     begin = np.array(index_zyx[::-1], np.float64) * cut.layout.brick + GROUP * np.stack([x, y, z], axis=-1)
     low, high = cut.images(begin, np.minimum(begin + GROUP, cut.extent))

@@ -1,4 +1,4 @@
-"""The last step of projections: from merged scalars or sums to colours."""
+"""Last step of projections: from merged scalars or sums to colours."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ Pixels = NDArray[np.float32]
 
 
 def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
-    """The picture of merged pixels.
+    """Return the picture of merged pixels.
 
     Maximum, minimum and local maximum get the colour and the opacity of their scalar, not corrected for any length.
-    An average is the mean of opacity × scalar over the ray's way through valid voxels, a sum is that times the way's
-    length in opacity unit distances; both are grey and opaque, and scalars are cut to the range of clim. So does VTK.
+    An average is the mean of opacity × scalar along the ray through valid voxels, a sum is that times the length of
+    the ray in opacity unit distances; both are grey and opaque, and scalars are clamped to clim, as in VTK.
 
     Parameters
     ----------
-    merged : float32 (h, w, 4), as `image/merge.py` describes it
+    merged : float32 (h, w, 4), see `image/merge.py`
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Single-pass ray casting of one rank's bricks: a partial image a piece, and how many samples it took.
+"""Single-pass ray casting of one rank's bricks in OpenGL.
 
 References
 ----------
@@ -42,24 +42,24 @@ from clusterviz.render.volume_layers import joined_segments, multi_volume_blocks
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
 MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
-"""Of a larger picture it is told as it is drawn, in bands; the first shows how long they take."""
+"""Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
 Index = tuple[int, int, int]
 
 
 class Raycaster:
-    """One rank's ray caster: its program, its bricks in GPU memory.
+    """OpenGL ray caster of one rank: its program, and its bricks in GPU memory.
 
     Parameters
     ----------
     context : a context that this thread has current
-    plan : decides the variant, the slots and the encoding of bricks
-    block_bytes : GPU buffers no larger than this, for tests
-    limit_bytes : of bricks, beyond which there is no room for others to come; None: any
+    plan : the first plan to draw, which decides the variant, the slots and the encoding of bricks
+    block_bytes : largest size of a GPU buffer, for tests
+    limit_bytes : GPU memory beyond which no free slots are added; None: no limit
 
     Attributes
     ----------
-    slot : what a brick takes
-    pool : the bricks that are here
+    slot : layout of a brick
+    pool : the bricks
     """
 
     def __init__(
@@ -75,36 +75,36 @@ class Raycaster:
 
     @property
     def renderer(self) -> str:
-        """OpenGL's name of what draws."""
+        """OpenGL's name of the device."""
         return str(self._context.info["GL_RENDERER"])
 
     @property
     def voxel_bytes(self) -> int:
-        """GPU memory taken by voxels."""
+        """Bytes of GPU memory of the bricks."""
         return self.pool.bytes
 
     def variant_of(self, plan: Plan) -> Variant:
-        """The program that a plan needs on this context."""
+        """Return the program that a plan needs on this context."""
         return variant_of(plan, self.slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
 
     def can_draw(self, plan: Plan) -> bool:
-        """Whether the program is that of a plan."""
+        """Return True if the program is that of a plan."""
         return self._variant == self.variant_of(plan)
 
     def compile(self, plan: Plan) -> None:
-        """Make the program of another plan with the same slots; the bricks stay."""
+        """Compile the program of another plan with the same slots; the bricks stay."""
         self._variant, old = self.variant_of(plan), self._program
         self._program = self._compiled(self._variant)
         old.release()
 
     def _compiled(self, variant: Variant) -> moderngl.ComputeShader:
-        """A program, and what its rays need of the last frame."""
+        """Compile a program, and the kernel of frame coherence if it needs one."""
         if variant.frame_coherence:
             prepare_reprojection()
         return compile_compute(self._context, variant.source)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
-        """Take over bricks beside those that are there, and upload them, at the latest when they are drawn.
+        """Add bricks, removed from the mapping, and upload them at the latest when they are drawn.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Raycaster:
         if bricks:
             self._last_frame.forget()
         if plan.multi_volume is None:
-            # Where rays end early, no brick is stored before one comes to it.
+            # With early ray termination, a brick is uploaded only if a ray reaches it.
             later = plan.march.residual > 0 and plan.blend_mode.operator == "over"
             put = self.pool.put_later if later else self.pool.put
             put(bricks, lambda _, voxels: store(voxels, plan.encoding, self.slot))
@@ -122,22 +122,22 @@ class Raycaster:
             self.pool.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
-        """Give up bricks that are there."""
+        """Drop bricks."""
         if bricks := set(bricks):
             self._last_frame.forget()
         self.pool.drop(bricks)
 
     def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
-        """Draw one frame's pieces: the bricks that they show are there.
+        """Draw one frame's pieces, whose visible bricks are loaded.
 
         Parameters
         ----------
-        pieces : the next is asked for when the one before is drawn
-        tell : told what part of them is drawn, where it is known how many they are
+        pieces : the iterator advances when a piece is drawn
+        tell : called with the part of the pieces that is drawn, in [0, 1], if their number is known
 
         Returns
         -------
-        drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
+        drawn : one result for each piece; its partial image is the footprint of the piece
         """
         with Buffers(self._context) as buffers:
             segments = plan.segments
@@ -165,7 +165,7 @@ class Raycaster:
             return self._draw_pieces(plan, pieces, tell)
 
     def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], tell: Tell) -> list[RenderResult]:
-        """Windows of the same bricks share their tables."""
+        """Draw pieces; consecutive ones with the same bricks share their tables."""
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
         self._last_frame.next_frame()
@@ -194,7 +194,7 @@ class Raycaster:
     def _draw_bands(
         self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, tell: Tell
     ) -> RenderResult:
-        """A large picture from top to bottom, each band as high as is likely to be drawn within `TELL_SECONDS`."""
+        """Draw a large picture from top to bottom, in bands that take about `TELL_SECONDS` each."""
         drawn: list[RenderResult] = []
         top, rows = rect.y_begin, rect.height
         if rect.pixels > MOST_PIXELS_AT_ONCE:
@@ -215,7 +215,7 @@ class Raycaster:
     def _draw_layers(
         self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Starts | None
     ) -> RenderResult:
-        """Layers that no ray reaches are left out, and where their bricks are not stored yet, they are not."""
+        """Draw layers from front to back, without those that no ray reaches; their bricks are not uploaded."""
 
         def reached(march: March) -> Iterator[_Tables]:
             for number, layer in enumerate(layers):
@@ -236,7 +236,7 @@ class Raycaster:
         starts: Starts | None = None,
         first: int = 1,
     ) -> RenderResult:
-        """Front to back: each part adds behind what the pixels hold; `first` is told of the first one."""
+        """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         with Buffers(self._context) as buffers:
@@ -247,7 +247,7 @@ class Raycaster:
             for again in (False, True) if starts else (False,):
                 if starts:
                     buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
-                    # Rays that are drawn again add to what was kept: zeros, and of which nothing was lost.
+                    # Rays that are drawn again begin with the zeros that were kept.
                     first = 0 if again else 1
                 for tables in layers(march):
                     bricks[tables.piece.box] = tables.bricks
@@ -266,35 +266,35 @@ class Raycaster:
         return RenderResult(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work)
 
     def release(self) -> None:
-        """Give everything back to the driver."""
+        """Free all GPU resources."""
         self.pool.release()
         self._program.release()
 
 
 class _Tables:
-    """Where the bricks of a piece are, and what they may show, in GPU buffers."""
+    """Offsets and visible groups of the bricks of a piece, in GPU buffers."""
 
     def __init__(self, context: moderngl.Context, pool: BrickPool, plan: Plan, piece: Piece) -> None:
         self.piece, self._buffers = piece, Buffers(context)
         members = piece.members(plan.cost > 0)
         self.bricks = len(members)
         self._parts = []
-        for residence, part in pool.parts(plan, members) if self.bricks else ():
+        for atlas, part in pool.parts(plan, members) if self.bricks else ():
             box = bounding_box(part)
-            offsets, visible = map(self._buffers.make, residence.tables(plan, box, part))
-            self._parts.append((residence, box, offsets, visible))
+            offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
+            self._parts.append((atlas, box, offsets, visible))
 
     @property
     def alone(self) -> bool:
-        """Whether all are in one box."""
+        """True if all bricks are in one box."""
         return len(self._parts) == 1
 
     def bind_each(self) -> Iterator[BrickBox]:
-        """The boxes of bricks from front to back, each bound for drawing as it comes."""
-        for residence, box, offsets, visible in self._parts:
+        """Yield the boxes of bricks from front to back, each bound for drawing."""
+        for atlas, box, offsets, visible in self._parts:
             offsets.bind_to_storage_buffer(3)
             visible.bind_to_storage_buffer(6)
-            residence.bind()
+            atlas.bind()
             yield box
 
     def __enter__(self) -> _Tables:
@@ -305,12 +305,12 @@ class _Tables:
 
 
 def _only(tables: _Tables) -> Callable[[March], Iterator[_Tables]]:
-    """A piece in one layer."""
+    """Return the layers of a piece that has only one."""
     return lambda march: iter([tables])
 
 
 def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
-    """Bytes of an array, with zeros up to a size: a uniform block has the size that its program declares."""
+    """Return the bytes of an array, padded to the size of the uniform block that the program declares."""
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)
     return data

@@ -1,4 +1,4 @@
-"""What a ray caster gives, and the pixels that it draws: the same for every one."""
+"""Result of a ray caster, footprint of a piece, and progress reports, common to all ray casters."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.frame_coherence import FrameCoherence
 
-SQUARE = 8  # pixels along the side of what samples are counted by
+SQUARE = 8  # pixels along the side of the squares in which samples are counted
 Tell = Callable[[float], None]
-"""Told what part of the drawing is done, in [0, 1]."""
+"""Progress callback; its argument is the part of the drawing that is done, in [0, 1]."""
 TELL_SECONDS = 0.25
-"""How often it is told, where the device can be asked so often."""
+"""Time between progress reports, if the device allows."""
 
 
 def untold(done: float) -> None:
-    """Where nobody wants to know."""
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
 class PartOf:
-    """Tells of one of several equal parts as part of the whole; of nothing, where it is not known how many they are."""
+    """Progress callback for one of several equal parts; it reports nothing if their number is unknown (0)."""
 
     tell: Tell
     number: int
     count: int
 
     def __call__(self, done: float) -> None:
-        """So much of this part is done."""
+        """Report the progress of the whole from that of this part."""
         if self.count:
             self.tell(min(1.0, (self.number + done) / self.count))
 
 
 @dataclass(frozen=True)
 class RenderResult:
-    """What drawing one piece gave.
+    """Partial image of one piece, with statistics.
 
     Attributes
     ----------
-    partial : float32; `image/merge.py` says what four floats are, by the operator of the plan's look
-    samples : field samples taken
-    bricks : bricks drawn
-    seconds_render, seconds_readback : until the pixels were done, and until they were here
-    occluded : bricks not drawn, since all rays ended in front of them
-    leaping : what the last frame was good for; None where nothing of it was asked
-    work : uint32 (rows, columns), the samples of each square of `SQUARE` pixels of the partial image, from its corner
+    partial : float32; `image/merge.py` defines the four floats for each operator
+    samples : number of samples of the field
+    bricks : number of bricks drawn
+    seconds_render, seconds_readback : time for drawing, and for reading pixels back
+    occluded : bricks not drawn, as all rays ended in front of them
+    frame_coherence : counts of rays; None without frame coherence
+    work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
 
     partial: PartialImage
@@ -65,7 +65,7 @@ class RenderResult:
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:
-    """The pixels of its window that a piece may cover."""
+    """Return the pixels that a piece may cover, within its rectangle of the screen if it has one."""
     begin, end = plan.layout.cells_of(piece.box.begin_zyx, piece.box.end_zyx)
     rect = plan.view.footprint(begin[::-1], end[::-1])
     return rect if piece.rect is None else rect.intersect(piece.rect)

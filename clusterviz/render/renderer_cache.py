@@ -1,7 +1,7 @@
-"""One rank's ray caster from frame to frame: compiled, and filled, only when the plan asks for it.
+"""Cache of one rank's ray caster from frame to frame: it compiles and loads only for plans that need it.
 
-A program is made for a variant; bricks are stored in an encoding, for OpenGL or for the processor. Another camera needs
-nothing new; another transfer function may need another program, or bricks that nobody could see before.
+Programs belong to a variant, stored bricks to an encoding, for OpenGL or for the CPU. Another camera needs nothing new;
+another transfer function may need another program, or bricks that were hidden before.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ Index = tuple[int, int, int]
 
 
 class RendererCache:
-    """What a rank keeps for drawing: its context, where it needs one, and a ray caster for its last plan.
+    """A rank's OpenGL context, if it needs one, and the ray caster of its last plan.
 
     Parameters
     ----------
-    limit_bytes : of bricks, as `Raycaster` keeps to it
+    limit_bytes : as in `Raycaster`
     """
 
     def __init__(self, limit_bytes: int | None = None) -> None:
@@ -45,17 +45,17 @@ class RendererCache:
         self._encodings: tuple[Encoding | None, ...] = ()
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
-        """The bricks that have to be loaded, or loaded again, before the plan can be drawn."""
+        """Return the bricks that have to be loaded, or loaded again, before the plan can be drawn."""
         if self._caster is None or self._encodings != _encodings_of(plan) or not self._suits(plan):
             return set(wanted)
         return set(wanted) - self._caster.pool.bricks
 
     def is_compiled(self, plan: Plan) -> bool:
-        """Whether there is a program for the plan."""
+        """Return True if there is a program for the plan."""
         return self._caster is not None and self._suits(plan) and self._caster.can_draw(plan)
 
     def open(self, plan: Plan, local_rank: int, device: Device) -> None:
-        """Choose what draws, and make its context, unless there is one or none is needed."""
+        """Choose the ray caster, and make its context unless there is one or none is needed."""
         if self._prefers_processor is None:
             self._prefers_processor = prefers_processor(device)
         if self._context is None and not self._on_processor(plan):
@@ -64,7 +64,7 @@ class RendererCache:
             self._context = open_context(local_rank, egl_device(device))
 
     def compile(self, plan: Plan) -> None:
-        """Make the program, unless the last one will do; bricks stay where they fit the plan's slots."""
+        """Compile the program unless the last one suits; bricks that fit the plan's slots stay."""
         if self._caster is not None and not self._suits(plan):
             self._drop()
         if self._caster is None:
@@ -73,37 +73,37 @@ class RendererCache:
             self._caster.compile(plan)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
-        """Upload bricks, taken out as they are stored, in place of those of the same indices that are there."""
+        """Upload bricks, removed from the mapping as they are stored; they replace those of the same indices."""
         if self._caster is not None:
             self._caster.drop(bricks)
             self._caster.load(plan, bricks)
             self._encodings = _encodings_of(plan)
 
     def put(self, plan: Plan, bricks: MutableMapping[Index, Stored]) -> None:
-        """The same with bricks that another rank has stored for the same plan."""
+        """Add bricks that another rank has stored for the same plan."""
         if self._caster is not None:
             self._caster.drop(bricks)
             self._caster.pool.put(bricks, lambda _, stored: stored)
             self._encodings = _encodings_of(plan)
 
     def keep(self, wanted: Collection[Index]) -> None:
-        """Give up all other bricks."""
+        """Drop all other bricks."""
         if self._caster is not None:
             self._caster.drop(self._caster.pool.bricks - set(wanted))
 
     def stored(self, bricks: Collection[Index]) -> dict[Index, Stored]:
-        """Bricks that are here, read back."""
+        """Read bricks back."""
         return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
     def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
-        """Draw a frame's pieces of this rank; blank ones where it never had a brick. See `VectorCaster.draw`."""
+        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `VectorCaster.draw`."""
         return (
             [RenderResult(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces, tell)
         )
 
     @property
     def held(self) -> dict[str, Any]:
-        """What there is to draw with: renderer, its name; bricks, their voxels and bytes of memory."""
+        """Return the renderer's name, the number of bricks, and their voxels and bytes of memory."""
         if self._caster is None:
             return {}
         pool = self._caster.pool
@@ -111,7 +111,7 @@ class RendererCache:
         return {"renderer": self._caster.renderer, **counted}
 
     def release(self) -> None:
-        """Give everything back to the driver."""
+        """Free all resources."""
         self._drop()
         if self._context is not None:
             self._context.release()
@@ -137,7 +137,7 @@ class RendererCache:
         return bool(self._prefers_processor) and can_draw(plan)
 
     def _suits(self, plan: Plan) -> bool:
-        """Whether the caster's bricks are of the plan's kind."""
+        """Return True if the caster's bricks suit the plan."""
         caster = self._caster
         same_kind = isinstance(caster, VectorCaster) == self._on_processor(plan)
         return caster is not None and same_kind and caster.slot == slot_of(plan)
@@ -149,6 +149,6 @@ class RendererCache:
 
 
 def _encodings_of(plan: Plan) -> tuple[Encoding | None, ...]:
-    """What stored bricks depend on, of each volume; None for integers, which are stored as they are."""
+    """Return the encoding of each volume's stored bricks; None for integers, which are stored unchanged."""
     each = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
     return tuple(encoding if encoding.kind == "f32" else None for encoding in each)

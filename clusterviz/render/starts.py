@@ -1,4 +1,4 @@
-"""Where rays that OpenGL draws start by the last frame, and what they tell of it: planes of floats for starts.glsl."""
+"""Frame coherence in OpenGL: starts of rays, and their outcome, as planes of floats for starts.glsl."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from clusterviz.report.frame_coherence import FrameCoherence
 
 STARTS = np.dtype(
     [
-        ("depth", "f8", 4),  # the view depth of (x, y, z) is their product with the first three, and the last
-        ("offset", "i4"),  # slabs before that with which rays start
+        ("depth", "f8", 4),  # row (a, b, c, d): the view depth of (x, y, z) is ax + by + cz + d
+        ("offset", "i4"),  # slabs between the start of a ray and the predicted hit
         ("again", "i4"),  # 1: only rays that have started too late are drawn, from their entry
     ]
 )
@@ -32,59 +32,62 @@ UNCHECKED = np.float32(-1.0)
 
 @dataclass(frozen=True)
 class Starts:
-    """The pixels of a piece, or some rows of them.
+    """Starts, hits and outcome of the rays of a piece, or of some rows of its pixels.
 
     Attributes
     ----------
-    last_frame, bricks : of the caster, and of the piece
-    starts, hits : float32 (rows, columns) and (3, rows, columns), as of `LastFrame.arrays`; the latter are written
-    told : float32 (rows, columns), what became of each ray, written
+    last_frame, bricks : last frame of the caster, and bricks of the piece
+    starts, hits : float32 (rows, columns) and (3, rows, columns), as in `LastFrame.arrays`; hits are written
+    outcome : float32 (rows, columns), a constant of this module or the opacity that a checked ray would have missed;
+        written
     """
 
     last_frame: LastFrame
     bricks: Bricks
     starts: NDArray[np.float32]
     hits: NDArray[np.float32]
-    told: NDArray[np.float32]
+    outcome: NDArray[np.float32]
 
     @classmethod
     def of(cls, last_frame: LastFrame, plan: Plan, piece: Piece, rect: Rect) -> Starts:
-        """What the last frame tells of the pixels of a piece, which has bricks that are shown."""
+        """Return the starts of a piece, which has visible bricks, from the last frame."""
         members = piece.members(plan.cost > 0)
         bricks, size = (bounding_box(members), members.tobytes()), (rect.height, rect.width)
-        return cls(last_frame, bricks, **last_frame.arrays(plan, bricks, rect, size), told=np.empty(size, np.float32))
+        return cls(
+            last_frame, bricks, **last_frame.arrays(plan, bricks, rect, size), outcome=np.empty(size, np.float32)
+        )
 
     def rows(self, begin: int, end: int) -> Starts:
-        """Some rows of pixels; what is written of them is written here, too."""
-        hits, told = self.hits[:, begin:end], self.told[begin:end]
-        return replace(self, starts=self.starts[begin:end], hits=hits, told=told)
+        """Return a view of some rows of pixels."""
+        hits, outcome = self.hits[:, begin:end], self.outcome[begin:end]
+        return replace(self, starts=self.starts[begin:end], hits=hits, outcome=outcome)
 
     @property
     def planes(self) -> NDArray[np.float32]:
-        """What the shader begins with, float32 (5, rows, columns): starts, what is told, and hits."""
+        """Planes with which the shader begins, float32 (5, rows, columns): starts, outcome, and hits."""
         return np.stack([self.starts, np.full_like(self.starts, AT_ENTRY), *np.full_like(self.hits, np.nan)])
 
     def keep(self, planes: NDArray[np.float32]) -> bool:
-        """Keep what the shader has left of the planes; whether some rays have to be drawn again."""
-        self.told[:], self.hits[:] = planes[1], planes[2:]
-        return bool(np.any(self.told == LATE))
+        """Store the planes that the shader has written; return True if some rays have to be drawn again."""
+        self.outcome[:], self.hits[:] = planes[1], planes[2:]
+        return bool(np.any(self.outcome == LATE))
 
     def finish(self, opacity: NDArray[Any]) -> FrameCoherence:
-        """Say what became of all rays of a piece.
+        """Return the counts of all rays of a piece.
 
         Parameters
         ----------
-        opacity : float32 (rows, columns), of its picture
+        opacity : float32 (rows, columns), opacity of its picture
         """
-        never_came_to_start, late = self.told == NOT_YET, int(np.count_nonzero(self.told == LATE))
-        missed = np.where(never_came_to_start, opacity, np.where(self.told >= 0.0, self.told, UNCHECKED))
-        estimated = int(np.count_nonzero(self.told == ESTIMATED)) + late
+        never_came_to_start, late = self.outcome == NOT_YET, int(np.count_nonzero(self.outcome == LATE))
+        missed = np.where(never_came_to_start, opacity, np.where(self.outcome >= 0.0, self.outcome, UNCHECKED))
+        estimated = int(np.count_nonzero(self.outcome == ESTIMATED)) + late
         left_out = int(np.count_nonzero(self.starts >= NOTHING))
         return self.last_frame.finish(self.bricks, missed, estimated, left_out, late)
 
 
 def starts_block(plan: Plan, again: bool) -> NDArray[np.void]:
-    """The record of the shader's block `starts`; `STARTS` (1,)."""
+    """Return the record of the shader's block `starts`; `STARTS` (1,)."""
     block = np.zeros(1, STARTS)
     block["depth"], block["offset"], block["again"] = depth_of(plan), plan.march.frame_coherence, again
     return block

@@ -1,7 +1,7 @@
-"""How a brick lies in GPU memory: the words of its slot, the same for every brick of a volume.
+"""Layout of a brick in GPU memory: the words of its slot, equal for every brick of a volume.
 
-Buffers rather than textures hold voxels for the exact filters: a software renderer reads them at half the cost, and no
-3-D texture limit applies. 8-bit voxels are stored four to a word with one repeated, so that a cell needs four fetches,
+Buffers, not textures, hold voxels for the exact filters: a software renderer reads them at half the cost, and no limit
+of 3-D textures applies. 8-bit voxels are stored four to a word with one repeated, so that a cell needs four fetches,
 not eight.
 """
 
@@ -19,7 +19,7 @@ from clusterviz.plan.encoding import Encoding, VoxelKind
 from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
-HEADER_WORDS = 4  # a volume, in front of the parts of a brick of several; as in volume_layer.glsl
+HEADER_WORDS = 4  # for each volume, in front of the parts of a brick of several volumes; as in volume_layer.glsl
 GROUP = 8  # cells along the side of a group, as in march.glsl
 STORED_TYPE: dict[VoxelKind, str] = {"u8": "u1", "u16": "<u2", "f32": "<f4"}
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
@@ -27,19 +27,19 @@ TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
 
 @dataclass(frozen=True)
 class Slot:
-    """Room for one brick.
+    """Memory layout of one brick.
 
     Attributes
     ----------
-    cells_zyx : cells that fit, one less than samples, along each axis
+    cells_zyx : cells along each axis, one less than samples
     kind : the stored voxel type
-    textured : kept as texels for the texture unit's filter, not as packed words
+    textured : stored as texels for the texture unit's filter, not as packed words
     margin : samples beyond the cells' corners, on every side
     reach : cells beyond its own in which the brick samples the field
-    spread : samples beyond a cell's corners on which what is shown of it depends
-    parts : room for each of several volumes, one after the other behind a header; the cells are the domain's then
+    spread : samples beyond a cell's corners on which its pixels depend
+    parts : slots of several volumes, one after the other behind a header; cells are then those of the domain
     stretched : slabs may be longer in some groups of its cells
-    layout : of bricks of several sizes, for the largest of which the slot has room; None: all take such a slot
+    layout : layout with bricks of several sizes, of which this is the largest slot; None: all bricks have this slot
     """
 
     cells_zyx: Index
@@ -53,7 +53,7 @@ class Slot:
     layout: BrickLayout | None = None
 
     def at(self, index_zyx: Index) -> Slot:
-        """The slot that a brick takes."""
+        """Return the slot of a brick."""
         if self.layout is None:
             return self
         z, y, x = (int(sides[i]) for sides, i in zip(self.layout.sides_zyx, index_zyx, strict=True))
@@ -61,14 +61,14 @@ class Slot:
 
     @property
     def unit(self) -> Slot:
-        """The slot of the cubes of cells by which rays find their way, whatever the sizes of bricks."""
+        """Return the slot of the cubes of cells that rays traverse, if bricks have several sizes."""
         if self.layout is None:
             return self
         z, y, x = (min(self.layout.brick, cells) for cells in self.layout.cells_zyx)
         return replace(self, cells_zyx=(z, y, x), layout=None)
 
     def counted(self, counts_zyx: Index, measure: Callable[[Slot], int]) -> NDArray[np.int64]:
-        """What a measure makes of the slots of all bricks, int64 (bz, by, bx)."""
+        """Return a measure of the slots of all bricks, int64 (bz, by, bx)."""
         if self.layout is None:
             return np.full(counts_zyx, measure(self), np.int64)
         (zs, z), (ys, y), (xs, x) = (np.unique(sides, return_inverse=True) for sides in self.layout.sides_zyx)
@@ -102,12 +102,12 @@ class Slot:
 
     @property
     def bytes(self) -> int:
-        """Bytes of GPU memory that a brick takes."""
+        """Bytes of GPU memory of a brick."""
         return self.sample_bytes if self.textured else 4 * self.words
 
     @property
     def sample_bytes(self) -> int:
-        """Bytes of a brick's samples as they travel; of several volumes those of the slot."""
+        """Bytes of a brick's samples as ranks send them; those of the slot with several volumes."""
         if self.parts:
             return self.bytes
         return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
@@ -125,19 +125,18 @@ class Slot:
 
     @property
     def group_words(self) -> int:
-        """Words for all that is known of a brick's groups: whether they show something, and how long slabs may be."""
+        """Words of a brick's groups: their visibility, and the lengths of their slabs."""
         return self.visibility_words * (3 if self.stretched else 1)
 
     @property
     def texel_scale(self) -> float:
-        """What undoes the texture unit's normalisation of integers to 0 … 1."""
+        """Factor that undoes the texture unit's normalisation of integers to 0 … 1."""
         return TEXEL_SCALE[self.kind] if self.textured else 1.0
 
     def pack(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """A brick's samples, (z, y, x) as `Encoding.encode` made them, as the slot keeps them; C order.
+        """Return a brick's samples (z, y, x), encoded by `Encoding.encode`, as the slot stores them; C order.
 
-        A brick at the volume's far side may be smaller than the slot: its last samples are repeated. Several volumes
-        are packed already.
+        The last samples of a brick that is smaller than the slot are repeated. Several volumes are packed already.
         """
         if self.parts:
             return stored
@@ -151,12 +150,12 @@ class Slot:
             return stored
         if self.kind == "u16":
             return stored.view("<u4")
-        # Words that begin at every third byte overlap by one voxel.
+        # Words begin at every third byte, so they overlap by one voxel.
         words = np.ndarray((z, y, self.row_words), "<u4", stored, 0, (y * row, row, 3))
         return np.ascontiguousarray(words)
 
     def unpack(self, words: NDArray[Any]) -> NDArray[Any]:
-        """The samples of all of a slot, (z, y, x), from what `pack` gave; of several volumes the same words."""
+        """Return all samples of a slot (z, y, x), the inverse of `pack`; unchanged words with several volumes."""
         if self.parts:
             return words
         z, y, x = self.samples_zyx
@@ -165,17 +164,17 @@ class Slot:
         if self.kind == "u16":
             return words.view("<u2").reshape(z, y, -1)[..., :x]
         voxels = words.view(np.uint8).reshape(z, y, self.row_words, 4)
-        # Of each word but the last, the fourth voxel is the next one's first.
+        # The fourth voxel of each word but the last is the first of the next word.
         return np.concatenate([voxels[..., :3].reshape(z, y, -1), voxels[..., -1, 3:]], axis=2)[..., :x]
 
 
 def slot_of(plan: Plan) -> Slot:
-    """Room for a brick of the plan's volume, or for what a brick of a domain needs of each volume."""
+    """Return the slot of a plan's bricks, with a part for each of several volumes."""
     slot = make_slot(plan.layout, plan.encoding, plan.march)
     if plan.multi_volume is None:
         return slot
     parts = (
-        # Their cells hold what they reach; it is told so that bricks that reach farther are others.
+        # The cells include the reach; it is stored so that slots of different reach differ.
         Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
         for part in plan.multi_volume.volume_layers
     )
@@ -183,7 +182,7 @@ def slot_of(plan: Plan) -> Slot:
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
-    """The slot of a volume's bricks; a thin volume does not pay for a whole brick's thickness."""
+    """Return the slot of a volume's bricks, no larger than its largest brick."""
     textured, stretched = "hardware" in march.filter, march.stretching is not None
     sizes = None if layout.edges_zyx is None else layout
     z, y, x = (int(sides.max()) for sides in layout.sides_zyx)

@@ -1,4 +1,4 @@
-"""A brick as every ray caster can take it, and as it travels from rank to rank: encoded, and its groups known."""
+"""Encoded brick, with the ranges of its groups of cells, as ray casters load it and ranks send it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from clusterviz.render.storage import Slot, slot_of
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """A brick.
+    """Encoded brick.
 
     Attributes
     ----------
-    samples : uint8, uint16 or float32 (z, y, x), as `Encoding.encode` made them, no more than a slot has; of several
-        volumes the words of the slot
+    samples : uint8, uint16 or float32 (z, y, x), encoded by `Encoding.encode`, at most as many as a slot has; the words
+        of the slot with several volumes
     low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
-    voxels : samples that it was made of
-    bend : of its groups of cells, see `bends.py`; None where slabs are not stretched
+    voxels : number of samples before encoding
+    bend : result of `group_curvature`; None without an adaptive step
     """
 
     samples: NDArray[Any]
@@ -37,15 +37,15 @@ class Stored:
 
 
 def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
-    """Make a brick's samples (z, y, x) ready for a caster."""
+    """Encode a brick's samples (z, y, x)."""
     low, high = group_ranges(voxels, slot)
     bend = group_curvature(voxels, slot) if slot.stretched else None
     return Stored(encoding.encode(voxels), low, high, voxels.size, bend)
 
 
 def stamp_of(plan: Plan) -> int:
-    """A number for how a plan's bricks are stored: bricks of another one are of no use to it."""
+    """Return a checksum of the format in which a plan's bricks are stored; bricks of another format do not suit it."""
     encodings = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
-    # Integers are stored as they are, whatever the encoding makes of them later.
+    # Integers are stored unchanged, with any encoding.
     stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings]
     return zlib.crc32(repr(stored).encode())

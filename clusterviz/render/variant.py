@@ -1,7 +1,7 @@
-"""Which shader a plan needs: the files that make it up, and the integers that it is compiled with.
+"""Shader variant of a plan: its files, and the constants with which it is compiled.
 
-Everything that stays the same while a volume is shown is a constant of the program: the layout of bricks above all,
-which the compiler then folds into the addresses of every fetch. What changes from frame to frame is in the frame block.
+Everything that stays the same while a volume is shown is a constant of the program, above all the layout of bricks,
+which the compiler folds into the addresses of every fetch. Data that change from frame to frame are in the frame block.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import VolumeVariant, multi_volume_files, volume_variants
 
 PART_BYTES = 16  # a vec4
-MOST_MET = 21  # times that a slab of two voxels, which lies in seven cells, may meet one surface
-MOST_IN_SLAB = 64  # surfaces of a mixture
+MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
+MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
 Files = str | tuple[str, ...]
 BLENDING_FILES: dict[Blending, tuple[Files, str, str]] = {
@@ -36,34 +36,34 @@ BLENDING_FILES: dict[Blending, tuple[Files, str, str]] = {
     "isosurface": (("root.glsl", "surfaces.glsl"), "composite.glsl", "over.glsl"),
 }
 PREINTEGRATED_FILES = (("sums.glsl", "ramp.glsl", "preintegrated.glsl"), NOTHING, "over.glsl")
-"""What runs of slabs are made of, what is taken of a sample, and how runs are added."""
+"""Files that sample runs of slabs, classify samples, and composite runs."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One program of the ray caster.
+    """Constants and files of one program of the ray caster.
 
     Attributes
     ----------
-    filter : how the field is reconstructed
-    slot : how a brick is stored
+    filter : reconstruction filter
+    slot : layout of a stored brick
     brick : cells along the side of a brick
-    further_starts : of the plan's segments; most transfer functions need no search in a bucket
-    block_bytes : size of the uniform block for the transfer function's records; 0 where they are too many for one
-    blending : what becomes of the samples
-    lights : how many light the volume; 0: it is not lit
-    planes : how many clip it
-    surfaces : isosurfaces that it shows
+    further_starts : that of the plan's segments; most transfer functions need no search in a bucket
+    block_bytes : size of the uniform block for the transfer function's records; 0 if they are too many for one
+    blending : blend mode
+    lights : number of lights; 0: the volume is not lit
+    planes : number of clipping planes
+    surfaces : number of isosurfaces
     preintegrated : slabs are classified between their ends, not at their midpoints
-    fading : pieces of a function of the gradient's magnitude by which extinction is multiplied; 0: there is none
+    fading : number of pieces of the gradient opacity; 0: there is none
     near : some lights have a place
-    smooth : gradients are those of cubic B-splines, whatever the field is
-    jittered : every pixel has a lattice of slabs of its own
+    smooth : gradients are those of cubic B-splines, with any filter
+    jittered : every pixel has its own lattice of slabs
     split : slabs are cut where they leave a brick
-    table : the transfer function is a table over scalars and magnitudes; "" where it is not
-    volumes : those that are mixed; none for one volume
-    caps : planes by which cut faces are lit, the volume's own faces among them
-    leaping : rays start where the last frame says
+    table : content of the 2-D transfer function; "" without one
+    volumes : variants of several volumes; empty for one volume
+    caps : number of planes by whose normals cut faces are lit, including the volume's own faces
+    frame_coherence : rays start by the hits of the last frame
     """
 
     filter: Filter
@@ -88,7 +88,7 @@ class Variant:
 
     @property
     def source(self) -> ShaderSource:
-        """The assembled shader."""
+        """Assembled shader."""
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
         files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
         run, sampled, behind = PREINTEGRATED_FILES if self.preintegrated else files
@@ -121,13 +121,13 @@ class Variant:
 
     @property
     def _gradient(self) -> str:
-        """The file of the gradient."""
+        """Return the file of the gradient."""
         needed = self.lights or self.fading or self.table
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
     def _multi_volume(self) -> dict[str, Files]:
-        """What of the slots is other for several volumes: nothing samples one alone."""
+        """Return the slots of files that differ for several volumes."""
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
@@ -139,7 +139,7 @@ class Variant:
 
     @property
     def _sample_iterations(self) -> int:
-        """Of loops in a sample, at most."""
+        """Most iterations of loops in a sample."""
         searches = self.volumes or (self,)
         each = (
             one.further_starts.bit_length() + one.lights + bool(one.lights) * one.caps + one.fading for one in searches
@@ -152,13 +152,13 @@ class Variant:
 
     @property
     def constants(self) -> str:
-        """GLSL text that declares the program's constants."""
+        """GLSL declarations of the program's constants."""
         z, y, x = self.slot.cells_zyx
         gz, gy, gx = self.slot.groups_zyx
         lines = [
             f"const int BRICK = {self.brick}; // cells along its side",
             f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
-            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // that a stored brick has room for",
+            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
             f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
             f"const int REACH = {self.slot.reach}; // cells beyond them in which the field is sampled",
             f"const int ROW_WORDS = {self.slot.row_words};",
@@ -205,16 +205,16 @@ class Variant:
 
 
 def _surfaces(plan: Plan) -> int:
-    """How many there are; a picture of surfaces that are all transparent still has a program."""
+    """Return the number of isosurfaces, at least 1 with blending isosurface."""
     return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.blending == "isosurface"))
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
-    """The program that a plan needs.
+    """Return the variant of a plan.
 
     Parameters
     ----------
-    uniform_bytes : the largest uniform block that the driver offers
+    uniform_bytes : the driver's largest uniform block
     """
     grading = plan.blend_mode.grading
     volumes = volume_variants(plan.multi_volume, slot) if plan.multi_volume else ()

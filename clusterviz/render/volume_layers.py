@@ -1,7 +1,7 @@
-"""The volumes of a mixture in the shader: the files that sample each, its constants, and its block.
+"""Several volumes in the shader: the files that sample each, its constants, and its block.
 
-A shader file knows one volume. For several, the files that sample a volume are put in once for each, one volume after
-the other and no loop over them, and every name that belongs to one of them is a macro that ends in its number.
+A shader file handles one volume. For several, the files that sample a volume are included once for each, without a
+loop, and every name that belongs to one volume is a macro that ends in its number.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from clusterviz.plan.segments import BUCKETS
 from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
 from clusterviz.render.storage import Slot
 
-VOLUMES_BINDING, ROWS_BINDING = 6, 7  # of the block of all volumes, and of the rows of their looks
-TABLES_BINDING = 1  # of the first volume's texture
+VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
+TABLES_BINDING = 1  # the first volume's texture
 VOLUME = np.dtype(
     [
         ("x", "f8", 4),  # rows of the matrix that takes the domain's index space to the volume's
@@ -74,27 +74,27 @@ OWN_NAMES = (
     *("within", "uncut", "met", "met_at", "find_ends"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
-"""What the files of one volume define, and another volume's define too."""
+"""Names that the files of each volume define."""
 CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span"}
-"""Functions that call those of the volumes before, and their parameters."""
+"""Functions that call those of the volumes before, with their parameters."""
 
 
 @dataclass(frozen=True)
 class VolumeVariant:
-    """What a program is compiled with for one volume of a mixture.
+    """Constants and files of one of several volumes.
 
     Attributes
     ----------
-    filter : how the field is reconstructed
-    slot : how what a brick of the domain needs of the volume is stored
-    further_starts : of its segments
-    lights : how many light it; 0: it is not lit
-    caps : planes that cut it, its own faces among them, where it is lit
-    near : some of them have a place
+    filter : reconstruction filter
+    slot : layout of the volume's samples in a brick of the domain
+    further_starts : that of its segments
+    lights : number of lights; 0: it is not lit
+    caps : number of planes that cut it, including its own faces, if it is lit
+    near : some lights have a place
     smooth : its gradients are those of cubic B-splines
     fading, table : as in `Variant`
-    surfaces : isosurfaces that it shows
-    in_volume : it shows more than those
+    surfaces : number of isosurfaces
+    in_volume : the volume itself is drawn, too
     preintegrated : its slabs are classified between their ends, not at their midpoints
     """
 
@@ -113,7 +113,7 @@ class VolumeVariant:
 
     @property
     def rows(self) -> dict[str, int]:
-        """How many rows its look has of each kind; `rows_of` gives them in the same order."""
+        """Number of rows of its lighting, grading and isosurfaces, in the order of `rows_of`."""
         found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps} if self.lights else {}
         found |= {"grading": 4 + self.fading} if self.fading or self.table else {}
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
@@ -125,15 +125,15 @@ class VolumeVariant:
 
     @property
     def further_iterations(self) -> int:
-        """Of loops in a slab, at most, beyond those of one sample; those of surfaces that are met count themselves."""
+        """Most iterations of loops in a slab beyond those of one sample, except those of surfaces that are hit."""
         return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
     def parts(self, number: int) -> tuple[str, ...]:
-        """The files that sample the volume, between the macros that make them its own.
+        """Return the files that sample the volume, between the definitions of its macros.
 
         Parameters
         ----------
-        number : of the volume
+        number : number of the volume
         """
         macros, chain = self._macros(number), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
@@ -180,7 +180,7 @@ class VolumeVariant:
 
 
 def _chain(number: int) -> dict[str, str]:
-    """`face_all` and the like, which stay defined for what comes after, and what they call."""
+    """Return the macros of the chained functions, which stay defined for the next volume, and of those they call."""
     if not number:
         return {f"{name}_all": f"{name}_all_0" for name in CHAINED} | {
             f"{name}_before({given})": "" for name, given in CHAINED.items()
@@ -198,11 +198,11 @@ def _undefine(names: Iterable[str]) -> str:
 
 
 def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVariant, ...]:
-    """What a program is compiled with for each volume."""
+    """Return the variant of each volume."""
     return tuple(
         VolumeVariant(
             part.interpolation,
-            room,
+            part_slot,
             part.segments.further_starts,
             len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
             len(part.blend_mode.shading.caps) if part.blend_mode.shading else 0,
@@ -214,12 +214,12 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
             part.blend_mode.blending == "composite",
             part.preintegrated,
         )
-        for part, room in zip(multi_volume.volume_layers, slot.parts, strict=True)
+        for part, part_slot in zip(multi_volume.volume_layers, slot.parts, strict=True)
     )
 
 
 def multi_volume_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
-    """The files that sample a slab of several volumes."""
+    """Return the files that sample a slab of several volumes."""
     each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
     blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Looks", ROWS_BINDING, rows)
@@ -229,26 +229,26 @@ def multi_volume_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:
-    """The uniform blocks of several volumes, with their bindings."""
+    """Return the uniform blocks of several volumes, with their bindings."""
     rows = [rows for part in multi_volume.volume_layers for rows in rows_of(part.blend_mode)]
-    looks = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
-    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *looks]
+    block = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
+    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *block]
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
-    """The rows of a volume's look, as `VolumeVariant.rows` counts them: float32 (n, 4) each."""
+    """Return the rows of a volume's lighting, grading and isosurfaces, as in `VolumeVariant.rows`: float32 (n, 4)."""
     surfaces = [blend_mode.surface_block()] if blend_mode.surfaces else []
     return [part.block() for part in (blend_mode.shading, blend_mode.grading) if part] + surfaces
 
 
 def multi_volume_tables(multi_volume: MultiVolume) -> list[tuple[int, NDArray[np.float32]]]:
-    """The transfer functions that are tables over scalars and magnitudes, with the bindings of their textures."""
+    """Return the 2-D transfer functions, with the bindings of their textures."""
     gradings = [(TABLES_BINDING + n, part.blend_mode.grading) for n, part in enumerate(multi_volume.volume_layers)]
     return [(binding, one.table) for binding, one in gradings if one and one.table is not None]
 
 
 def volumes_block(multi_volume: MultiVolume) -> NDArray[np.void]:
-    """The block of all volumes, `VOLUME` (n,)."""
+    """Return the block of all volumes, `VOLUME` (n,)."""
     blocks, first = np.zeros(len(multi_volume.volume_layers), VOLUME), 0
     for block, part in zip(blocks, multi_volume.volume_layers, strict=True):
         segments = part.segments
@@ -266,9 +266,9 @@ def volumes_block(multi_volume: MultiVolume) -> NDArray[np.void]:
 def joined_segments(
     multi_volume: MultiVolume,
 ) -> tuple[NDArray[np.void], NDArray[np.uint8], NDArray[np.float64] | None]:
-    """Buckets, records and sums of all volumes, one after the other; buckets count records from the first volume's on.
+    """Return buckets, records and sums of all volumes, concatenated; buckets refer to the concatenated records.
 
-    Records are given as bytes, since there are two kinds of one size; sums are None where no volume has any.
+    Records are bytes, since there are two types of one size; sums are None if no volume has any.
     """
     buckets, sums, first = [], [], 0
     for part in multi_volume.volume_layers:

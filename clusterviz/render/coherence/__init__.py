@@ -1,6 +1,4 @@
-"""What a frame tells the next one: where rays start by what those of the last frame hit.
+"""Frame coherence: rays of a frame start shortly before the hits of the last frame.
 
-- last_frame.py           what is remembered, and when it holds
-- reprojection.py         hits of one view as starts of another one
-- reprojection_kernel.py  the same, compiled
+The last frame's hits are kept by `last_frame.py`, and reprojected by `reprojection.py` with a compiled kernel.
 """

@@ -1,4 +1,4 @@
-"""From the hits of one frame to the starts of the next: when that may be done, and what the kernel is given."""
+"""Reprojection of the last frame's hits to the starts of this frame's rays: conditions, and arguments of the kernel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from clusterviz.kernels.objects import function_address, machine
 from clusterviz.plan.view import View
 
 JUMP = 1 / 8
-"""Of the picture's longer side: how far a corner of the box may move from frame to frame."""
+"""Share of the picture's longer side that a corner of the box may move from frame to frame."""
 Corner = tuple[float, float, float]
 
 
@@ -31,16 +31,16 @@ class Box:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """(8, 3)."""
+        """Corners, float64 (8, 3)."""
         ends = np.array([self.begin, self.end])
         return np.array([ends[[b & 1, b >> 1 & 1, b >> 2], range(3)] for b in range(8)])
 
 
 def is_coherent(last: View, view: View, box: Box) -> bool:
-    """Whether what a view showed of a box can tell where the rays of the next one start.
+    """Return True if the hits of one view of a box predict the starts of the next.
 
-    Pictures are of one size, no part of the box is beside or behind an eye, no side of it comes into view, and none of
-    its corners jumps.
+    Pictures have one size, no part of the box is beside or behind an eye, no side of it comes into view, and no corner
+    jumps.
     """
     if last.size != view.size or last.parallel != view.parallel or np.any(_sides(view, box) & ~_sides(last, box)):
         return False
@@ -55,7 +55,7 @@ def is_coherent(last: View, view: View, box: Box) -> bool:
 
 
 def project(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels (x, y), whole numbers being their middles, and view depths of places (n, 3) in index space; (n, 3)."""
+    """Return pixels (x, y), with integers at their centres, and view depths of points (n, 3) in index space; (n, 3)."""
     lens = projection_of(view)
     aside, above, depth = (points @ lens[row, :3] + lens[row, 3] for row in range(3))
     scale = view.pixel * (np.ones_like(depth) if view.parallel else depth)
@@ -64,13 +64,13 @@ def project(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def projection_of(view: View) -> NDArray[np.float64]:
-    """From index space to pixels (4, 4): lengths to the right, up and ahead of the eye; then the lens."""
+    """Return the map from index space to pixels (4, 4): rows right, up and ahead of the eye; then the lens."""
     inverse = np.linalg.inv(np.array([view.right, view.up, view.forward]).T)
     return np.vstack([np.column_stack([inverse, -inverse @ np.array(view.eye)]), _lens(view)])
 
 
 def rays_of(view: View) -> NDArray[np.float64]:
-    """From pixels to index space (4, 4): eye, right, up and forward as columns; then the lens."""
+    """Return the map from pixels to index space (4, 4): eye, right, up and forward as columns; then the lens."""
     return np.vstack([np.array([view.eye, view.right, view.up, view.forward]).T, _lens(view)])
 
 
@@ -78,17 +78,17 @@ def reproject(
     views: tuple[View, View],
     rects: tuple[Rect, Rect],
     box: Box,
-    alike: float,
+    smooth_depth: float,
     hits: NDArray[np.float32],
     starts: NDArray[np.float32],
 ) -> None:
-    """Lower view depths in `starts` to those at which the rays of a view may meet what the last one hit or hid.
+    """Lower view depths in `starts` to those at which rays may meet something that the last frame hit or hid.
 
     Parameters
     ----------
-    views, rects : of the last frame and of this one, which are coherent; the pixels that may show the box
-    alike : how much less than that the depths of neighbouring hits differ on what is smooth
-    hits : float32 (3, rows, columns), (x, y, z) in index space by pixel of the last rectangle; NaN where nothing is
+    views, rects : views of the last frame and of this one, which are coherent, and the pixels that may show the box
+    smooth_depth : largest difference between the depths of neighbouring hits on one surface
+    hits : float32 (3, rows, columns), (x, y, z) in index space by pixel of the last rectangle; NaN without a hit
     starts : float32 (rows, columns), view depths by pixel of this rectangle
     """
     (last, view), (before, now) = views, rects
@@ -98,7 +98,7 @@ def reproject(
     if found is None:
         return
     lenses = [matrix(each).ravel() for each in (last, view) for matrix in (rays_of, projection_of)]
-    numbers = np.concatenate([*lenses, box.begin, box.end, [alike]])
+    numbers = np.concatenate([*lenses, box.begin, box.end, [smooth_depth]])
     shown = _surely_shown(last, view, box, before)
     bounds = (*hits.shape[1:], *_numbers(now), starts.shape[1], cut, *shown, *found)
     sizes = np.array([*_numbers(before), *bounds], np.int64)
@@ -120,7 +120,7 @@ def _numbers(rect: Rect) -> tuple[int, int, int, int]:
 
 
 def _budget(hits: NDArray[np.float32]) -> tuple[int, int, int, int] | None:
-    """The rectangle (begin and end, x before y) of all that are no NaN, where there is one."""
+    """Return the rectangle (begin and end, x before y) around all hits that are not NaN; None if there is none."""
     there = hits == hits
     columns, rows = (np.flatnonzero(there.any(axis=axis)) for axis in (0, 1))
     if len(rows) == 0:
@@ -129,10 +129,10 @@ def _budget(hits: NDArray[np.float32]) -> tuple[int, int, int, int] | None:
 
 
 def _surely_shown(last: View, view: View, box: Box, rect: Rect) -> tuple[int, int, int, int]:
-    """Pixels (begin and end, x before y) at which whatever of the box is there was in the last rectangle, too.
+    """Return the pixels (begin and end, x before y) whose part of the box lay in the last rectangle, too.
 
-    A place in the box is seen at a mean of where its corners are, weighted by their depths. From view to view corners
-    move, and weights change as much as the ratios of the depths differ.
+    The projection of a point in the box is a mean of those of the corners, weighted by their depths. From view to view
+    corners move, and weights change as much as the ratios of the depths differ.
     """
     before, now = (project(each, box.corners) for each in (last, view))
     ratios = now[:, 2] / before[:, 2] if not view.parallel else np.ones(len(now))
@@ -142,7 +142,7 @@ def _surely_shown(last: View, view: View, box: Box, rect: Rect) -> tuple[int, in
 
 
 def _sides(view: View, box: Box) -> NDArray[np.bool_]:
-    """Which of the box's low and high sides face the viewer, (2, 3)."""
+    """Return the low and high sides of the box that face the viewer, bool (2, 3)."""
     if view.parallel:
         forward = np.array(view.forward)
         return np.array([forward > 0, forward < 0])
@@ -158,7 +158,7 @@ def _kernel() -> Callable[..., None]:
     unused = np.zeros(2, np.int64)
 
     def call(*addresses: int) -> None:
-        # numba's way: where the result goes, where an exception would go (there is none), and the arguments.
+        # numba's calling convention: addresses of the result and of an exception (there is none), and the arguments.
         place = unused.__array_interface__["data"][0]
         function(place, place + 8, *addresses)
 
@@ -173,7 +173,7 @@ def _object() -> bytes:
 
     pointer: Any = types.CPointer
     kinds: tuple[Any, ...] = tuple(pointer(kind) for kind in (float64, int64, float32, float32, float32))
-    # Nothing in the file may call Python, so numba shall not write the functions by which Python would call it.
+    # The object must not need Python, so numba writes no wrappers for it.
     options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = njit(error_model="numpy", **options)(reprojection_kernel.reproject)
     compiled.compile(kinds)

@@ -1,11 +1,10 @@
-"""Where the rays of a frame start, by what those of the last one hit: compiled by numba.
+"""Reprojection of the last frame's hits to the starts of this frame's rays, compiled by numba.
 
-What the last frame saw is a surface: the hits of four neighbouring rays are the corners of a cell of it. It parts space
-that is known to be empty, in front of it, from space of which nothing is known, and nothing that was hidden can come
-into view but through it. Where the rays of a cell hit alike, the cell lies between their hits. Where they did not, what
-they passed may reach from the nearest hit as far as each ray saw, or to where it left the box, so all of that counts.
-There, a ray a pixel further may just touch what is nearer: that counts, too. A cell is drawn as the rectangle of pixels
-around it, at the depth of its nearest corner; of several the nearest one wins.
+The hits of the last frame form a surface: those of four neighbouring rays are the corners of one cell of it. It
+separates space that is known to be empty, in front of it, from unknown space, and hidden features come into view only
+through it. If the depths of a cell's hits are similar, the cell lies between them. If not, it extends from the nearest
+hit as far as each ray reached, or to where it left the box, and one pixel further at the nearest depth. A cell is drawn
+as the rectangle of pixels around it, at the depth of its nearest corner; the nearest cell wins.
 
 References
 ----------
@@ -22,10 +21,10 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 
 LENS = 16  # numbers of a camera: three rows of four, half the width and height, pixel, 1 for parallel projection
-BOX = 6  # the least and the greatest x, y, z
+BOX = 6  # least and greatest x, y, z
 SIZES = 20
 ROUNDED = 1e-3  # pixels
-RIM = 1.0  # pixels around cells whose rays did not all hit something, or not alike
+RIM = 1.0  # pixels around cells whose rays did not all hit, or at different depths
 
 _inline = numba.njit(error_model="numpy", inline="always")
 _called = numba.njit(error_model="numpy")
@@ -36,19 +35,20 @@ def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ign
 
     Parameters
     ----------
-    numbers_at : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and by how
-        much depths of hits that are alike differ
+    numbers_at : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and the
+        largest difference between depths on one surface
     sizes_at : int64: the last frame's rectangle of pixels (x, y, width, height), its rows and columns in memory; this
-        frame's rectangle and columns in memory; 1 where the box may go on beyond the last picture; a rectangle of
-        pixels (begin and end) whose rays surely enter where it was shown; one of the last frame's that holds all hits
+        frame's rectangle and columns in memory; 1 if the box may extend beyond the last picture; a rectangle of pixels
+        (begin and end) whose rays certainly enter the box where it was shown; the last frame's rectangle around all
+        hits
     hits_at : float32 (3, rows, columns), (x, y, z) of the last frame; NaN where a ray met nothing
     places_at : float32 (4, height, width), memory for their pixels and depths in this frame, and depths in the last
     starts_at : float32 (…, columns), of this frame
     """
     numbers, sizes = carray(numbers_at, 4 * LENS + BOX + 1, np.float64), carray(sizes_at, SIZES, np.int64)
     ray, last, seen = numbers[:LENS], numbers[LENS : 2 * LENS], numbers[3 * LENS : 4 * LENS]
-    box, alike = numbers[4 * LENS : 4 * LENS + BOX], numbers[4 * LENS + BOX]
-    rect, window, part, width, height = sizes[:4], sizes[6:10], sizes[16:20], sizes[2], sizes[3]
+    box, smooth_depth = numbers[4 * LENS : 4 * LENS + BOX], numbers[4 * LENS + BOX]
+    rect, bounds, part, width, height = sizes[:4], sizes[6:10], sizes[16:20], sizes[2], sizes[3]
     target = carray(starts_at, (sizes[9], sizes[10]), np.float32)
     hits = carray(hits_at, (3, sizes[4], sizes[5]), np.float32)
     places = carray(places_at, (4, height, width), np.float32)
@@ -65,27 +65,27 @@ def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ign
                     continue
                 if found == 4:
                     sides, depth = _between_hits(places, x, y)
-                    if most - least > alike:
+                    if most - least > smooth_depth:
                         sides, depth = _before_hits(ray, seen, rect, (x, y), float(least), sides, depth)
-                        # What is nearer may reach into the cell beside this one, whose rays have all passed it.
+                        # A nearer surface may extend into the next cell, although all of that cell's rays passed it.
                         sides = (sides[0] - RIM, sides[1] + RIM, sides[2] - RIM, sides[3] + RIM)
-                    _splat(sides, depth, window, target)
+                    _splat(sides, depth, bounds, target)
                     continue
-            _splat_rim(ray, box, seen, rect, places, (x, y), window, target)
+            _splat_rim(ray, box, seen, rect, places, (x, y), bounds, target)
     if sizes[11]:
-        _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, window, sizes[12:16], target)
+        _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, bounds, sizes[12:16], target)
 
 
 @_inline
 def _around(plane, x, y):  # type: ignore[no-untyped-def]
-    """The least and the greatest of four neighbours, and how many are no NaN."""
+    """Return the least and the greatest of four neighbours, and how many are not NaN."""
     a, b, c, d = plane[y, x], plane[y, x + 1], plane[y + 1, x], plane[y + 1, x + 1]
     return min(min(a, b), min(c, d)), max(max(a, b), max(c, d)), (a == a) + (b == b) + (c == c) + (d == d)
 
 
 @_inline
 def _between_hits(places, x, y):  # type: ignore[no-untyped-def]
-    """The sides (left, right, top, bottom) and the least depth of a cell, in this frame."""
+    """Return the sides (left, right, top, bottom) and the least depth of a cell in this frame."""
     left, right, _ = _around(places[0], x, y)
     top, bottom, _ = _around(places[1], x, y)
     return (float(left), float(right), float(top), float(bottom)), float(_around(places[2], x, y)[0])
@@ -93,7 +93,7 @@ def _between_hits(places, x, y):  # type: ignore[no-untyped-def]
 
 @_inline
 def _before_hits(ray, seen, rect, cell, nearest, sides, depth):  # type: ignore[no-untyped-def]
-    """The same of all that lies before what the four rays of a cell hit, from the nearest hit's depth on."""
+    """Return them for all space that the four rays of a cell passed, from the nearest hit's depth on."""
     left, right, top, bottom = sides
     for number in range(4):
         place = _on_ray(ray, rect[0] + cell[0] + (number & 1), rect[1] + cell[1] + (number >> 1), nearest)
@@ -110,7 +110,7 @@ def _depth(lens, x, y, z):  # type: ignore[no-untyped-def]
 
 @_inline
 def _projected(lens, x, y, z):  # type: ignore[no-untyped-def]
-    """Pixel, whole numbers being the middles of pixels, and view depth of a place."""
+    """Return the pixel, with integers at centres, and the view depth of a point."""
     aside = lens[0] * x + lens[1] * y + lens[2] * z + lens[3]
     above = lens[4] * x + lens[5] * y + lens[6] * z + lens[7]
     depth = _depth(lens, x, y, z)
@@ -119,18 +119,18 @@ def _projected(lens, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _splat(sides, depth, window, target):  # type: ignore[no-untyped-def]
-    """The nearest depth wins in a rectangle of pixels: from left to right, from top to bottom."""
-    begin_x, end_x = max(math.ceil(sides[0] - ROUNDED) - window[0], 0), math.floor(sides[1] + ROUNDED) - window[0] + 1
-    begin_y, end_y = max(math.ceil(sides[2] - ROUNDED) - window[1], 0), math.floor(sides[3] + ROUNDED) - window[1] + 1
-    for y in range(begin_y, min(end_y, window[3])):
-        for x in range(begin_x, min(end_x, window[2])):
+def _splat(sides, depth, bounds, target):  # type: ignore[no-untyped-def]
+    """Lower the depths of a rectangle of pixels."""
+    begin_x, end_x = max(math.ceil(sides[0] - ROUNDED) - bounds[0], 0), math.floor(sides[1] + ROUNDED) - bounds[0] + 1
+    begin_y, end_y = max(math.ceil(sides[2] - ROUNDED) - bounds[1], 0), math.floor(sides[3] + ROUNDED) - bounds[1] + 1
+    for y in range(begin_y, min(end_y, bounds[3])):
+        for x in range(begin_x, min(end_x, bounds[2])):
             target[y, x] = min(target[y, x], depth)
 
 
 @_called
-def _splat_rim(ray, box, seen, rect, places, cell, window, target):  # type: ignore[no-untyped-def]
-    """A cell not all of whose rays hit something, or were in the rectangle: of the others nothing is known."""
+def _splat_rim(ray, box, seen, rect, places, cell, bounds, target):  # type: ignore[no-untyped-def]
+    """Draw a cell some of whose rays hit nothing, or were outside of the rectangle, so that they are unknown."""
     nearest, farthest = math.inf, 0.0
     for number in range(4):
         x, y = cell[0] + (number & 1), cell[1] + (number >> 1)
@@ -154,21 +154,21 @@ def _splat_rim(ray, box, seen, rect, places, cell, window, target):  # type: ign
             u, v, ahead = _projected(seen, place[0], place[1], place[2])
             left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
             depth = min(depth, ahead)
-    # At a rim, a ray beyond those that hit something may just touch it.
-    _splat((left - RIM, right + RIM, top - RIM, bottom + RIM), depth, window, target)
+    # A ray beyond the rim of those that hit a surface may just touch it.
+    _splat((left - RIM, right + RIM, top - RIM, bottom + RIM), depth, bounds, target)
 
 
 @_called
-def _start_unseen(ray, box, last, rect, window, shown, target):  # type: ignore[no-untyped-def]
-    """Rays that enter the box where the last picture did not show it start there."""
-    for y in range(window[3]):
-        inside = shown[1] <= window[1] + y < shown[3]
-        for x in range(window[2]):
-            if inside and shown[0] <= window[0] + x < shown[2]:
+def _start_unseen(ray, box, last, rect, bounds, shown, target):  # type: ignore[no-untyped-def]
+    """Start rays at their entry if the last picture did not show the box there."""
+    for y in range(bounds[3]):
+        inside = shown[1] <= bounds[1] + y < shown[3]
+        for x in range(bounds[2]):
+            if inside and shown[0] <= bounds[0] + x < shown[2]:
                 continue
-            enter, leave = _within(ray, box, window[0] + x, window[1] + y)
+            enter, leave = _within(ray, box, bounds[0] + x, bounds[1] + y)
             if leave > enter:
-                place = _on_ray(ray, window[0] + x, window[1] + y, enter)
+                place = _on_ray(ray, bounds[0] + x, bounds[1] + y, enter)
                 u, v, _ = _projected(last, place[0], place[1], place[2])
                 seen = rect[0] <= u <= rect[0] + rect[2] - 1 and rect[1] <= v <= rect[1] + rect[3] - 1
                 target[y, x] = target[y, x] if seen else 0.0
@@ -176,7 +176,7 @@ def _start_unseen(ray, box, last, rect, window, shown, target):  # type: ignore[
 
 @_inline
 def _on_ray(ray, column, row, along):  # type: ignore[no-untyped-def]
-    """The place of a view depth on the ray of a pixel."""
+    """Return the point at a view depth on the ray of a pixel."""
     across, above = (column + 0.5 - ray[12]) * ray[14], (ray[13] - row - 0.5) * ray[14]
     aside = along if ray[15] == 0.0 else 1.0
     x = ray[0] + (ray[1] * across + ray[2] * above) * aside + ray[3] * along
@@ -187,7 +187,7 @@ def _on_ray(ray, column, row, along):  # type: ignore[no-untyped-def]
 
 @_inline
 def _within(ray, box, column, row):  # type: ignore[no-untyped-def]
-    """The view depths at which the ray of a pixel enters and leaves the box; the former is greater where it misses."""
+    """Return the view depths at which a pixel's ray enters and leaves the box; the former is greater if it misses."""
     begin, end = _on_ray(ray, column, row, 0.0), _on_ray(ray, column, row, 1.0)
     enter, leave = 0.0, math.inf
     for axis in range(3):
