@@ -207,7 +207,7 @@ def probe_cost(
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))
         share = RankWork(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
-    drawing.bring(opened, share)
+    drawing.load(opened, share)
     with run.unreported("choose"):
         partials, _ = drawing.draw(replace(share, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]

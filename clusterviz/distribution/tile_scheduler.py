@@ -56,7 +56,7 @@ class TileScheduler:
         with self._run.local("plan", "plan"):
             pieces = self._screen.assign(work.plan)
             work = replace(work, pieces=pieces, holds=self._screen.holds(self._run.channel.rank))
-        self._drawing.bring(opened, work)
+        self._drawing.load(opened, work)
         return work
 
     def counted(self, counts: RankFrame) -> RankFrame:
@@ -97,8 +97,8 @@ class TileScheduler:
                 self._queue.start()
         queue = self._queue
 
-        def windows() -> Iterator[Rect]:
+        def queued_tiles() -> Iterator[Rect]:
             return (tiles[number] for number in queue.take(len(tiles)))
 
         whole = ScreenPartition(work.plan.view.size, ((Rect(0, 0, *work.plan.view.size),),) * len(groups))
-        return replace(work, pieces=self._screen.pieces(work.plan, whole), windows=windows)
+        return replace(work, pieces=self._screen.pieces(work.plan, whole), queued_tiles=queued_tiles)

@@ -1,4 +1,4 @@
-"""From a scene to what each rank has to draw: the scene completed, the frame planned, its pieces dealt."""
+"""Completion of a scene, the plan of its frame, and the assignment of pieces to ranks."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from clusterviz.scene.values import Scene
 def assign_work(
     run: Run, opened: Opened | None, scene: Scene, distribution: Distribution, last: RankWork | None = None
 ) -> RankWork:
-    """Complete the scene, plan the frame, and have it dealt out; collective.
+    """Complete the scene, plan the frame and assign its pieces; collective.
 
     Parameters
     ----------
-    last : of the frame before, from which the scene may differ in camera and transfer function only
+    last : work of the last frame, whose scene may differ in camera and transfer function only
     """
     with run.local("plan", "plan"):
         completed = complete_scene(scene, opened.facts if opened else ())
@@ -38,7 +38,7 @@ def assign_work(
 
 
 def plan_frame(opened: Opened, scene: Scene, last: RankWork | None) -> Plan:
-    """The decisions for a completed scene; of the last frame only the view is made anew where only the camera moved."""
+    """Plan a completed scene; where only the camera moved, reuse all but the view of the last plan."""
     if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
         return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid))
     return opened.plan(scene)

@@ -1,8 +1,8 @@
-"""Compositing behind drawing: a thread of each rank composites and writes a frame while the next one is drawn.
+"""Asynchronous compositing: a thread of each rank composites and writes a frame while the next one is drawn.
 
-OpenGL stays with the thread that draws. The other one has a channel of its own, so that neither waits for the other's
-messages. One frame is under way in it at most: the next is handed over when it has ended. That is also where all ranks
-learn, at one and the same frame, that it has failed; whatever fails in only one rank's thread ends the job from there.
+OpenGL stays with the drawing thread. The compositing thread has its own channel, so that neither waits for the other's
+messages. It holds at most one frame. All ranks learn of a failure when they take that frame. A failure in the thread of
+a single rank ends the job at once.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from clusterviz.frame.work import DrawnFrame
 from clusterviz.report.statistics import Clock
 
 ROW = "compositing"
-"""Of the trace."""
+"""Row of the thread in the trace."""
 
 
 class AsyncCompositing:
-    """The second thread of this rank.
+    """Compositing thread of this rank.
 
     Parameters
     ----------
-    run : of the thread that draws
-    channel : to the other ranks, for the second thread alone
+    run : of the drawing thread
+    channel : to the other ranks, used by the compositing thread only
     """
 
     def __init__(self, run: Run, channel: Channel) -> None:
@@ -41,12 +41,12 @@ class AsyncCompositing:
         self._thread.start()
 
     def put(self, drawn: DrawnFrame, clock: Clock) -> None:
-        """Have a frame composited and written; its clock goes on there. The last one has been taken."""
+        """Composite and write a frame, whose clock goes on there; the frame before must have been taken."""
         self._given.put((drawn, clock))
         self._is_busy = True
 
     def take(self) -> Rendered | None:
-        """Wait for the frame that was put last, and raise what went wrong with it; None where there was none."""
+        """Wait for the frame that was put last, and raise its error, if any; None if there is no such frame."""
         if not self._is_busy:
             return None
         done, self._is_busy = self._done.get(), False
@@ -60,7 +60,7 @@ class AsyncCompositing:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and not issubclass(kind, Exception):
             return
-        # A frame that all have drawn shall be kept, also after the next one has failed.
+        # A frame that all ranks have drawn is written even if the next one failed.
         with suppress(Exception):
             self.take()
         self._given.put(None)
@@ -85,6 +85,6 @@ class AsyncCompositing:
 
 
 def open_async_compositing(run: Run) -> AsyncCompositing | None:
-    """The second thread, if it is wanted and every rank may have one; collective."""
+    """Start the compositing thread; None if the options exclude it or some rank cannot have one; collective."""
     channel = run.channel.for_thread() if run.options.overlap else None
     return AsyncCompositing(run, channel) if channel is not None else None

@@ -1,4 +1,4 @@
-"""Compositing a frame: from the partial images of all ranks to the picture on rank 0, and its costs."""
+"""Compositing of a frame: from the partial images of all ranks to the picture on rank 0, and its costs."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ CHECK_TOLERANCE = 1e-5
 
 
 class Compositing:
-    """What composites, from frame to frame; opened by the first one that needs it.
+    """Compositor of a loop; its buffers are made for the first frame and kept.
 
     Parameters
     ----------
     run : of the loop
-    several : whether more than one frame may come
+    several : True if more than one frame may come
     """
 
     def __init__(self, run: Run, several: bool) -> None:
@@ -54,7 +54,7 @@ class Compositing:
     def picture(
         self, work: RankWork, partials: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
-        """The picture, on rank 0, and this rank's counts with those of compositing; collective."""
+        """Return the picture, on rank 0, and this rank's counts with those of compositing; collective."""
         run, pixel = self._run, work.scene.quality.pixel
         if pixel != "float32":
             with run.collective("kernels", "kernels"):
@@ -64,7 +64,7 @@ class Compositing:
         if work.mode == "sort-first":
             return self._collected(work, partials, counts)
         if work.mode == "hybrid":
-            # The windows of a rank do not overlap, and no rank of its group lies in front in one and behind in another.
+            # A rank's tiles do not overlap, and the order of its group's ranks is the same in all of them.
             partials = [joined(partials)] if run.channel.rank in work.order else []
         compositor = self._compositor = self._compositor or self._open(work)
         with run.collective("composite"):
@@ -72,7 +72,7 @@ class Compositing:
             composed, counters = compositor.composite(partials, work.order)
             image = self._finished(work, composed)
             counts = self._counted(began, counters, counts)
-            self._tell(work.scene.cluster.compositing, counters)
+            self._warn_of_change(work.scene.cluster.compositing, counters)
             if not self._several:
                 self.close()
         if run.options.check:
@@ -82,10 +82,10 @@ class Compositing:
     def _collected(
         self, work: RankWork, tiles: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
-        """Tiles that do not overlap need no blending, whatever the look."""
+        """Collect tiles: they do not overlap, so no blend mode needs blending."""
         run, channel, codec = self._run, self._run.channel, work.scene.cluster.codec
         with run.collective("composite"):
-            # One frame is over before it is learnt which codec pays.
+            # A single frame gives no time to measure codecs.
             codec = "raw" if codec == "auto" and not self._several else codec
             size, pixel = work.scene.image.size, work.scene.quality.pixel
             if self._tiles is None or self._tiles.pixel != pixel:
@@ -101,7 +101,7 @@ class Compositing:
         return image, counts
 
     def _counted(self, began: float, counters: CompositeCounters, counts: RankFrame) -> RankFrame:
-        """What compositing cost, in the clock, in the trace and in this rank's counts."""
+        """Add the cost of compositing to the clock, the trace and this rank's counts."""
         clock, total = self._run.clock, counters.total
         compositing = {**asdict(counters), "seconds": counters.seconds}
         clock.note(*composition_spans(began, perf_counter(), compositing))
@@ -112,8 +112,8 @@ class Compositing:
         sent = {name: getattr(total, name) for name in ("bytes_raw", "bytes_sent", "messages_sent")}
         return replace(counts, **sent, compositing=compositing)
 
-    def _tell(self, asked: str, counters: CompositeCounters) -> None:
-        """Rank 0 warns, once in a run, where another algorithm ran than the one that was asked for."""
+    def _warn_of_change(self, asked: str, counters: CompositeCounters) -> None:
+        """Warn on rank 0, once a run, if another algorithm ran than the scene names."""
         used, run = counters.algorithm, self._run
         if asked in ("auto", used) or counters.transport == "shared" or "compositing" in run.warned:
             return
@@ -123,7 +123,7 @@ class Compositing:
             warnings.warn(str(Change("cluster.compositing", asked, used, reason)), stacklevel=2)
 
     def close(self) -> None:
-        """Give shared memory back; collective."""
+        """Free shared memory; collective."""
         if self._compositor is not None:
             self._compositor.close()
             self._compositor = None
@@ -133,14 +133,14 @@ class Compositing:
         with self._run.collective("kernels", "kernels"):
             compile_kernels(channel)
         with self._run.collective("composite"):
-            # One frame is over before it is learnt which codec pays.
+            # A single frame gives no time to measure codecs.
             codec = "raw" if cluster.codec == "auto" and not self._several else cluster.codec
             algorithm, transport = cluster.compositing, cluster.transport
             operator = _operator(work)
             return Compositor(channel, size, algorithm=algorithm, codec=codec, transport=transport, operator=operator)
 
     def _finished(self, work: RankWork, composed: NDArray[Any] | None) -> Image | None:
-        """The picture of merged pixels, in memory of its own: the compositor's changes with the next frame."""
+        """Finish merged pixels; the result is a copy, since the compositor reuses its memory."""
         if composed is None:
             return None
         if work.plan is None or composed.dtype != np.float32:
@@ -152,15 +152,15 @@ class Compositing:
     def _check(
         self, work: RankWork, partials: Sequence[PartialImage], order: Sequence[int], image: Image | None
     ) -> None:
-        """Composite again by the plain serial algorithm; the pictures must agree to rounding."""
+        """Composite again by the serial algorithm and compare: the pictures must agree to rounding."""
         with self._run.collective("check", "check"):
             channel, pixel = self._run.channel, work.scene.quality.pixel
             piece, _ = composite(partials, order, channel, "serial", "raw", _operator(work))
-            plain = self._finished(work, collect(piece, work.scene.image.size, channel))
+            expected = self._finished(work, collect(piece, work.scene.image.size, channel))
         with self._run.local("check", "check"):
-            if image is not None and plain is not None:
+            if image is not None and expected is not None:
                 bound = 0.0 if pixel == "float32" else rounding_bound(pixel, len(order))
-                difference = compare(image, plain, max(CHECK_TOLERANCE, bound))
+                difference = compare(image, expected, max(CHECK_TOLERANCE, bound))
                 if difference.count:
                     name = work.scene.cluster.compositing
                     raise ClustervizError(f"{name} and serial compositing disagree: {difference}")
@@ -171,7 +171,7 @@ def _operator(work: RankWork) -> Operator:
 
 
 def finish_frame(run: Run, compositing: Compositing, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
-    """The picture, on rank 0, which has been handed to whoever writes it; collective."""
+    """Composite a frame, and call `Options.write` with its picture on rank 0; collective."""
     image, counts = compositing.picture(drawn.work, drawn.partials, drawn.counts)
     with run.local("write", "finish"):
         if image is not None:
@@ -180,20 +180,20 @@ def finish_frame(run: Run, compositing: Compositing, drawn: DrawnFrame) -> tuple
 
 
 def gather_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFrame) -> Rendered:
-    """Bring together what a frame cost, by the run's clock, which begins anew; collective.
+    """Gather the costs of a frame from all ranks, and restart the run's clock; collective.
 
-    Rank 0 warns of what is not seen, of each thing once in a run.
+    Rank 0 warns of volumes that are not visible, once a run for each reason.
     """
     clock = run.start_frame()
     counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
-    told = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
-    per_rank, is_blank, scene = tuple(counts for counts, _ in told), told[0][1], drawn.work.scene
+    gathered = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
+    per_rank, is_blank, scene = tuple(counts for counts, _ in gathered), gathered[0][1], drawn.work.scene
     reasons = visibility_warnings(scene, drawn.facts, is_blank)
-    for about in [about for about in reasons if about not in run.warned]:
-        run.warned.add(about)
+    for topic in [topic for topic in reasons if topic not in run.warned]:
+        run.warned.add(topic)
         if run.channel.rank == 0:
-            warnings.warn(reasons[about], stacklevel=2)
-    said = (drawn.changes, tuple(reasons.values()))
-    statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy, drawn.sharing, *said)
+            warnings.warn(reasons[topic], stacklevel=2)
+    remarks = (drawn.changes, tuple(reasons.values()))
+    statistics = FrameStatistics(per_rank, drawn.number, drawn.accuracy, drawn.sharing, *remarks)
     kept = drawn if run.options.keep_drawn else None
     return Rendered(image, scene, statistics, tuple(clock.spans or ()), kept)

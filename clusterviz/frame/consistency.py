@@ -1,8 +1,8 @@
-"""Whether all ranks have come to the same decisions: they compute them from the same values, each for itself.
+"""Consistency check: all ranks must reach the same decisions, which each computes for itself.
 
-A processor that rounds otherwise, a library of another version or another file on one node would make ranks draw bricks
-twice, or not at all, and nobody would notice but those who look at the picture. So checksums are compared in every
-frame, before anything is composited: a few numbers from each rank.
+A CPU that rounds differently, or another version of a library or a file on one node, could make ranks draw a brick
+twice or not at all. The picture would be wrong without an error. So ranks compare checksums of their decisions in every
+frame, before compositing.
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ REMEDY = "all ranks need the same files, libraries and kind of processor"
 
 
 def check_consistency(run: Run, work: RankWork) -> None:
-    """Compare what a frame is to show, and who draws what of it; collective.
+    """Compare the scene and the pieces of a frame among all ranks; collective.
 
     Raises
     ------
     RankError
-        On every rank: of a rank that differs from most.
+        On every rank; names a rank that differs from most.
     """
     if run.channel.size == 1:
         return
     with abort_on_failure(run.channel, run.frame, "compare"):
         scene = zlib.crc32(work.scene.model_dump_json().encode())
-        told = run.channel.allgather_numbers([scene, digest_of(work.pieces)])
-    check_equal(run, {"what is to be shown": told[:, 0].tolist(), "who draws what": told[:, 1].tolist()})
+        sums = run.channel.allgather_numbers([scene, digest_of(work.pieces)])
+    check_equal(run, {"what is to be shown": sums[:, 0].tolist(), "who draws what": sums[:, 1].tolist()})
 
 
-def check_equal(run: Run, told: Mapping[str, Sequence[int]]) -> None:
-    """Refuse checksums that are not the same for all ranks.
+def check_equal(run: Run, checksums: Mapping[str, Sequence[int]]) -> None:
+    """Refuse checksums that are not equal on all ranks.
 
     Parameters
     ----------
-    told : by what they stand for; one a rank, known to all
+    checksums : one for each rank, the same on every rank, by the name of the decision
 
     Raises
     ------
     RankError
-        On every rank: of the first rank that differs from most.
+        On every rank; names the first rank that differs from most.
     """
-    for name, sums in told.items():
+    for name, sums in checksums.items():
         usual = Counter(sums).most_common(1)[0][0]
         odd = [rank for rank, found in enumerate(sums) if found != usual]
         if odd:
@@ -61,15 +61,15 @@ def check_equal(run: Run, told: Mapping[str, Sequence[int]]) -> None:
 
 
 def digest_of(pieces: Sequence[Piece]) -> int:
-    """A checksum (CRC-32) of pieces: their ranks, bricks and windows, in their order."""
+    """CRC-32 of the ranks, bricks and rectangles of pieces, in their order."""
     boxes = [(piece.rank, *piece.box.begin_zyx, *piece.box.end_zyx) for piece in pieces]
-    windows = [(number, *_corners(piece.rect)) for number, piece in enumerate(pieces) if piece.rect]
-    found = zlib.crc32(np.array(windows, np.int64).tobytes(), zlib.crc32(np.array(boxes, np.int64).tobytes()))
+    rects = [(number, *_corners(piece.rect)) for number, piece in enumerate(pieces) if piece.rect]
+    found = zlib.crc32(np.array(rects, np.int64).tobytes(), zlib.crc32(np.array(boxes, np.int64).tobytes()))
     for number, piece in enumerate(pieces):
         if piece.bricks is not None:
             found = zlib.crc32(np.packbits(piece.bricks).data, zlib.crc32(number.to_bytes(8, "little"), found))
     return found
 
 
-def _corners(window: Rect) -> tuple[int, int, int, int]:
-    return window.x_begin, window.y_begin, window.x_end, window.y_end
+def _corners(rect: Rect) -> tuple[int, int, int, int]:
+    return rect.x_begin, rect.y_begin, rect.x_end, rect.y_end

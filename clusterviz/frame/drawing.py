@@ -1,4 +1,4 @@
-"""One rank's part of the picture: the bricks that it needs brought to its GPU, its pieces drawn, and what that cost."""
+"""Drawing on one rank: its bricks are loaded, its pieces drawn, and the costs counted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Drawing:
-    """What draws, from frame to frame; a rank that never has a brick starts no OpenGL.
+    """Renderer of this rank, kept from frame to frame; a rank without bricks opens no OpenGL context.
 
     Parameters
     ----------
@@ -37,66 +37,65 @@ class Drawing:
 
     Attributes
     ----------
-    work : where this rank took how many samples when it drew last: the rectangle of each piece, and counts as
-        `RenderResult.work`
+    sample_counts : for each piece drawn last its rectangle, and its samples as `RenderResult.work`
     """
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._caster: RendererCache | None = None
+        self._renderers: RendererCache | None = None
         self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
-        self._taken: dict[Index, tuple[int, Stored]] = {}
+        self._received: dict[Index, tuple[int, Stored]] = {}
 
-    def bring(self, opened: Opened, work: RankWork) -> None:
-        """Compile, read and upload what is not there; collective."""
+    def load(self, opened: Opened, work: RankWork) -> None:
+        """Compile shaders, read bricks and upload them, as far as they are missing; collective."""
         from clusterviz.render.renderer_cache import RendererCache
 
         run, plan, holds = self._run, work.plan, work.holds
         if plan is None:
             return
-        caster = self._caster = self._caster or RendererCache(work.scene.cluster.memory_limit)
-        caster.keep(holds)
-        taken = self._taken_for(plan, holds)
-        missing = caster.missing(plan, holds) - taken.keys()
-        stale = bool(missing) or bool(holds and not caster.is_compiled(plan))
+        renderers = self._renderers = self._renderers or RendererCache(work.scene.cluster.memory_limit)
+        renderers.keep(holds)
+        received = self._received_for(plan, holds)
+        missing = renderers.missing(plan, holds) - received.keys()
+        stale = bool(missing) or bool(holds and not renderers.is_compiled(plan))
         if not run.channel.maximum(stale):
-            caster.put(plan, taken)
+            renderers.put(plan, received)
             return
         bricks = load_bricks(run, opened, plan, missing, holds)
         with run.collective("context", "context"):
             place = run.channel.placement()
         with run.local("context", "context"):
             if holds:
-                caster.open(plan, place.local_rank, run.options.device)
+                renderers.open(plan, place.local_rank, run.options.device)
         with run.local("shaders", "shaders"):
             if holds:
-                caster.compile(plan)
+                renderers.compile(plan)
         with run.local("upload", "load"):
-            caster.load(plan, bricks)
-            caster.put(plan, taken)
+            renderers.load(plan, bricks)
+            renderers.put(plan, received)
 
     def take(self, plan: Plan, brick: Index, stored: Stored) -> None:
-        """A brick that came from another rank, stored for a plan; kept for later where nothing could draw it yet."""
-        if self._caster is not None and self._caster.is_compiled(plan):
-            self._caster.put(plan, {brick: stored})
+        """Store a brick from another rank; it is kept in memory until there is a renderer for the plan."""
+        if self._renderers is not None and self._renderers.is_compiled(plan):
+            self._renderers.put(plan, {brick: stored})
         else:
-            self._taken[brick] = stamp_of(plan), stored
+            self._received[brick] = stamp_of(plan), stored
 
     def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
-        """Bricks that are here, as they lie in GPU memory."""
-        return self._caster.stored(bricks) if self._caster else {}
+        """Return bricks of this rank, as they lie in GPU memory."""
+        return self._renderers.stored(bricks) if self._renderers else {}
 
     def draw(self, work: RankWork) -> tuple[list[PartialImage], RankFrame]:
-        """This rank's partial images, front to back."""
+        """Draw this rank's pieces: partial images, front to back, and their counts."""
         run = self._run
         with run.local("render"):
             pieces = work.pieces_of(run.channel.rank)
             self.sample_counts = []
-            if self._caster is None or work.plan is None:
+            if self._renderers is None or work.plan is None:
                 return [], RankFrame({})
-            began, processor = perf_counter(), process_time()
-            drawn = self._caster.draw(work.plan, pieces, partial(run.options.progress, "render"))
-            counts = replace(self._counted(drawn), cpu_seconds=process_time() - processor)
+            began, began_cpu = perf_counter(), process_time()
+            drawn = self._renderers.draw(work.plan, pieces, partial(run.options.progress, "render"))
+            counts = replace(self._counted(drawn), cpu_seconds=process_time() - began_cpu)
             self.sample_counts = [(each.partial.rect, each.work) for each in drawn]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)
@@ -104,19 +103,19 @@ class Drawing:
             return [each.partial for each in drawn], counts
 
     def release(self) -> None:
-        """Give everything back to the driver."""
-        if self._caster is not None:
-            self._caster.release()
-            self._caster = None
+        """Free the renderer and its bricks."""
+        if self._renderers is not None:
+            self._renderers.release()
+            self._renderers = None
 
-    def _taken_for(self, plan: Plan, holds: Set[Index]) -> dict[Index, Stored]:
-        """What came and is of use: stored as this plan asks for, and still to be held."""
-        taken, self._taken = self._taken, {}
+    def _received_for(self, plan: Plan, holds: Set[Index]) -> dict[Index, Stored]:
+        """Return received bricks that are stored as this plan asks for and that this rank still needs."""
+        received, self._received = self._received, {}
         asked = stamp_of(plan)
-        return {brick: stored for brick, (stamp, stored) in taken.items() if brick in holds and stamp == asked}
+        return {brick: stored for brick, (stamp, stored) in received.items() if brick in holds and stamp == asked}
 
     def _counted(self, drawn: Sequence[RenderResult]) -> RankFrame:
-        held = self._caster.held if self._caster else {}
+        held = self._renderers.held if self._renderers else {}
         occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
         frame_coherence = together(each.frame_coherence for each in drawn)

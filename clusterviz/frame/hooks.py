@@ -1,4 +1,4 @@
-"""What goes on around drawing, where a distribution asks for more than to be dealt: one contract for all that do."""
+"""Contract of the hooks that a distribution may have before and after drawing."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from clusterviz.report.statistics import RankFrame
 
 
 class DistributionHooks(Protocol):
-    """Goes with a distribution from frame to frame; every method is collective."""
+    """Hooks of a distribution, kept from frame to frame; every method is collective."""
 
     def before(self, opened: Opened, work: RankWork) -> RankWork:
-        """Before a frame is drawn: what to draw, as it was dealt or otherwise."""
+        """Return the work to draw: as assigned, or changed."""
         ...
 
     def counted(self, counts: RankFrame) -> RankFrame:
-        """A frame's counts, with its own."""
+        """Add the hooks' own counts to those of a frame."""
         ...
 
     def after(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
-        """After it was drawn, and what it cost each rank is known."""
+        """Use the costs of a drawn frame, one for each rank."""
         ...
 
     def close(self) -> None:
-        """Give back what it took."""
+        """Free resources."""
         ...
 
 
 def hooks_of(run: Run, drawing: Drawing, distribution: Distribution, several: bool) -> DistributionHooks | None:
-    """The one that a distribution needs, if any; bricks move only where more than one frame may come."""
+    """Return the hooks of a distribution, or None; bricks migrate only if more than one frame may come."""
     if isinstance(distribution, SortFirst):
         from clusterviz.distribution.tile_scheduler import TileScheduler
 

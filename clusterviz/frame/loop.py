@@ -1,22 +1,13 @@
-"""The loop: frames from scenes to pictures, on all ranks together.
+"""The frame loop: from scenes to pictures, on all ranks together.
 
-    open -> read a share -> complete the scene -> plan -> partition -> load -> draw -> composite -> collect -> write
+    open -> read a share -> complete the scene -> plan -> assign -> load -> draw -> composite -> collect -> write
 
-Stages are functions from values to values, and only this room calls them:
+Each stage is a function from values to values, and only the loop calls it. With `quality.max_error`, small pictures are
+drawn before the plan to choose settings. With `cluster.mode: auto`, a cost probe chooses how ranks share the frame.
+Hooks of the distribution run before and after drawing. All ranks check that they agree on the assignment.
 
-- opening.py       volumes opened, their bricks read
-- several.py       several volumes as one domain
-- dealing.py       a scene to a plan, and the plan to pieces, by a distribution
-- distribution.py  what a distribution is; coherent.py and the others are one each
-- alike.py         whether all ranks have decided the same
-- companion.py     what some of them need around drawing: moving.py, turns.py
-- drawing.py       pieces to partial images
-- compositing.py   partial images to the picture; finishing.py: and the rest of a frame
-- behind.py        compositing while the next frame is drawn
-- settling.py      small pictures first (calibration.py), where the settings are to hold a bound on the error
-
-What is dear is done once and kept: reading, the summary, programs, the bricks in GPU memory, kernels, the compositor's
-memory. A further frame makes anew only what its scene asks for. How a step that fails ends all ranks, `run.py` says.
+Expensive results are kept for later frames: the summary of the volume, shaders, kernels, bricks in GPU memory, and the
+compositor's buffers. `Run` describes how the failure of one step ends all ranks.
 """
 
 from __future__ import annotations
@@ -53,11 +44,11 @@ __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prep
 
 
 def render_frame(scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> Rendered:
-    """Draw one frame, one turn of the loop; collective.
+    """Draw one frame; collective.
 
     Parameters
     ----------
-    scene : as given by the user; what it leaves open is chosen from the data
+    scene : as given by the user; settings that it leaves open are chosen from the data
     channel : to the other ranks
     source : the data of the volume, or of each, instead of the files that the scene names
     options : how to run
@@ -72,16 +63,17 @@ def render_frame(scene: Scene, channel: Channel, source: Given = None, options: 
 
 
 def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bricks]:
-    """Everything before drawing: read the data, complete the scene, plan the frame, deal out the bricks; collective.
+    """Do all stages before drawing: read the data, complete the scene, plan the frame, assign bricks; collective.
 
     Returns
     -------
-    share, bricks : what this rank draws, and of what
+    work : of this rank
+    bricks : that its work needs
 
     Raises
     ------
     SceneError
-        The settings are still to be chosen: frames do that, but nobody who draws by other means.
+        The scene has `quality.max_error`: only the loop chooses settings.
     """
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
@@ -96,12 +88,16 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
 
 
 class FrameLoop:
-    """Draws frame after frame of the same volumes, `scene` being its completed scene; every method is collective.
+    """Frame loop over the same volumes; every method is collective.
 
     Parameters
     ----------
     scene, channel, source, options : as in `render_frame`
-    several : whether more than one frame may come; what pays only then is left out otherwise
+    several : False if only one frame comes: then nothing is prepared for later frames
+
+    Attributes
+    ----------
+    scene : completed
     """
 
     def __init__(
@@ -117,7 +113,7 @@ class FrameLoop:
         self._several = several
         self._drawing, self._compositing = Drawing(run), Compositing(run, several)
         self._work: RankWork | None = None
-        self._told = set[Change]()
+        self._warned = set[Change]()
         self._error_bound: ErrorBoundController | None = None
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
@@ -126,12 +122,12 @@ class FrameLoop:
         self._auto_mode = AutoMode(run, self._drawing, self._opened, self.scene, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
-        """Draw one frame; the first one's costs include the opening of the volume. Raises what `render_frame` does.
+        """Draw one frame; the costs of the first include opening the volume. Raises as `render_frame`.
 
         Parameters
         ----------
-        scene : differs from the loop's in nothing but camera, transfer function and quality; the loop's own where None
-        number : what failures and statistics call it
+        scene : may differ from the loop's scene in camera, transfer function and quality; None: the loop's scene
+        number : of the frame, for errors and statistics
         """
         run, run.frame = self._run, number
         with run.clock.stage("total", f"frame {number}"):
@@ -144,27 +140,27 @@ class FrameLoop:
     def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
         """Draw many frames, given by number and scene; each is composited and written while the next one is drawn.
 
-        What frame n cost to draw is known before frame n + 1 is dealt. In the statistics, `total` is the time from the
-        beginning of a frame to its end; since frames overlap, totals add up to more than passes. Without
-        `Options.overlap`, or where MPI was started for one thread only, they are drawn by `frame`, one after the other.
+        The drawing cost of frame n is known before frame n + 1 is assigned. In the statistics, `total` is the time from
+        the beginning of a frame to its end; frames overlap, so the sum of totals exceeds the elapsed time. Without
+        `Options.overlap`, or if MPI was started for one thread only, frames are drawn one after the other.
         """
-        run, behind = self._run, open_async_compositing(self._run)
-        if behind is None:
+        run, async_compositing = self._run, open_async_compositing(self._run)
+        if async_compositing is None:
             for number, scene in scenes:
                 yield self.frame(scene, number)
             return
-        with behind:
+        with async_compositing:
             for number, scene in scenes:
                 run.frame = number
                 with run.clock.stage("total", f"frame {number}"):
                     drawn = self._draw(scene, number)
                     self._learn(drawn.work, run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds)))
                     with run.clock.stage("wait"):
-                        before = behind.take()
-                behind.put(drawn, run.start_frame())
+                        before = async_compositing.take()
+                async_compositing.put(drawn, run.start_frame())
                 if before is not None:
                     yield before
-            last = behind.take()
+            last = async_compositing.take()
             if last is not None:
                 yield last
 
@@ -174,9 +170,9 @@ class FrameLoop:
         work = self._work = assign_work(self._run, self._opened, scene, self._auto_mode.distribution, self._work)
         hooks, sharing = self._auto_mode.hooks, self._auto_mode.sharing
         if self._opened:
-            self._drawing.bring(self._opened, work)
+            self._drawing.load(self._opened, work)
             if accuracy and not self._run.options.keep_bricks:
-                self._opened.held.clear()  # was kept for small pictures, whose settings differ
+                self._opened.held.clear()  # small pictures needed them, with other settings
             work = hooks.before(self._opened, work) if hooks else work
         if accuracy:
             from clusterviz.auto.error_bound import with_pixel
@@ -191,14 +187,14 @@ class FrameLoop:
         return DrawnFrame(number, work, partials, counts, facts, accuracy, sharing, self._changes(work))
 
     def _changes(self, work: RankWork) -> tuple[Change, ...]:
-        """Settings of a frame that are not used as given; rank 0 warns of each once."""
+        """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         run = self._run
         no_processor = work.plan is not None and run.options.device == "cpu" and not on_processor(work.plan, "cpu")
         changes = changed_settings(work.scene, run.channel.size, no_processor)
         for change in changes:
-            if run.channel.rank == 0 and change not in self._told:
+            if run.channel.rank == 0 and change not in self._warned:
                 warnings.warn(str(change), stacklevel=4)
-        self._told.update(changes)
+        self._warned.update(changes)
         return changes
 
     def _learn(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
@@ -209,7 +205,7 @@ class FrameLoop:
                 self._auto_mode.hooks.after(work, costs)
 
     def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
-        """The scene with settings that hold its `quality.max_error`, where it has one."""
+        """Choose settings that keep `quality.max_error`, if the scene has one."""
         if scene.quality.max_error is None or self._opened is None:
             return scene, None
         with self._run.local("plan", "plan"):
@@ -221,12 +217,12 @@ class FrameLoop:
         return self._error_bound.settle(scene)
 
     def _small_picture(self, scene: Scene) -> SmallPicture:
-        """One of the pictures that a calibration asks for."""
-        # Frames follow each other's cost; what is drawn between them is none of theirs.
+        """Draw a picture for a calibration."""
+        # A copy, since the distribution must not learn from these pictures.
         run, distribution = self._run, deepcopy(self._auto_mode.distribution)
         work = assign_work(run, self._opened, scene, distribution)
         if self._opened:
-            self._drawing.bring(self._opened, work)
+            self._drawing.load(self._opened, work)
         before, plan = run.clock.seconds.get("render", 0.0), work.plan
         partials, counts = self._drawing.draw(work)
         seconds = run.clock.seconds.get("render", 0.0) - before
@@ -242,7 +238,7 @@ class FrameLoop:
 
     def __exit__(self, kind: object, *_: object) -> None:
         self._drawing.release()
-        # After a failure the others may not come to a collective call.
+        # After a failure other ranks may never reach a collective call.
         if kind is None:
             self._compositing.close()
             self._auto_mode.close()

@@ -1,7 +1,7 @@
-"""Opening volumes, and reading their bricks.
+"""Opening of volumes, and reading of their bricks.
 
-Each rank reads an equal share of the bricks. All ranks learn what the volumes hold. Later frames read the bricks that
-they miss.
+Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. Later frames read
+the bricks that they miss.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ Bricks = dict[Index, Any]
 
 @dataclass(frozen=True)
 class OpenedVolume:
-    """A volume, ready to be planned for.
+    """Opened volume, with what plans need.
 
     Attributes
     ----------
-    source : where its voxels are
-    layout : how it is cut
-    summary : what it holds
+    source : of its voxels
+    layout : of its bricks
+    summary : of its values
     held : bricks that this rank has read and may need, by index; not the same on every rank
     """
 
@@ -52,12 +52,12 @@ class OpenedVolume:
 
     @property
     def grid(self) -> Grid:
-        """In whose index space plans are."""
+        """Grid in whose index space plans are."""
         return self.source.grid
 
     @property
     def facts(self) -> tuple[VolumeInfo, ...]:
-        """What completing a scene needs to know."""
+        """Volume info, which completes a scene."""
         grid, summary, known = self.source.grid, self.summary, self.summary.categories
         low, high = summary.value_range
         percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
@@ -84,25 +84,25 @@ class OpenedVolume:
 
     @property
     def range_type(self) -> np.dtype[Any]:
-        """Of what is known of groups of cells: the voxels'."""
+        """Type of the value ranges of groups of cells: that of the voxels."""
         return self.source.dtype
 
     def plan(self, scene: Scene) -> Plan:
-        """One frame's decisions."""
+        """Plan a frame."""
         return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, Any]]:
-        """Bricks of a plan, from the source."""
+        """Read bricks of a plan from the source."""
         return read_bricks(self.source, self.layout, wanted)
 
-    def fitting(self, plan: Plan) -> Bricks:
-        """What is held and was read as a plan asks for: all of it."""
+    def held_for(self, plan: Plan) -> Bricks:
+        """Return held bricks that suit a plan: all of them."""
         return self.held
 
 
 @dataclass(frozen=True)
 class OpenedVolumes:
-    """What `OpenedVolume` is for one volume.
+    """Several opened volumes, with the interface of `OpenedVolume`.
 
     Attributes
     ----------
@@ -115,26 +115,26 @@ class OpenedVolumes:
 
     @property
     def grid(self) -> Grid:
-        """In whose index space plans are."""
+        """Grid of the domain, in whose index space plans are."""
         return make_domain([volume.grid for volume in self.volumes]).grid
 
     @property
     def facts(self) -> tuple[VolumeInfo, ...]:
-        """What completing a scene needs to know."""
+        """Volume info of each volume, which completes a scene."""
         return tuple(fact for volume in self.volumes for fact in volume.facts)
 
     @property
     def range_type(self) -> np.dtype[Any]:
-        """Of what is known of groups of cells."""
+        """Type of the value ranges of groups of cells."""
         return np.dtype(np.float64)
 
     def plan(self, scene: Scene) -> Plan:
-        """One frame's decisions."""
+        """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
         return make_multi_volume_plan(scene, known)
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, MultiVolumeBrick]]:
-        """Bricks of a plan, from all sources: volume after volume, each passed once."""
+        """Read bricks of a plan from all sources, with one pass over each volume."""
         if plan.multi_volume is None:
             raise ValueError("the plan is not one of several volumes")
         each = []
@@ -147,30 +147,31 @@ class OpenedVolumes:
                 MultiVolumeBrick(index, tuple(samples.pop(index, None) for samples in each), plan.multi_volume.around),
             )
 
-    def fitting(self, plan: Plan) -> Bricks:
-        """What is held and was read as a plan asks for."""
+    def held_for(self, plan: Plan) -> Bricks:
+        """Return held bricks that were read with the margins of a plan."""
         around = plan.multi_volume.around if plan.multi_volume else ()
-        return {index: portions for index, portions in self.held.items() if portions.around == around}
+        return {index: brick for index, brick in self.held.items() if brick.around == around}
 
 
 Opened = OpenedVolume | OpenedVolumes
 
 
 HELD_SHARE_OF_MEMORY = 0.4
+"""Share of free memory that bricks may take."""
 MOST_BRICKS = 1 << 17
-"""For each rank: every brick takes some time in Python, however small it is."""
+"""Bricks a rank, at most: each takes some time in Python, even a small one."""
 Given = Source | Sequence[Source] | None
-"""Data instead of the files that a scene names: of its volume, or of each."""
+"""Data that replaces the files of a scene: one source, or one for each volume."""
 
 
 def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
-    """Read an equal share of each volume's bricks, and learn together what they hold.
+    """Read an equal share of each volume's bricks and summarise the volumes; collective.
 
-    The share of a single volume is kept for drawing; several are read again, as bricks of their domain.
+    The share of a single volume is kept for drawing. Several volumes are read again, as bricks of their domain.
 
     Parameters
     ----------
-    source : of the volume, or one for each, instead of the files that the scene names
+    source : of the volume, or one for each volume; replaces the files of the scene
     """
     if not scene.volumes:
         return None
@@ -195,12 +196,12 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
             len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * each.dtype.itemsize
             for each, layout, share in zip(sources, layouts, shares, strict=True)
         )
-        fits, three = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
-        held = [dict(read_bricks(*one)) if fits else {} for one in three]
+        fits, parts = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
+        held = [dict(read_bricks(*part)) if fits else {} for part in parts]
     with run.collective("summarise", "load"):
         opened = tuple(
-            OpenedVolume(one[0], one[1], _summary(run, *one, bricks if fits else None), bricks)
-            for one, bricks in zip(three, held, strict=True)
+            OpenedVolume(part[0], part[1], _summary(run, *part, bricks if fits else None), bricks)
+            for part, bricks in zip(parts, held, strict=True)
         )
     if len(opened) > 1:
         return OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
@@ -209,7 +210,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
 
 
 def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:
-    """The volume in bricks that are small near the planes between ranks, as expected, and larger elsewhere.
+    """Divide the volume into small bricks near the expected planes between ranks, and larger ones elsewhere.
 
     References
     ----------
@@ -234,7 +235,7 @@ def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opene
 
 
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
-    """Refuse bricks that are so many that preparing them would take minutes."""
+    """Refuse so small bricks that preparing all of them would take minutes."""
 
     def bricks(side: int) -> int:
         return sum(int(np.prod(BrickLayout(shape, side).counts_zyx)) for shape in shapes)
@@ -251,7 +252,7 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
 
 
 def _sources(scene: Scene, given: Given) -> list[Source]:
-    """The source of each volume."""
+    """Open the source of each volume."""
     if given is None:
         return [open_volume(volume) for volume in scene.volumes]
     sources = list(given) if isinstance(given, Sequence) else [given]
@@ -261,29 +262,29 @@ def _sources(scene: Scene, given: Given) -> list[Source]:
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:
-    """This rank's bricks, as if all were shown."""
+    """Return the bricks that this rank reads first: its leaf of a tree in which all bricks are visible."""
     cells = brick_cost(layout, np.zeros(layout.counts_zyx, bool))
     mine = bricks_of(build_tree(cells, run.channel.size), run.channel.rank, cells)
     return [(z, y, x) for z, y, x in mine.tolist()]
 
 
 def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], held: Bricks | None) -> VolumeSummary:
-    """What a volume holds; a share larger than the memory is read again for each pass."""
-    again = (lambda: read_bricks(source, layout, share)) if held is None else (lambda: iter(held.items()))
-    return summarise(source.dtype, layout, again, run.channel.allgather)
+    """Summarise a volume; a share that exceeds the memory is read again for each pass."""
+    bricks = (lambda: read_bricks(source, layout, share)) if held is None else (lambda: iter(held.items()))
+    return summarise(source.dtype, layout, bricks, run.channel.allgather)
 
 
 def load_bricks(run: Run, opened: Opened, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
-    """Bricks of this rank; those that are not in memory are read.
+    """Return bricks of this rank; those that are not in memory are read.
 
     Parameters
     ----------
-    plan : what is shown
-    wanted : which
-    holds : those that may be asked for again, and are kept in memory where the options say so
+    plan : of the frame
+    wanted : indices of the bricks to return
+    holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
     """
     with run.local("load", "load"):
-        held = opened.fitting(plan)
+        held = opened.held_for(plan)
         bricks = {index: held[index] for index in wanted & held.keys()}
         if run.options.keep_bricks:
             kept = {index: held[index] for index in holds & held.keys()}

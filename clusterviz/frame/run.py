@@ -1,8 +1,8 @@
-"""How a frame is run: what it is told, what it gives, and its steps, each announced, timed, and failing in one way.
+"""Options and results of a frame, and the steps of its run: announced, timed, and with one treatment of failures.
 
-What is done alone (reading, drawing) is agreed on at its end, so that a failure on one rank becomes the same failure on
-all. What is done together (compositing, gathering) ends the job when it fails, since the others wait for messages that
-will never come. `comm/agree.py` says how.
+After a local step (reading, drawing) the ranks agree on its outcome, so that a failure on one rank becomes the same
+failure on all. A failure in a collective step (compositing, gathering) ends the job, since the other ranks wait for
+messages that will never come. See `clusterviz.comm`.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ STEPS = (
     *("open", "read", "summarise", "plan", "load", "context", "shaders", "upload", "render"),
     *("kernels", "composite", "check", "write"),
 )
-"""What `Options.progress` is told, in this order; a frame may leave some out."""
+"""Names of the steps, in the order in which `Options.progress` gets them; a frame may omit some."""
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """A picture and what it cost; the image on rank 0 only.
+    """Rendered frame: picture, scene and costs.
 
     Attributes
     ----------
-    image : float32 (h, w, 4), premultiplied, before the background; None on ranks other than 0
-    scene : the completed scene that was drawn
+    image : float32 (h, w, 4), premultiplied, without background; None on ranks other than 0
+    scene : completed
     statistics : of all ranks, on every rank
-    spans : of this rank, where they are traced
-    drawn : by this rank, where that is to be kept
+    spans : of this rank's trace; empty without `Options.trace`
+    drawn : frame of this rank before compositing; None without `Options.keep_drawn`
     """
 
     image: Image | None
@@ -61,19 +61,19 @@ class Rendered:
 
 @dataclass(frozen=True)
 class Options:
-    """How to run, none of which changes the picture.
+    """Options of a run; none changes the picture.
 
     Attributes
     ----------
-    device : EGL device index, instead of the round robin over the node's GPUs; or "cpu", without OpenGL
+    device : index of an EGL device; None: round robin over the node's GPUs; "cpu": no OpenGL
     check : composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
-    progress : called on every rank with the name of each step as it begins, and of drawing as it goes on
+    progress : called on every rank when a step begins, and repeatedly while it draws
     write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"
-    trace : keep spans of what is done
-    overlap : of many frames, composite each while the next one is drawn, where MPI lets two threads talk
-    keep_drawn : give partial images with the picture
-    keep_bricks : in this process's memory too, for frames whose transfer functions differ
+    trace : record spans
+    overlap : of many frames, composite each while the next one is drawn, if MPI supports two threads
+    keep_drawn : return the partial images with the picture
+    keep_bricks : keep bricks in main memory too, for frames with other transfer functions
     """
 
     device: Device = None
@@ -88,7 +88,7 @@ class Options:
 
 
 class Run:
-    """What every step needs: the channel, the options, the number of the frame, and this rank's clock."""
+    """Context of a run: the channel, the options, the number of the frame, and this rank's clock."""
 
     def __init__(self, channel: Channel, options: Options) -> None:
         self.channel, self.options, self.frame = channel, options, 0
@@ -97,16 +97,16 @@ class Run:
         self.start_frame()
 
     def start_frame(self) -> Clock:
-        """Count from zero again; what counted so far."""
+        """Start a new clock, and return the last one."""
         last = self.clock
         self.clock = Clock(dict.fromkeys(STAGES, 0.0), [] if self.options.trace else None)
         return last
 
     @contextmanager
     def local(self, step: str, stage: str = "") -> Iterator[None]:
-        """A step in which no rank talks; at its end they agree on whether it failed, and do not time the waiting.
+        """Step without communication; at its end ranks agree on its outcome, which is not timed.
 
-        Without a stage it is not timed here; likewise below.
+        Without a stage the step is not timed here; the same holds for `collective`.
         """
         self.options.progress(step)
         with agree(self.channel, self.frame, step), self._timed(step, stage):
@@ -114,14 +114,14 @@ class Run:
 
     @contextmanager
     def collective(self, step: str, stage: str = "") -> Iterator[None]:
-        """A step in which ranks talk: one that fails ends the job."""
+        """Step with communication; a failure ends the job."""
         self.options.progress(step)
         with abort_on_failure(self.channel, self.frame, step, self.options.debug), self._timed(step, stage):
             yield
 
     @contextmanager
     def unreported(self, stage: str) -> Iterator[None]:
-        """Frames that nobody will see: all that they do counts as one stage, and their bricks are kept for the next."""
+        """Draw frames that are not output: all their time counts as one stage, and their bricks stay in memory."""
         clock, options = self.clock, self.options
         self.clock = Clock()
         self.options = replace(options, check=False, progress=lambda step, done=0.0: None, keep_bricks=True)

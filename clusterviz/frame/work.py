@@ -1,4 +1,4 @@
-"""What a rank has of the volume, and what it has to draw; all but its own bricks is the same on every rank."""
+"""Work of a rank in a frame, and its result before compositing."""
 
 from __future__ import annotations
 
@@ -21,17 +21,16 @@ Mode = Literal["sort-last", "sort-first", "hybrid"]
 
 @dataclass(frozen=True)
 class RankWork:
-    """What one rank has to draw.
+    """Work of one rank in a frame; all but `holds` and `queued_tiles` is the same on every rank.
 
     Attributes
     ----------
     scene : completed
-    plan : None where there is no volume
-    pieces : the frame's partial images of all ranks, from front to back
-    holds : the bricks that this rank needs before it can draw
-    mode : sort-last, or how the screen is shared: then windows of different groups do not overlap
-    windows : where nobody knows before who draws what: the windows that this rank takes while it draws, each for all of
-        its pieces
+    plan : None if the scene has no volume
+    pieces : of all ranks, from front to back
+    holds : bricks that this rank needs to draw
+    mode : sort-last, sort-first or hybrid; the tiles of different groups do not overlap
+    queued_tiles : takes tiles from a work queue while this rank draws, each for all of its pieces; None without a queue
     """
 
     scene: Scene
@@ -39,34 +38,35 @@ class RankWork:
     pieces: tuple[Piece, ...]
     holds: frozenset[Index]
     mode: Mode = "sort-last"
-    windows: Callable[[], Iterator[Rect]] | None = None
+    queued_tiles: Callable[[], Iterator[Rect]] | None = None
 
     @property
     def order(self) -> list[int]:
-        """The ranks of the partial images, from front to back; where the screen is shared, one image a rank."""
+        """Ranks of the partial images, from front to back; one image a rank unless the mode is sort-last."""
         ranks = [piece.rank for piece in self.pieces]
         return ranks if self.mode == "sort-last" else list(dict.fromkeys(ranks))
 
     def pieces_of(self, rank: int) -> Iterable[Piece]:
-        """What one rank draws, front to back."""
+        """Pieces of one rank, front to back."""
         mine = [piece for piece in self.pieces if piece.rank == rank]
-        if self.windows is None:
+        if self.queued_tiles is None:
             return mine
-        return (replace(piece, rect=window) for window in self.windows() for piece in mine)
+        return (replace(piece, rect=tile) for tile in self.queued_tiles() for piece in mine)
 
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """What one rank has of a frame before compositing.
+    """Frame of one rank before compositing.
 
     Attributes
     ----------
     number : of the frame
-    partials : of this rank, front to back
-    counts : what they cost it
-    facts : of each volume
-    accuracy : of settings that were chosen for it; None where the scene names them
-    sharing : by the ranks; None where that was not asked for
+    work : that was drawn
+    partials : partial images of this rank, front to back
+    counts : costs of drawing on this rank
+    facts : info of each volume
+    accuracy : of the settings chosen for `quality.max_error`; None without it
+    sharing : chosen mode; None if none was chosen
     changes : settings that are not used as given
     """
 

@@ -1,4 +1,4 @@
-"""Compositing behind drawing: the same pictures and counts, both at once, and failures of either end all ranks."""
+"""Asynchronous compositing: same pictures and counts, overlap in time, and failures that end all ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranks that decide otherwise are found before anything is composited, on all ranks alike."""
+"""A rank that decides differently is found before compositing, on all ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rays that start by the last frame: the same pictures on any number of ranks, and nothing is kept that does not hold.
+"""Frame coherence: the same pictures on any number of ranks, and no reuse of hits that no longer hold.
 
 The bound is that of pictures on other numbers of ranks, 1e-5: nothing in these scenes is thinner than a pixel.
 """

@@ -1,4 +1,4 @@
-"""Several volumes through the loop: the same picture however their domain is dealt out, and frame after frame."""
+"""Several volumes in the frame loop: the picture depends neither on the assignment nor on earlier frames."""
 
 from __future__ import annotations
 

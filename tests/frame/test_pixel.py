@@ -1,4 +1,4 @@
-"""`quality.pixel` in the loop: fewer bytes, within the stated bound, however the ranks share the work."""
+"""`quality.pixel` in the frame loop: fewer bytes and the stated error bound, in every mode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture in which nothing is seen comes with a line that says why, with the numbers; one that is seen, without."""
+"""Warnings for pictures that show nothing: with a reason and numbers, and only then."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras round a field of many bricks, and pictures compared with those of one rank."""
+"""Cameras around a field of many bricks, and pictures compared with those of one rank."""
 
 from __future__ import annotations
 
