@@ -91,9 +91,9 @@ class Passing:
             for at in mine:
                 known = np.unique(self._levels[at][self._levels[at] < LEVELS]).tolist()
                 for level in range(LEVELS) if self._way == "same frame" else known:
-                    assert drawing._caster is not None
+                    assert drawing._renderers is not None
                     plan = with_residual(self._plan, RESIDUAL * RATIO**level)
-                    (self._drawn[at, level],) = drawing._caster.draw(plan, [share.pieces[at]])
+                    (self._drawn[at, level],) = drawing._renderers.draw(plan, [share.pieces[at]])
             self._after.wait()
             chosen = [self._chosen[at] for at in mine]
             return [partial for partial, _ in chosen], RankFrame({}, samples=sum(taken for _, taken in chosen))

@@ -1,9 +1,9 @@
-"""The dynamic distribution: fronts follow the expected cost, and bricks follow the fronts at a bounded rate.
+"""Load balancer: fronts follow the expected cost, and bricks follow the fronts at a bounded rate.
 
-    measure -> predict -> where should fronts be -> which bricks move this frame -> what is in flight
+    measure -> predict -> place fronts -> choose the moves of this frame -> hand over bricks that have arrived
 
-One frozen value goes from frame to frame. It changes by pure functions only, so ranks that are told the same numbers
-agree on everything without asking each other.
+One frozen value goes from frame to frame. Only pure functions change it, so ranks with the same inputs agree without
+communication.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from clusterviz.partition.tree import BspTree, Index
 
 @dataclass(frozen=True)
 class Policy:
-    """How eagerly to balance.
+    """Settings of the load balancer.
 
     Attributes
     ----------
     budget_bytes : that all ranks together may start to send in a frame
     limit_bytes : of bricks that a rank may hold
-    damping : the weight of the past in what is measured
-    hysteresis : fronts stay where the busiest rank would have at most this share more than it could
-    unit : side of what fronts leave whole, in bricks; where `refined`, of what moves as one far from them
-    refined : fronts divide down to single bricks
+    damping : weight of earlier frames in the measured cost
+    hysteresis : fronts stay if moving them would lower the cost of the busiest rank by no more than this share
+    unit : side, in bricks, of blocks that fronts do not divide; if `refined`, of blocks far from fronts that move whole
+    refined : fronts may divide blocks down to single bricks
     """
 
     budget_bytes: int
@@ -54,17 +54,17 @@ class Policy:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """What frame n + 1 takes over from frame n.
+    """State of the load balancer between two frames.
 
     Attributes
     ----------
-    measured : what was learnt of each brick
-    tree : the axes of the fronts, and where planes would be in their stead
-    aim : float64 (bz, by, bx), the cost by which fronts were placed last
-    target : who should draw what
-    migration : who draws what now, and what is in flight
-    recalled : int64 (ranks,), bricks that each rank is told to take before this frame and has in its cache
-    wire_bytes : int64 (bz, by, bx), what sending a brick takes
+    measured : cost factors of the bricks
+    tree : axes of the fronts, and the planes that fronts replace
+    aim : float64 (bz, by, bx), cost by which fronts were placed last
+    target : owners by the fronts
+    migration : present owners, flights and caches
+    recalled : int64 (ranks,), bricks of this frame's moves that each target has in its cache
+    wire_bytes : int64 (bz, by, bx), size of each brick in a message
     """
 
     measured: Measured
@@ -77,7 +77,7 @@ class Balance:
 
 
 def first_owners(model: Costs, ranks: int, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
-    """Who draws what in the first frame; parameters as of `begin`."""
+    """Return the owners in the first frame; parameters as in `begin`."""
     return front_owners(search_tree(model, ranks), model, eye, _atoms(policy, model.shape))
 
 
@@ -89,19 +89,19 @@ def begin(
     eye: RayOrigin = PARALLEL_ORIGIN,
     wire_bytes: NDArray[np.int64] | None = None,
 ) -> Balance:
-    """Before the first frame: fronts by the model.
+    """Return the state before the first frame, with fronts by the model.
 
     Parameters
     ----------
-    model : float64 (bz, by, bx), expected cost of each brick; above 0 where it has something to show
-    brick_bytes : int64 (bz, by, bx), what holding a brick takes; 0 for those that have nothing to show
-    eye : as of `ray_origin`
-    wire_bytes : of the same shape, what sending a brick takes; None: as much
+    model : float64 (bz, by, bx), expected cost of each brick; above 0 for bricks that are visible
+    brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for bricks that are not visible
+    eye : as `ray_origin` returns it
+    wire_bytes : int64 (bz, by, bx), size of each brick in a message; None: `brick_bytes`
 
     Raises
     ------
     InputError
-        A share does not fit into the memory of a rank.
+        The bricks of a rank do not fit into its memory.
     """
     owners = first_owners(model, ranks, policy, eye)
     migration = settled(owners, brick_bytes, policy.limit_bytes)
@@ -111,35 +111,35 @@ def begin(
 
 
 def complete(balance: Balance, arrived: Collection[Index]) -> Balance:
-    """After a frame: these bricks are at their targets; when these draw them, `plan_moves` decides."""
+    """Record after a frame that bricks have arrived; `plan_moves` decides when their targets draw them."""
     return replace(balance, migration=arrive(balance.migration, arrived))
 
 
 def learn(balance: Balance, model: Costs, costs: NDArray[np.float64], policy: Policy) -> Balance:
-    """After a frame: what it cost each rank, `costs` float64 (ranks,), where `model` was expected."""
+    """Learn after a frame from its cost on each rank, `costs` float64 (ranks,), and the expected cost, `model`."""
     return replace(balance, measured=measure(balance.measured, model, balance.migration.owners, costs, policy.damping))
 
 
 def skip(balance: Balance) -> Balance:
-    """Before a frame for which nothing moves: nobody is told to take anything."""
+    """Return the state before a frame without new moves."""
     return replace(balance, recalled=np.zeros_like(balance.recalled))
 
 
 def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Balance:
-    """Before a frame of which `model` is expected: put fronts where they should be, plan what can move, hand over.
+    """Place fronts before a frame by its expected cost, plan moves, and hand over bricks that have arrived.
 
-    New flights are those of stage "planned"; what their targets have in their caches may change hands at once.
+    New flights have the stage "planned". Bricks in the caches of their targets may be handed over at once.
 
     Raises
     ------
     InputError
-        The budget cannot carry a single brick.
+        The budget is smaller than a single brick.
     """
     cost = predict(balance.measured, model, balance.migration.brick_bytes > 0)
     if not cost.any():
         return skip(balance)
     balance = _aimed(balance, cost, policy, eye)
-    migration = _unheld_moved(balance)
+    migration = _move_empty(balance)
     goal = _goal(replace(balance, migration=migration), cost, policy)
     moves = rebalance(migration.landed, goal, migration.free_bytes, policy.budget_bytes, migration.moving)
     launched = launch(migration, moves)
@@ -147,7 +147,7 @@ def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = 
 
 
 def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: RayOrigin) -> Balance:
-    """Fronts where they are, turned to the eye; or where the cost is, if that leaves the busiest rank clearly less."""
+    """Turn the fronts to the eye; move them to the cost if that clearly relieves the busiest rank."""
     atoms, ranks = _atoms(policy, cost.shape), balance.tree.ranks
     target = front_owners(balance.tree, balance.aim, eye, atoms)
     busiest = float(target.loads(cost).max())
@@ -158,8 +158,8 @@ def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: RayOrigin) -> Bal
     return replace(balance, target=target)
 
 
-def _unheld_moved(balance: Balance) -> Migration:
-    """Bricks that nobody holds go where they should be at once, so that shares stay whole boxes to order."""
+def _move_empty(balance: Balance) -> Migration:
+    """Assign bricks without bytes to their targets at once, so that visibility orders whole boxes."""
     migration = balance.migration
     owner = np.where(migration.brick_bytes == 0, balance.target.owner, migration.owners.owner)
     return replace(migration, owners=Owners(migration.owners.ranks, owner.astype(np.int32)))
@@ -177,13 +177,13 @@ def _goal(balance: Balance, cost: Costs, policy: Policy) -> Goal:
 
 
 def _atoms(policy: Policy, shape: tuple[int, ...]) -> Edges:
-    """Between what fronts leave whole."""
+    """Return the edges of the blocks that fronts do not divide."""
     z, y, x = shape
     return uniform_edges((z, y, x), 1 if policy.refined else policy.unit)
 
 
 def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
-    """Bricks with bytes that have arrived as soon as they were launched, by target."""
+    """Count new flights whose brick was in the target's cache, by target."""
     new = launched.flights[len(before.flights) :]
-    back = [flight.target for flight in new if flight.stage == "held" and before.brick_bytes[flight.brick]]
-    return np.bincount(np.array(back, np.int64), minlength=before.owners.ranks)
+    targets = [flight.target for flight in new if flight.stage == "held" and before.brick_bytes[flight.brick]]
+    return np.bincount(np.array(targets, np.int64), minlength=before.owners.ranks)

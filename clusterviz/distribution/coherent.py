@@ -1,4 +1,4 @@
-"""The static coherent distribution: a tree by the bricks' cells, one leaf a rank, one partial image a leaf."""
+"""Static coherent distribution: a BSP tree with one leaf and one partial image for each rank."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from clusterviz.report.statistics import RankFrame
 
 
 class Coherent:
-    """Leaves stay as they are until a plan shows a brick that nobody holds.
+    """Static BSP tree by the number of visible cells; rebuilt when an unassigned brick becomes visible.
 
     Parameters
     ----------
-    ranks : how many there are
-    holding : what a rank may hold
+    ranks : number of ranks
+    budget : memory of a rank for bricks
     """
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
@@ -27,13 +27,13 @@ class Coherent:
         )
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece a leaf that shows something. Raises what `StaticAssignment.under` does."""
-        tree = self._tree.under(plan)
+        """Return one piece for each leaf with visible bricks. Raises as `StaticAssignment.update`."""
+        tree = self._tree.update(plan)
         return leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """The bricks of its leaf that could be seen when the tree was built."""
+        """Return the bricks of a rank's leaf that were visible when the tree was built."""
         return self._tree.holds(rank)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """Nothing: what is static does not follow the cost."""
+        """Do nothing: a static distribution ignores costs."""

@@ -1,7 +1,7 @@
-"""The contract of every distribution: which rank draws what in a frame, and what it must hold for that.
+"""Contract of distributions, which assign bricks to ranks.
 
-A distribution lasts from frame to frame. It decides from values that all ranks have alike, so that all decide alike
-without asking each other.
+A distribution is kept from frame to frame. It uses only values that are equal on all ranks, so that all ranks reach the
+same decisions without communication.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from clusterviz.report.statistics import RankFrame
 
 
 class Distribution(Protocol):
-    """How bricks are dealt to ranks."""
+    """Assignment of bricks to ranks, frame by frame."""
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """The pieces of a frame, from front to back: every brick that the plan shows is in one at each pixel."""
+        """Return the pieces of a frame, front to back; at each pixel, each visible brick is in exactly one."""
         ...
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """The bricks that a rank must have to draw its pieces of the last deal; others that it has may go."""
+        """Return the bricks that a rank must keep after the last `assign`; it may drop all others."""
         ...
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """After a frame: what it cost each rank."""
+        """Learn from the cost of a frame on each rank."""
         ...

@@ -1,7 +1,7 @@
-"""The dynamic distribution: bricks go from rank to rank until all take equally long, few bytes a frame.
+"""Dynamic distribution: bricks migrate until all ranks take equally long, a few bytes in each frame.
 
-What frames cost is learnt in samples, which are the same in every run. `clusterviz.balance` decides; here its values go
-from frame to frame.
+Cost is measured in samples, which are the same in every run. The balancer decides on moves; this module keeps its state
+from frame to frame, and limits the rate of migration.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.render.storage import slot_of
 from clusterviz.report.statistics import RankFrame
 
-EVEN_SHARES = 3  # that a rank may hold where no limit is given: its own bricks, others to come, and a cache
-BUDGET, JUMP_BUDGET = 1 / 20, 1 / 4  # of all bricks a frame, where none is given: in general, and far from even
-FAR_FROM_EVEN = 1.25  # busiest over mean
-HANDLED = ("bytes_raw", "bytes_opened")  # of what a rank tells of a frame
-UNIT = 8  # longest side of what moves as one, in bricks
+EVEN_SHARES = 3  # default memory limit in even shares: own bricks, arriving bricks and a cache
+BUDGET, JUMP_BUDGET = 1 / 20, 1 / 4  # default share of all bricks to send in a frame: usual, and at a large imbalance
+LARGE_IMBALANCE = 1.25  # busiest over mean
+HANDLED = ("bytes_raw", "bytes_opened")  # statistics keys of the bytes that a rank packed and unpacked
+UNIT = 8  # longest side of blocks that move whole, in bricks
 
 
 class Dynamic:
-    """Fronts follow the expected cost, and bricks the fronts.
+    """Fronts follow the expected cost, and bricks follow the fronts.
 
     Parameters
     ----------
-    ranks : how many there are
-    holding : what a rank may hold: thrice an even share where nothing is said
-    budget_bytes : of bricks that all ranks together may send in a frame; None: a share of all
-    share : of a frame's time that a rank may give to migration
+    ranks : number of ranks
+    budget : memory of a rank for bricks; without a limit, `EVEN_SHARES` even shares
+    budget_bytes : of bricks that all ranks together may send in a frame; None: a share of all bricks
+    share : of a frame's time that a rank may spend on migration, in (0, 1]; 1: any time
 
     Attributes
     ----------
-    share : the same
-    beginnings : how often bricks were dealt anew
-    planned_imbalance : busiest over mean of the last deal, as expected
-    planning_seconds : processor time of planning for the last deal where fronts should be, and what moves
+    migration_share : `share`
+    restarts : number of assignments from scratch
+    planned_imbalance : expected cost of the busiest rank over the mean, of the last assignment
+    planning_seconds : CPU time of planning fronts and moves for the last assignment
     """
 
     def __init__(self, ranks: int, budget: MemoryBudget, budget_bytes: int | None = None, share: float = WHOLE) -> None:
@@ -59,24 +59,24 @@ class Dynamic:
         self._wire = self._sizes
         self._policy, self._rate = Policy(0, 0), MigrationRate(share)
         self.migration_share = share
-        self.beginnings = 0
+        self.restarts = 0
         self.planned_imbalance = 1.0
         self.planning_seconds = 0.0
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece for each group of bricks that one rank draws whole; what shall fly during the frame is planned.
+        """Return the pieces of a frame, and plan the flights that start during it.
 
         Raises
         ------
         InputError
-            A share does not fit into the memory of a rank; the budget cannot carry a brick.
+            The bricks of a rank do not fit into its memory, or the budget is smaller than a brick.
         """
         model, self.planning_seconds = self._expected(plan), 0.0
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
             balance = self._begin(plan, model)
         elif model.any() and not self._planned and self._rate.may_plan:
             began = thread_time()
-            balance = plan_moves(self._balance, model, self._hurried(model), _eye(plan))
+            balance = plan_moves(self._balance, model, self._policy_for(model), _eye(plan))
             self.planning_seconds = thread_time() - began
         else:
             balance = skip(self._balance)
@@ -87,13 +87,13 @@ class Dynamic:
         return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """What it draws, has received and caches."""
+        """Return the bricks that a rank draws, has received or caches."""
         if self._balance is None:
             return frozenset()
         return frozenset(brick for brick in self._balance.migration.holds(rank) if self._sizes[brick])
 
     def depart(self) -> tuple[Flight, ...]:
-        """The bricks that shall be sent now; they count as sent."""
+        """Return the planned flights, and mark them as sent."""
         planned = self._planned
         if self._balance is not None:
             sent = dispatch(self._balance.migration, [flight.brick for flight in planned])
@@ -101,33 +101,33 @@ class Dynamic:
         return planned
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """What bricks cost, from what they cost together; and how fast they move."""
-        told = [rank.balance for rank in costs]
-        planning = [float(each.get("planning_seconds", 0)) for each in told]
+        """Learn the cost of bricks from the costs of ranks, and the rate of migration."""
+        counts = [rank.balance for rank in costs]
+        planning = [float(each.get("planning_seconds", 0)) for each in counts]
         work = [
             (float(each.get("seconds", 0)) - took, sum(map(each.get, HANDLED, (0, 0))))
-            for each, took in zip(told, planning, strict=True)
+            for each, took in zip(counts, planning, strict=True)
         ]
-        # Before a frame has ended, the time of drawing tells most of it.
+        # Before any frame has ended, the time of drawing is the best estimate.
         frame = max(float(rank.balance.get("frame_seconds") or rank.seconds.get("render", 0)) for rank in costs)
-        # All ranks plan the same: more than the least time is what others took of their cores.
+        # All ranks plan the same: the least time is the one least disturbed by other processes.
         self._rate = self._rate.after(frame, work, min(planning))
         if self._balance is not None:
             self._balance = learn(self._balance, self._expected(plan), rank_costs(costs), self._policy)
 
     def complete(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
-        """After a frame: these bricks have arrived, and those will not."""
+        """Record after a frame which bricks have arrived, and which were lost."""
         if self._balance is not None:
-            stayed = replace(self._balance, migration=withdraw(self._balance.migration, lost))
-            self._balance = complete(stayed, arrived)
+            without_lost = replace(self._balance, migration=withdraw(self._balance.migration, lost))
+            self._balance = complete(without_lost, arrived)
 
     def recalled(self, rank: int) -> int:
-        """How many bricks of the last deal a rank gets back from its own cache, and nobody has to send."""
+        """Return the number of bricks that the last assignment gave a rank from its own cache, without a message."""
         return int(self._balance.recalled[rank]) if self._balance else 0
 
     @property
     def planning_expected(self) -> float:
-        """Seconds that planning for the next deal should take; 0 where there is no time for any."""
+        """Expected seconds of planning for the next frame; 0 if it will not be planned."""
         return self._rate.planning if self._rate.may_plan else 0.0
 
     @property
@@ -136,15 +136,15 @@ class Dynamic:
         return tuple(flight for flight in flights if flight.stage == "planned")
 
     def _expected(self, plan: Plan) -> NDArray[np.float64]:
-        """What a plan should take: asked for when it is dealt, and when its costs are known."""
+        """Return the expected samples of each brick; cached, since `assign` and `learn` need the same."""
         if self._model is None or self._model[0] is not plan:
             self._model = plan, expected_samples(plan)
         return self._model[1]
 
     def _begin(self, plan: Plan, model: NDArray[np.float64]) -> Balance:
-        """A tree by what is expected, and by what is known from frames before bricks were dealt anew."""
+        """Assign all bricks from scratch, by the expected cost and what earlier frames have taught."""
         measured = self._balance.measured if self._balance else unmeasured(plan.layout.counts_zyx)
-        # Bricks that were shown once may be shown again.
+        # Bricks that were visible once may become visible again.
         sizes = self._sizes = np.maximum(self._sizes, self._budget.brick_bytes(plan))
         sent = slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.sample_bytes)
         wire = self._wire = np.where(sizes > 0, sent, 0)
@@ -160,26 +160,26 @@ class Dynamic:
             found, allowed = f"{self._budget_bytes} bytes", f"{wire.max()} bytes or more, which a brick takes"
             raise InputError("cannot carry one brick", where="cluster.migration_bytes", found=found, allowed=allowed)
         self._policy = Policy(self._share(BUDGET), limit, unit=UNIT, refined=True)
-        self.beginnings += 1
+        self.restarts += 1
         return replace(begin(cost, self._ranks, sizes, self._policy, _eye(plan), wire), measured=measured)
 
-    def _hurried(self, model: NDArray[np.float64]) -> Policy:
-        """More may be sent where the view or the cost has jumped: uneven frames cost more than messages."""
-        assert self._balance, "steering follows the first frame"
+    def _policy_for(self, model: NDArray[np.float64]) -> Policy:
+        """Return the policy of a frame: at a large imbalance more may be sent, since it costs more than messages."""
+        assert self._balance, "the first frame begins the balance"
         cost = predict(self._balance.measured, model, self._sizes > 0)
-        far = self._balance.migration.landed.imbalance(cost) > FAR_FROM_EVEN
-        budget, under_way = self._share(JUMP_BUDGET if far else BUDGET), self._under_way()
+        is_large = self._balance.migration.landed.imbalance(cost) > LARGE_IMBALANCE
+        budget, under_way = self._share(JUMP_BUDGET if is_large else BUDGET), self._under_way()
         affordable = self._rate.affordable_bytes(self._ranks, under_way, int(self._wire.max()))
         return replace(self._policy, budget_bytes=budget if affordable is None else min(budget, affordable))
 
     def _under_way(self) -> int:
-        """Bytes of bricks that have been sent, or shall be."""
-        assert self._balance, "something was planned"
+        """Bytes of bricks that are planned or sent and have not arrived."""
+        assert self._balance, "the first frame begins the balance"
         flights = self._balance.migration.flights
         return sum(int(self._wire[flight.brick]) for flight in flights if flight.stage != "held")
 
     def _share(self, share: float) -> int:
-        """Bytes a frame, at least a brick."""
+        """Return the budget of a frame in bytes: a share of all bricks, at least one brick."""
         return self._budget_bytes or max(int(self._wire.max()), int(share * int(self._wire.sum())))
 
 

@@ -1,6 +1,6 @@
-"""Bricks between ranks, as a value: who draws each brick, what is in flight, and what is cached.
+"""State of migration: the owner of each brick, bricks in flight, and cached bricks.
 
-A rank hands over a brick that has arrived only if the receiver does not become the busiest rank by it.
+A brick that has arrived is handed over only if its receiver does not become the busiest rank by it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Stage = Literal["planned", "sent", "held"]
 
 @dataclass(frozen=True)
 class Flight:
-    """A brick that changes hands."""
+    """Brick on its way from one rank to another."""
 
     brick: Index
     source: int
@@ -33,15 +33,15 @@ class Flight:
 
 @dataclass(frozen=True, eq=False)
 class Migration:
-    """What every rank holds.
+    """Bricks of every rank, and bricks in flight.
 
     Attributes
     ----------
-    owners : who draws what
-    brick_bytes : int64 (bz, by, bx), what holding a brick takes; 0 for those that need not be held
-    limit_bytes : of bricks a rank
-    flights : what is on its way, oldest first
-    cached : for each rank the bricks that it holds beside those it draws, the least recently drawn first
+    owners : that draw each brick
+    brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for those that need not be held
+    limit_bytes : of bricks that a rank may hold
+    flights : bricks on their way, oldest first
+    cached : for each rank the bricks that it holds but does not draw, the least recently drawn first
     """
 
     owners: Owners
@@ -52,15 +52,15 @@ class Migration:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """The bricks in flight, bool (bz, by, bx)."""
-        found = np.zeros(self.brick_bytes.shape, bool)
+        """Bricks in flight, bool (bz, by, bx)."""
+        moving = np.zeros(self.brick_bytes.shape, bool)
         for flight in self.flights:
-            found[flight.brick] = True
-        return found
+            moving[flight.brick] = True
+        return moving
 
     @property
     def landed(self) -> Owners:
-        """Who will draw what once everything has arrived."""
+        """Owners after all flights."""
         owner = self.owners.owner.copy()
         for flight in self.flights:
             owner[flight.brick] = flight.target
@@ -68,7 +68,7 @@ class Migration:
 
     @property
     def pinned_bytes(self) -> NDArray[np.int64]:
-        """What each rank draws and awaits, int64 (ranks,)."""
+        """Bytes of the bricks that each rank draws or awaits, int64 (ranks,)."""
         held = self.owners.sums(self.brick_bytes)
         for flight in self.flights:
             held[flight.target] += self.brick_bytes[flight.brick]
@@ -76,16 +76,16 @@ class Migration:
 
     @property
     def held_bytes(self) -> NDArray[np.int64]:
-        """What each rank draws, awaits and caches; never above the limit, int64 (ranks,)."""
+        """Bytes of the bricks that each rank draws, awaits or caches, int64 (ranks,); never above the limit."""
         return self.pinned_bytes + np.array([self._sum(bricks) for bricks in self.cached], np.int64)
 
     @property
     def free_bytes(self) -> NDArray[np.int64]:
-        """What each rank can give to further bricks, if it gives up its cache; int64 (ranks,)."""
+        """Bytes that each rank has for further bricks if it empties its cache, int64 (ranks,)."""
         return self.limit_bytes - self.pinned_bytes
 
     def holds(self, rank: int) -> set[Index]:
-        """The bricks whose voxels a rank has: what it draws, has received and caches. It may drop all others."""
+        """Return the bricks that a rank draws, has received or caches; it may drop all others."""
         drawn = {(int(z), int(y), int(x)) for z, y, x in self.owners.bricks(rank)}
         received = {flight.brick for flight in self.flights if flight.target == rank and flight.stage == "held"}
         return drawn | received | set(self.cached[rank])
@@ -95,12 +95,12 @@ class Migration:
 
 
 def settled(owners: Owners, brick_bytes: NDArray[np.int64], limit_bytes: int) -> Migration:
-    """Nothing in flight, nothing cached.
+    """Return a state without flights and with empty caches.
 
     Raises
     ------
     InputError
-        A rank's share is above the limit; `check_memory` says so in terms of ranks.
+        A rank's bricks exceed the limit; `check_memory` gives a message in terms of ranks.
     """
     start = Migration(owners, brick_bytes, limit_bytes, (), ((),) * owners.ranks)
     most = int(start.held_bytes.max())
@@ -110,12 +110,12 @@ def settled(owners: Owners, brick_bytes: NDArray[np.int64], limit_bytes: int) ->
 
 
 def launch(migration: Migration, moves: Iterable[Move]) -> Migration:
-    """Plan moves: room is made for them, the oldest of the caches giving way. What is cached at its target has arrived.
+    """Plan moves; the oldest bricks of caches are dropped for them. A brick that its target caches has arrived.
 
     Raises
     ------
     InputError
-        A brick is in flight already, is not its source's, or does not fit beside what its target draws and awaits.
+        A brick is in flight already, its source does not own it, or it does not fit into its target's memory.
     """
     moves = tuple(moves)
     busy = {flight.brick for flight in migration.flights}
@@ -132,22 +132,22 @@ def launch(migration: Migration, moves: Iterable[Move]) -> Migration:
         kept = move.brick in cached[move.target] or not migration.brick_bytes[move.brick]
         cached[move.target].pop(move.brick, None)
         flights.append(Flight(move.brick, move.source, move.target, "held" if kept else "planned"))
-    remains = tuple(_shrunk(migration, bricks, int(room)) for bricks, room in zip(cached, free, strict=True))
-    return replace(migration, flights=tuple(flights), cached=remains)
+    shrunk = tuple(_shrunk(migration, bricks, int(left)) for bricks, left in zip(cached, free, strict=True))
+    return replace(migration, flights=tuple(flights), cached=shrunk)
 
 
 def dispatch(migration: Migration, bricks: Collection[Index]) -> Migration:
-    """Messages with these planned bricks have been posted."""
+    """Record that planned bricks have been sent."""
     return _staged(migration, bricks, "planned", "sent")
 
 
 def arrive(migration: Migration, bricks: Collection[Index]) -> Migration:
-    """These sent bricks are whole at their targets, and all ranks know."""
+    """Record that sent bricks are complete at their targets, which all ranks know."""
     return _staged(migration, bricks, "sent", "held")
 
 
 def withdraw(migration: Migration, bricks: Collection[Index]) -> Migration:
-    """These bricks will not arrive: a damaged message, a changed mind. Their senders draw on.
+    """Cancel the flights of bricks, after a damaged message for example; their senders still draw them.
 
     Raises
     ------
@@ -159,11 +159,11 @@ def withdraw(migration: Migration, bricks: Collection[Index]) -> Migration:
 
 
 def switch(migration: Migration, bricks: Collection[Index] | None = None) -> Migration:
-    """From now on the targets of bricks that have arrived draw them; their senders keep them in their caches.
+    """Hand over bricks that have arrived to their targets; their senders keep them in their caches.
 
     Parameters
     ----------
-    bricks : which; all that have arrived where None
+    bricks : to hand over; None: all that have arrived
 
     Raises
     ------
@@ -171,37 +171,37 @@ def switch(migration: Migration, bricks: Collection[Index] | None = None) -> Mig
         One of them has not arrived.
     """
     held = {flight.brick for flight in migration.flights if flight.stage == "held"}
-    turned = held if bricks is None else set(bricks)
-    _check(migration, turned, held, "held")
+    switched = held if bricks is None else set(bricks)
+    _check(migration, switched, held, "held")
     owner = migration.owners.owner.copy()
     cached = [list(bricks) for bricks in migration.cached]
     for flight in migration.flights:
-        if flight.brick in turned:
+        if flight.brick in switched:
             owner[flight.brick] = flight.target
             if migration.brick_bytes[flight.brick]:
                 cached[flight.source].append(flight.brick)
     return replace(
         migration,
         owners=Owners(migration.owners.ranks, owner),
-        flights=tuple(flight for flight in migration.flights if flight.brick not in turned),
+        flights=tuple(flight for flight in migration.flights if flight.brick not in switched),
         cached=tuple(map(tuple, cached)),
     )
 
 
 def forget(migration: Migration) -> Migration:
-    """All caches empty: the voxels have changed."""
+    """Empty all caches, as after a change of the voxels."""
     return replace(migration, cached=((),) * migration.owners.ranks)
 
 
-def _shrunk(migration: Migration, bricks: dict[Index, None], room: int) -> tuple[Index, ...]:
-    """A cache without its oldest, so that it fits into a room."""
-    taken = sum(int(migration.brick_bytes[brick]) for brick in bricks)
-    remains = list(bricks)
+def _shrunk(migration: Migration, bricks: dict[Index, None], limit_bytes: int) -> tuple[Index, ...]:
+    """Drop the oldest bricks of a cache until it fits into a limit."""
+    size = sum(int(migration.brick_bytes[brick]) for brick in bricks)
+    cached = list(bricks)
     begin = 0
-    while taken > room:
-        taken -= int(migration.brick_bytes[remains[begin]])
+    while size > limit_bytes:
+        size -= int(migration.brick_bytes[cached[begin]])
         begin += 1
-    return tuple(remains[begin:])
+    return tuple(cached[begin:])
 
 
 def _staged(migration: Migration, bricks: Collection[Index], old: Stage, new: Stage) -> Migration:
@@ -212,15 +212,15 @@ def _staged(migration: Migration, bricks: Collection[Index], old: Stage, new: St
 
 
 def _check(migration: Migration, bricks: Collection[Index], known: set[Index], stage: str) -> None:
-    if strange := sorted(set(bricks) - known):
-        raise InputError(f"not {stage}", where=f"brick {strange[0]}", found=f"{len(migration.flights)} in flight")
+    if unknown := sorted(set(bricks) - known):
+        raise InputError(f"not {stage}", where=f"brick {unknown[0]}", found=f"{len(migration.flights)} in flight")
 
 
-UNEVEN = 1.02  # busiest over mean, up to which bricks change hands whoever has more then
+UNEVEN = 1.02  # imbalance up to which bricks are handed over in any case
 
 
 def hand_over(migration: Migration, cost: Costs) -> Migration:
-    """As many of the bricks that have arrived, the oldest flights first, as leave the busiest rank with no more.
+    """Hand over arrived bricks, the oldest flights first, as many as do not raise the cost of the busiest rank.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def hand_over(migration: Migration, cost: Costs) -> Migration:
 
     Returns
     -------
-    migration : all have changed hands if nothing else is in flight, so none waits for ever
+    migration : with all bricks handed over if no other flight is under way, so that none waits forever
     """
     held = [flight for flight in migration.flights if flight.stage == "held"]
     if len(held) == len(migration.flights):

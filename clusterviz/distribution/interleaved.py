@@ -1,4 +1,4 @@
-"""The static interleaved distribution: blocks of bricks dealt round robin, so that a dear region is dear for all."""
+"""Static interleaved distribution: blocks of bricks, round robin, so that all ranks share an expensive region."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
 
-BLOCKS_A_RANK = 8  # at least: few leave ranks uneven, many make many images
+BLOCKS_A_RANK = 8  # at least: fewer balance worse, more make more partial images
 
 
 class Interleaved:
-    """Blocks stay where they are until a plan shows a brick that nobody holds.
+    """Static assignment of blocks, recomputed when an unassigned brick becomes visible.
 
     Parameters
     ----------
-    ranks : how many there are
-    holding : what a rank may hold
+    ranks : number of ranks
+    budget : memory of a rank for bricks
     """
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
         self._owners = StaticAssignment[Owners](
-            ranks, budget, _dealt, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
+            ranks, budget, _interleave, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
         )
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece for each group of blocks that can be drawn whole. Raises what `StaticAssignment.under` does."""
-        owners = self._owners.under(plan)
+        """Return one piece for each group of blocks that can be drawn whole. Raises as `StaticAssignment.update`."""
+        owners = self._owners.update(plan)
         return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """The bricks of its blocks that could be seen when they were dealt."""
+        """Return the bricks of a rank's blocks that were visible when they were assigned."""
         return self._owners.holds(rank)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """Nothing: what is static does not follow the cost."""
+        """Do nothing: a static distribution ignores costs."""
 
 
-def _dealt(cost: Costs, ranks: int) -> Owners:
-    """The largest blocks of which every rank has enough."""
+def _interleave(cost: Costs, ranks: int) -> Owners:
+    """Assign blocks, as large as leave each rank `BLOCKS_A_RANK`."""
     block, drawn = 1, np.argwhere(cost > 0)
     while len(np.unique(drawn // (2 * block), axis=0)) >= BLOCKS_A_RANK * ranks:
         block *= 2

@@ -1,7 +1,7 @@
-"""From what ranks measured to what bricks should cost next: the first half of balancing, a value from frame to frame.
+"""Measured cost: from the costs of ranks to the expected cost of bricks in the next frame.
 
-What is kept is not a cost but a factor for each brick: measured over expected. The expectation knows the camera, and
-the factor what the camera does not change, such as how much of a brick is empty: so a jump of the camera costs little.
+For each brick a factor is kept: measured cost over modelled cost. The model depends on the camera. The factor covers
+what does not, such as the empty part of a brick, so it stays valid when the camera jumps.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.report.statistics import RankFrame
 
 Kind = Literal["samples", "seconds"]
-LEAST = 1e-3  # of what is expected, for a rank or a brick: what costs nothing now may come into view in the next frame
-FRAMES = 16  # that are remembered: with other owners each tells something else of the same bricks
-SWEEPS = 3  # over them a frame
-SMOOTH = 6  # corrections pass over from rank to rank within this share of the volume's sides, to both sides of a plane
+LEAST = 1e-3  # least cost of a rank or brick, relative to the expected: it may come into view in the next frame
+FRAMES = 16  # remembered frames: with different owners, each gives another equation for the same bricks
+SWEEPS = 3  # over these frames, in each frame
+SMOOTH = 6  # corrections are smoothed over 1/6 of the volume's sides, in both directions
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What one frame told.
+    """Measurement of one frame.
 
     Attributes
     ----------
-    party : int64 (bz, by, bx), who drew each brick, counted from 1; 0 where it was out of view
-    model : float64 (bz, by, bx), what it was expected to cost; 0 there
-    costs : float64 (ranks,), what it cost each rank
+    owner : int64 (bz, by, bx), rank that drew each brick, counted from 1; 0 for bricks out of view
+    model : float64 (bz, by, bx), modelled cost of each brick; 0 for bricks out of view
+    costs : float64 (ranks,), measured cost of each rank
     """
 
-    party: NDArray[np.int64]
+    owner: NDArray[np.int64]
     model: Costs
     costs: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What was learnt of each brick.
+    """Cost factors of the bricks.
 
     Attributes
     ----------
-    factor : float64 (bz, by, bx), measured over expected, up to a common factor
-    frames : of which it was learnt, the last ones that cost anything
+    factor : float64 (bz, by, bx), measured cost over modelled cost, up to a common factor
+    frames : that were measured, the last `FRAMES` with any cost
     """
 
     factor: NDArray[np.float64]
@@ -56,14 +56,14 @@ class Measured:
 
 
 def unmeasured(shape_zyx: tuple[int, int, int]) -> Measured:
-    """Before the first frame: bricks cost what the model says."""
+    """Return factors of 1, as before the first frame."""
     return Measured(np.ones(shape_zyx))
 
 
 def rank_costs(per_rank: Sequence[RankFrame], by: Kind = "samples") -> NDArray[np.float64]:
-    """What a frame cost each rank, float64 (ranks,): samples, or seconds of rendering.
+    """Return the cost of a frame on each rank, float64 (ranks,): samples, or seconds of rendering.
 
-    Samples are the same in every run, and blind to slow GPUs; seconds know these, and whatever else the node does.
+    Samples are the same in every run, but ignore slow GPUs. Seconds include these, and the load by other processes.
     """
     if by == "samples":
         return np.array([rank.samples for rank in per_rank], np.float64)
@@ -73,29 +73,28 @@ def rank_costs(per_rank: Sequence[RankFrame], by: Kind = "samples") -> NDArray[n
 def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.float64], damping: float = 0.0) -> Measured:
     """Learn from one frame.
 
-    A rank's cost is spread over its bricks as the model and the past have it: the factors of all its bricks are
-    multiplied by measured over expected. Costs seldom jump at the planes of a tree, so these ratios first pass over
-    smoothly from rank to rank; then the sums of the last frames are made right, one frame after the other, the newest
-    last. So bricks that have changed hands are told apart. Nothing is learnt of bricks out of view, and of frames
-    that cost nothing.
+    The factors of a rank's bricks are multiplied by the rank's measured cost over its expected cost. Cost seldom jumps
+    at the planes of a tree, so these ratios are first smoothed across ranks. Then the sums of the remembered frames are
+    corrected frame by frame, the newest last. This separates bricks whose owner has changed. Factors of bricks out of
+    view stay, and frames without cost are ignored.
 
     Parameters
     ----------
-    past : of the frames before
-    model : float64 (bz, by, bx), expected in this frame, such as `expected_samples`
-    owners : who drew what
-    costs : float64 (ranks,), as of `rank_costs`
-    damping : the weight of the past, 0 … below 1: 0 for samples, which are exact; above for seconds, which are not
+    past : factors by the frames before
+    model : float64 (bz, by, bx), modelled cost in this frame, such as `expected_samples`
+    owners : that drew the bricks
+    costs : float64 (ranks,), as `rank_costs` returns them
+    damping : weight of the past, in [0, 1): 0 for samples, which are exact; above for seconds, which are not
 
     Raises
     ------
     InputError
-        Costs of another number of ranks, negative or not finite ones, an impossible damping.
+        Costs of another number of ranks, negative or infinite costs, or a damping outside [0, 1).
 
     References
     ----------
     R. Gordon, R. Bender, G. Herman: Algebraic reconstruction techniques, Journal of Theoretical Biology 29, 1970 (the
-    multiplicative form: the ranks of a frame are what the rays of a view are there).
+    multiplicative form, with the ranks of a frame in place of the rays of a view).
     """
     if costs.shape != (owners.ranks,) or not (np.isfinite(costs).all() and (costs >= 0).all()):
         raise InputError("not a cost a rank", where="costs", found=costs.tolist(), allowed=f"{owners.ranks} of ≥ 0")
@@ -118,17 +117,17 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
 
 
 def predict(measured: Measured, model: Costs, shown: NDArray[np.bool_]) -> Costs:
-    """What each brick should cost in the frame of a model.
+    """Return the expected cost of each brick in a frame.
 
     Parameters
     ----------
-    model : float64 (bz, by, bx), expected in that frame
-    shown : bool (bz, by, bx), bricks that have something to show
+    model : float64 (bz, by, bx), modelled cost in that frame
+    shown : bool (bz, by, bx), visible bricks
 
     Returns
     -------
-    cost : float64 (bz, by, bx); above 0 exactly where `shown`, also out of view: a brick that costs nothing now may
-        come into view, and who has it shall be well spread
+    cost : float64 (bz, by, bx); above 0 exactly where `shown`, also out of view: such bricks may come into view, so
+        they are spread over the ranks too
     """
     cost = model * measured.factor
     mean = float(cost[shown].mean()) if shown.any() else 0.0
@@ -136,21 +135,21 @@ def predict(measured: Measured, model: Costs, shown: NDArray[np.bool_]) -> Costs
 
 
 def _ratio(frame: Frame, factor: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Measured over expected of each brick's rank; 1 for bricks that nobody drew; None where nothing cost anything."""
-    # Many frames are gone through each frame, of few bricks: what counts is how many arrays are made.
-    expected = np.bincount(frame.party.ravel(), (frame.model * factor).ravel(), minlength=len(frame.costs) + 1)[1:]
+    """Measured over expected cost of each brick's rank; 1 for bricks not drawn; None for a frame without cost."""
+    # Called for many frames with few bricks: the number of arrays determines the time.
+    expected = np.bincount(frame.owner.ravel(), (frame.model * factor).ravel(), minlength=len(frame.costs) + 1)[1:]
     counts = expected > 0
     total = float(frame.costs @ counts)
     if total <= 0:
         return None
     ratio = np.ones(len(expected) + 1)
-    # In units of the frame's own mean, so that a slow frame does not look like dear bricks.
+    # In units of the frame's own mean, so that a slow frame does not make its bricks expensive.
     np.divide(frame.costs * (float(expected.sum()) / total), expected, out=ratio[1:], where=counts)
-    return np.maximum(LEAST, ratio)[frame.party]
+    return np.maximum(LEAST, ratio)[frame.owner]
 
 
 def _smooth(field: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over boxes that reach a share of the volume's sides to both sides, twice, which is nearly a Gaussian."""
+    """Smooth by two box filters, nearly a Gaussian, that reach 1/`SMOOTH` of the volume's sides in each direction."""
     for axis, bricks in enumerate(field.shape):
         reach = bricks // SMOOTH
         for _ in range(2):

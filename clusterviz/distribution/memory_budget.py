@@ -1,8 +1,7 @@
 """Memory that each rank may use for bricks, and the check that its bricks fit.
 
-A brick's size is counted as the renderer stores it: OpenGL keeps packed words or texels, the CPU ray caster one word a
-voxel. All ranks decide before bricks are loaded. Where ranks draw by different means, a brick counts with its largest
-size.
+The size of a brick is that of its storage in the renderer: OpenGL keeps packed words or texels, the CPU ray caster one
+word a voxel. If ranks use different renderers, the larger size counts. All ranks decide before bricks are loaded.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], lim
 
     Parameters
     ----------
-    shares : of the distribution
-    ranks : how many there are
+    shares : bytes of bricks on each rank, for a number of ranks
+    ranks : number of ranks
     brick_bytes : int64 (bz, by, bx), 0 for bricks that are not held
-    limit_bytes : of bricks a rank; None: any
+    limit_bytes : of bricks a rank; None: no limit
 
     Raises
     ------
     InputError
-        It names the largest share, and a number of ranks that would do, if any does.
+        Names the largest share, and a sufficient number of ranks, if any.
     """
     if limit_bytes is None:
         return
@@ -61,10 +60,14 @@ def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], lim
 
 
 def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], limit_bytes: int) -> int | None:
-    """A number of ranks above one that fails, with which every share fits; None where none was found.
+    """Find a number of ranks for which every share fits; None if there is none up to the number of bricks.
 
-    Doubled until it fits, then halved down: the answer was tried. Shares need not fall with every single rank more, so
-    a smaller number might do as well. More ranks than bricks do not help.
+    The number is doubled until the shares fit, then bisected. Shares need not fall with each further rank, so a smaller
+    number may fit as well.
+
+    Parameters
+    ----------
+    above : number of ranks that is too small
     """
     bricks = int(np.count_nonzero(brick_bytes))
     fails, fits = above, max(above + 1, -(-int(brick_bytes.sum()) // max(1, limit_bytes)))
@@ -83,37 +86,37 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """The same on every rank; what draws is not asked where nothing is limited.
+    """Memory budget, the same on every rank; without a limit the renderers do not matter.
 
     Attributes
     ----------
-    limit_bytes : of bricks that a rank may hold; None: any
-    on_processor : some rank draws without OpenGL what it can
-    by_opengl : some rank draws all by OpenGL
+    limit_bytes : of bricks that a rank may hold; None: no limit
+    on_cpu : some rank prefers the CPU ray caster
+    by_opengl : some rank draws everything by OpenGL
     """
 
     limit_bytes: int | None = None
-    on_processor: bool = False
+    on_cpu: bool = False
     by_opengl: bool = True
 
     def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
-        """Memory that each brick takes, int64 (bz, by, bx); 0 for those that have nothing to show."""
+        """Return the size of each brick in bytes, int64 (bz, by, bx); 0 for bricks that are not visible."""
         from clusterviz.render.cpu.kernel import can_draw
 
-        laid_out = self.on_processor and can_draw(plan)
-        found = laid_out_bytes(plan) if laid_out else np.zeros(plan.cost.shape, np.int64)
-        if self.by_opengl or not laid_out:
-            found = np.maximum(found, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
-        return np.where(plan.cost > 0, found, 0)
+        on_cpu = self.on_cpu and can_draw(plan)
+        sizes = cpu_bytes(plan) if on_cpu else np.zeros(plan.cost.shape, np.int64)
+        if self.by_opengl or not on_cpu:
+            sizes = np.maximum(sizes, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
+        return np.where(plan.cost > 0, sizes, 0)
 
 
 def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryBudget:
-    """What a scene allows; collective.
+    """Return the memory budget of a scene; collective.
 
     Parameters
     ----------
-    shares_screen : whether ranks may share the screen, for which there is always a limit: the smallest share of free
-        memory where the scene names none
+    shares_screen : True if ranks may share the screen; then a scene without a limit gets one: the smallest share of
+        free memory of any rank
     """
     limit = cluster.memory_limit
     if limit is None and shares_screen:
@@ -125,19 +128,19 @@ def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryB
     return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)))
 
 
-def laid_out_bytes(plan: Plan) -> NDArray[np.int64]:
-    """Memory that bricks take where the processor draws, int64 (bz, by, bx)."""
+def cpu_bytes(plan: Plan) -> NDArray[np.int64]:
+    """Return the size of each brick in the CPU ray caster, in bytes, int64 (bz, by, bx)."""
     slot = slot_of(plan)
     if plan.multi_volume is None:
-        return slot.counted(plan.layout.counts_zyx, _laid_out)
-    found = np.zeros(plan.cost.shape, np.int64)
-    for part, room in zip(plan.multi_volume.volume_layers, slot.parts, strict=True):
-        # Of a volume that a brick does not meet it holds nothing.
-        found += np.where(part.cut.bricks_met(), _laid_out(room), 0)
-    return found
+        return slot.counted(plan.layout.counts_zyx, _slot_bytes)
+    sizes = np.zeros(plan.cost.shape, np.int64)
+    for layer, part in zip(plan.multi_volume.volume_layers, slot.parts, strict=True):
+        # A brick holds only samples of the volumes that it meets.
+        sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
+    return sizes
 
 
-def _laid_out(slot: Slot) -> int:
+def _slot_bytes(slot: Slot) -> int:
     from clusterviz.render.cpu.memory import VOXEL_BYTES, words_of
 
     return VOXEL_BYTES * words_of(slot)

@@ -1,9 +1,8 @@
-"""How many bytes of bricks may be under way, and how often that is planned: as a share of the frames' time carries.
+"""Rate of migration: bytes of bricks that may be in flight, and frames between plans, by a share of the frames' time.
 
-What limits the time of a frame is decided on each rank, which stops to pack in the middle of a brick
-(`migration/time_budget.py`). Here the plans keep up with that: where bricks come slowly few are planned, so that plans
-do not grow old. Planning takes of the same share: where frames are short, not every one is planned for. All ranks are
-told the same numbers, and so plan alike.
+Each rank limits its own time in a frame, and may stop in the middle of a brick (`TimeBudget`). This module adapts the
+plans: if bricks arrive slowly, few are planned, so that plans do not become outdated. Planning takes time of the same
+share, so with short frames not every frame is planned. All ranks use the same numbers and reach the same plans.
 """
 
 from __future__ import annotations
@@ -11,25 +10,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-FRAMES_AHEAD = 4  # that what is under way should take, at most
-GUESS = 1e8  # bytes a second, before any was measured: what is planned shall not wait for that
-MEMORY = 0.8  # weight of what was measured before
-PLANNING = 0.5  # of the share, at most: the rest is for what was planned
-WHOLE = 1.0  # a share by which nothing is limited
+FRAMES_AHEAD = 4  # frames that bricks in flight should need at most
+GUESS = 1e8  # bytes a second, before the first measurement
+MEMORY = 0.8  # weight of earlier measurements
+PLANNING = 0.5  # largest part of the share for planning; the rest is for transfers
+WHOLE = 1.0  # share without any limit
 
 
 @dataclass(frozen=True)
 class MigrationRate:
-    """What a frame's time carries.
+    """Measured rate of migration.
 
     Attributes
     ----------
-    share : of a frame's time that each rank may give to migration; 1: any
-    frame_seconds : that frames take; 0 where that is not known
-    seconds, bytes : what bricks took, and what of them was packed and opened, summed over ranks and frames, older ones
-        less
-    planning : seconds that planning where bricks go takes once; 0 where that is not known
-    saved : seconds for planning that frames have left
+    share : of a frame's time that each rank may spend on migration; 1: no limit
+    frame_seconds : mean time of frames; 0 if unknown
+    seconds, bytes : time of migration, and bytes packed and unpacked in it; sums over ranks and frames in which older
+        frames count less
+    planning : seconds that one plan takes; 0 if unknown
+    saved : unused seconds for planning
     """
 
     share: float
@@ -41,55 +40,55 @@ class MigrationRate:
 
     @property
     def may_plan(self) -> bool:
-        """Whether there is time to plan for the next frame."""
+        """True if there is time to plan for the next frame."""
         return self.share >= WHOLE or self.saved >= self.planning
 
     def after(self, frame_seconds: float, work: Iterable[tuple[float, int]], planning: float = 0.0) -> MigrationRate:
-        """What is known after another frame.
+        """Return the rate after another frame.
 
         Parameters
         ----------
-        frame_seconds : that it took the slowest rank; 0 where nobody knows
-        work : of each rank the seconds of its work on bricks, and the bytes that it packed and opened
-        planning : seconds that planning for it took, the same on all ranks; 0 where nothing was planned
+        frame_seconds : of the slowest rank; 0 if unknown
+        work : of each rank the seconds of migration, and the bytes that it packed and unpacked
+        planning : seconds of planning for this frame, the same on all ranks; 0 if nothing was planned
         """
         seconds, handled = self.seconds, self.bytes
         for took, size in work:
-            # Ranks that only looked for messages tell nothing of bytes.
+            # Ranks that only tested for messages do not count.
             seconds, handled = (seconds + took, handled + size) if size else (seconds, handled)
         known = MEMORY * self.frame_seconds + (1 - MEMORY) * frame_seconds if self.frame_seconds else frame_seconds
         limited = replace(self, frame_seconds=known, seconds=MEMORY * seconds, bytes=MEMORY * handled)
         return limited._planned(planning, PLANNING * self.share * frame_seconds)
 
     def affordable_bytes(self, ranks: int, under_way: int, largest: int) -> int | None:
-        """Bytes that all ranks together may start to send in a frame; None: any.
+        """Return the bytes that all ranks together may start to send in a frame; None: no limit.
 
         Parameters
         ----------
-        under_way : bytes that were planned before and have not arrived
-        largest : brick, in bytes: one at least may go where nothing else is under way
+        under_way : bytes of bricks that are planned or sent and have not arrived
+        largest : bytes of the largest brick, which is allowed if nothing else is under way
 
         Returns
         -------
-        allowed : 0, or enough for any brick
+        allowed : 0, or at least `largest`
         """
         if self.share >= WHOLE:
             return None
-        # Each byte is packed by one rank and opened by another.
+        # Each byte is packed by one rank and unpacked by another.
         rate = self.bytes / self.seconds if self.seconds else GUESS
         slice_seconds = self.share * self.frame_seconds
         slice_seconds -= min(self.planning, PLANNING * slice_seconds)
-        room = int(FRAMES_AHEAD * slice_seconds * rate * ranks / 2) - under_way
-        if room >= largest:
-            return room
+        allowed = int(FRAMES_AHEAD * slice_seconds * rate * ranks / 2) - under_way
+        if allowed >= largest:
+            return allowed
         return 0 if under_way else largest
 
     def _planned(self, took: float, left: float) -> MigrationRate:
-        """After a frame whose plan took so long, if there was one, and which has left so much for another."""
+        """Return the rate after a frame whose plan took `took` seconds, 0 without a plan, and left `left` seconds."""
         once = self.planning
         if took:
-            # Others on the same cores only make times longer.
+            # Other processes only lengthen times, so short times count more.
             once = min(took, (took + once) / 2, 2 * once) if once else took
         saved = max(0.0, self.saved - once) if took else self.saved
-        # What is left over counts, so that two plans may come in three frames.
+        # Unused time is saved, so that two of three frames may be planned.
         return replace(self, planning=once, saved=min(2 * once, saved + left))

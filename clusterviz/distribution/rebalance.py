@@ -1,4 +1,4 @@
-"""Which bricks change hands in this frame: the second half of balancing, pure, and the same on every rank."""
+"""Choice of the bricks that move in a frame: a pure function, the same on every rank."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from clusterviz.partition.tree import Index
 
 @dataclass(frozen=True)
 class Move:
-    """A brick that shall change hands; `wire_bytes` is 0 where the target has it already."""
+    """Planned move of a brick; `wire_bytes` is 0 if the target has it already."""
 
     brick: Index
     source: int
@@ -25,15 +25,15 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where bricks should be, and what it takes.
+    """Wanted owners of the bricks, with costs and sizes.
 
     Attributes
     ----------
-    target : who should draw what; bricks that are nobody's here or in the present stay as they are
-    cost : float64 (bz, by, bx), expected
-    wire_bytes : int64 (bz, by, bx): what sending each brick to its target takes, 0 where that has it
-    held_bytes : int64 (bz, by, bx): the memory that it takes there
-    unit : int64 (bz, by, bx), as of `units`: bricks with the same number move together if they go the same way
+    target : wanted owners; bricks without an owner, here or at present, stay
+    cost : float64 (bz, by, bx), expected cost
+    wire_bytes : int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
+    held_bytes : int64 (bz, by, bx), size in the target's memory
+    unit : int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
     """
 
     target: Owners
@@ -50,28 +50,28 @@ def rebalance(
     budget_bytes: int,
     moving: NDArray[np.bool_] | None = None,
 ) -> tuple[Move, ...]:
-    """The moves of one frame, of most gain a byte first.
+    """Choose the moves of one frame, by gain a byte.
 
-    Gain is the fall of the sum of squares of the ranks' costs. A unit goes before another if it gains more a byte with
-    all moves before it made; moves that gain nothing now, but must be made for others to gain later, come last.
+    The gain of a move is the decrease of the sum of squares of the ranks' costs, after all moves chosen before it.
+    Moves without a gain, which may enable others later, come last.
 
     Parameters
     ----------
-    present : who draws what once all bricks in flight have landed
-    wish : where bricks should be
-    free_bytes : int64 (ranks,): memory that each rank can still give to bricks
-    budget_bytes : that all ranks together may send in a frame; 0: nothing now, only what targets have already goes
-    moving : bool (bz, by, bx), bricks that must stay where they are, as they are in flight
+    present : owners after all flights
+    goal : wanted owners
+    free_bytes : int64 (ranks,), free memory of each rank
+    budget_bytes : that all ranks together may send in a frame; 0: only bricks that their targets have already
+    moving : bool (bz, by, bx), bricks in flight, which must not move
 
     Returns
     -------
-    moves : each brick at most once; at most `budget_bytes` on the wire, at most `free_bytes` into each rank. Made all
-        or in part they leave every brick with one rank. Empty where everything is as wished, or nothing fits
+    moves : each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank; empty if
+        the goal is reached or nothing fits
 
     Raises
     ------
     InputError
-        The budget cannot carry a single brick of those that should move, so nothing would ever move.
+        The budget is smaller than every brick that should move, so nothing would ever move.
     """
     goes = (present.owner != goal.target.owner) & (present.owner != UNASSIGNED) & (goal.target.owner != UNASSIGNED)
     bricks = np.argwhere(goes & ~moving if moving is not None else goes)
@@ -95,16 +95,16 @@ def rebalance(
 
 
 def _of_batches(batches: _Batches, chosen: list[int]) -> NDArray[np.int64]:
-    """The bricks of parcels, those of the first before those of the second."""
-    turn = np.full(len(batches.cost), len(chosen))
-    turn[chosen] = np.arange(len(chosen))
-    by_turn = np.argsort(turn[batches.members], kind="stable")
-    return by_turn[: int(np.count_nonzero(turn[batches.members] < len(chosen)))]
+    """Return the bricks of the chosen batches, in the order of these."""
+    rank = np.full(len(batches.cost), len(chosen))
+    rank[chosen] = np.arange(len(chosen))
+    by_rank = np.argsort(rank[batches.members], kind="stable")
+    return by_rank[: int(np.count_nonzero(rank[batches.members] < len(chosen)))]
 
 
 @dataclass(frozen=True, eq=False)
 class _Batches:
-    """Units by their way: `members` is the parcel of each brick; all else is a number a parcel."""
+    """Bricks that move together; `members` (bricks,) is the batch of each brick, all else is (batches,)."""
 
     members: NDArray[np.int64]
     source: NDArray[np.int64]
@@ -117,12 +117,12 @@ class _Batches:
 def _batches(present: Owners, goal: Goal, bricks: NDArray[np.int64], budget_bytes: int) -> _Batches:
     at = tuple(bricks.T)
     source, target = present.owner[at].astype(np.int64), goal.target.owner[at].astype(np.int64)
-    way = (goal.unit[at] * present.ranks + source) * present.ranks + target
-    _, first, members = np.unique(way, return_index=True, return_inverse=True)
+    key = (goal.unit[at] * present.ranks + source) * present.ranks + target
+    _, first, members = np.unique(key, return_index=True, return_inverse=True)
     members = members.reshape(-1)
     wire = np.bincount(members, goal.wire_bytes[at]).astype(np.int64)
     if (wire > budget_bytes).any():
-        # A unit that no frame can carry goes brick by brick.
+        # A unit that exceeds the budget moves brick by brick.
         alone = (wire > budget_bytes)[members]
         _, first, members = np.unique(
             np.where(alone, len(first) + np.arange(len(bricks)), members), return_index=True, return_inverse=True
@@ -138,12 +138,12 @@ def _batches(present: Owners, goal: Goal, bricks: NDArray[np.int64], budget_byte
 def _choose(
     batches: _Batches, loads: NDArray[np.float64], free_bytes: NDArray[np.int64], budget_bytes: int
 ) -> list[int]:
-    """The parcels that go, in order: the best of those that are first in the queue of their way."""
+    """Choose batches greedily: each time the best head of the queues, one queue for each source and target."""
     loads, free = loads.copy(), free_bytes.copy()
     wire = np.maximum(batches.wire, 1)
-    way = batches.source * len(loads) + batches.target
-    queue = np.lexsort((-batches.cost / wire, way))
-    heads = np.flatnonzero(np.diff(way[queue], prepend=-1))
+    route = batches.source * len(loads) + batches.target
+    queue = np.lexsort((-batches.cost / wire, route))
+    heads = np.flatnonzero(np.diff(route[queue], prepend=-1))
     ends = np.append(heads[1:], len(queue))
     chosen: list[int] = []
     while len(heads):
@@ -153,7 +153,7 @@ def _choose(
         if fits.any():
             source, target, cost = batches.source[first], batches.target[first], batches.cost[first]
             gain = cost * (loads[source] - loads[target] - cost)
-            # What must be made without a gain comes last, the least loss first.
+            # Batches without a gain come last, the least loss first.
             a_byte = np.where(gain > 0, gain / wire[first], gain)
             best = int(np.argmax(np.where(fits, a_byte, -np.inf)))
             chosen.append(int(first[best]))

@@ -1,6 +1,6 @@
-"""The static replicated distribution: every brick on several ranks, and who of them draws it follows the cost.
+"""Static replicated distribution: several ranks hold each brick, and the cost decides which of them draws it.
 
-What bricks should cost is what the camera is expected to take in them, times what the frames before took of that.
+The cost of a brick is the expected number of samples times the factor measured in earlier frames.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from clusterviz.report.statistics import RankFrame
 
 
 class Replicated:
-    """Bricks stay where they are until a plan shows one that nobody holds.
+    """Static replicas, recomputed when an unassigned brick becomes visible.
 
     Parameters
     ----------
-    ranks : how many there are
-    copies : ranks that hold each brick; no more than there are
-    holding : what a rank may hold
+    ranks : number of ranks
+    copies : ranks that hold each brick, at most `ranks`
+    budget : memory of a rank for bricks
     """
 
     def __init__(self, ranks: int, copies: int, budget: MemoryBudget) -> None:
-        def dealt(cost: Costs, among: int) -> Replicas:
-            return replicate(build_tree(cost, among), min(copies, among))
+        def assign(cost: Costs, count: int) -> Replicas:
+            return replicate(build_tree(cost, count), min(copies, count))
 
-        self._held = StaticAssignment[Replicas](ranks, budget, dealt, Replicas.sums, _bricks)
+        self._held = StaticAssignment[Replicas](ranks, budget, assign, Replicas.sums, _bricks)
         self._replicas: Replicas | None = None
         self._measured = unmeasured((1, 1, 1))
         self._owners: Owners | None = None
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """A piece for each group of bricks that one rank draws whole. Raises what `StaticAssignment.under` does."""
-        before, self._replicas = self._replicas, self._held.under(plan)
+        """Return one piece for each group of bricks that can be drawn whole. Raises as `StaticAssignment.update`."""
+        before, self._replicas = self._replicas, self._held.update(plan)
         if self._replicas is not before:
             self._measured = unmeasured(self._replicas.home.shape_zyx)
         expected = predict(self._measured, expected_samples(plan), plan.cost > 0)
@@ -50,15 +50,15 @@ class Replicated:
         return owner_pieces(self._owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """Its copies of bricks that could be seen when they were dealt."""
+        """Return a rank's replicas of bricks that were visible when they were assigned."""
         return self._held.holds(rank)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """What bricks cost, from what they cost together."""
+        """Learn the cost of bricks from the costs of ranks."""
         if self._owners is not None:
             self._measured = measure(self._measured, expected_samples(plan), self._owners, rank_costs(costs))
 
 
 def _bricks(replicas: Replicas, rank: int, cost: Costs) -> NDArray[np.int64]:
-    """The bricks of a rank that somebody needs."""
+    """Return the visible bricks of a rank."""
     return np.argwhere(replicas.holds(rank) & (cost > 0))

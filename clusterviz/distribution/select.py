@@ -1,4 +1,4 @@
-"""What a scene's section `cluster` says of who draws what, and what it leaves open."""
+"""Selection of the distribution by the section `cluster` of a scene."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from clusterviz.scene.values import Cluster, Scene
 
 
 def candidates(ranks: int) -> list[int]:
-    """Numbers of groups worth a look, ascending: groups of about 1, 2, 3, 4, 6, 8, 12 … ranks, and one of all."""
+    """Return numbers of groups to compare, ascending: groups of about 1, 2, 3, 4, 6, 8, 12 … ranks, and one of all."""
     sizes = [size for power in range(ranks.bit_length()) for size in (2**power, 3 * 2**power) if size < ranks]
     return sorted({1, *(ranks // size for size in sizes), *(-(-ranks // size) for size in sizes)})
 
 
 def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
-    """How many groups may share the screen, ascending; more than one number where the scene leaves it open.
+    """Return the allowed numbers of groups, ascending; a single one if the scene names it.
 
     Parameters
     ----------
-    several : whether more than one frame may come
+    several : True if more than one frame may come
 
     Raises
     ------
@@ -46,11 +46,11 @@ def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
 
 
 def distribution_of(cluster: Cluster, ranks: int, groups: int, budget: MemoryBudget, several: bool) -> Distribution:
-    """Who draws what, where a number of groups share the screen.
+    """Make the distribution of a scene for a number of groups that share the screen.
 
     Parameters
     ----------
-    holding : what every rank may hold; sort-last keeps to what the scene says of that
+    budget : memory of a rank for bricks; sort-last uses the limit of the scene instead of `limit_bytes`
     """
     if groups == 1 and cluster.mode in ("auto", "sort-last"):
         return _of_data(cluster, ranks, replace(budget, limit_bytes=cluster.memory_limit))
@@ -59,21 +59,21 @@ def distribution_of(cluster: Cluster, ranks: int, groups: int, budget: MemoryBud
 
 
 def sharing_of(distribution: Distribution, forecasts: tuple[Forecast, ...]) -> Sharing:
-    """What was chosen, and by what."""
+    """Return the mode and the number of groups of a distribution, with the forecasts that led to them."""
     if isinstance(distribution, SortFirst):
         return Sharing(distribution.mode, len(distribution.groups), forecasts)
     return Sharing("sort-last", 1, forecasts)
 
 
 def _leaves_open(scene: Scene) -> bool:
-    """Whether nothing was said that belongs to sort-last."""
+    """True if the scene sets none of the options that belong to sort-last."""
     cluster = scene.cluster
-    said = (cluster.distribution, cluster.compositing, cluster.transport)
-    return said == ("auto", "auto", "auto") and not scene.quality.frame_coherence
+    options = (cluster.distribution, cluster.compositing, cluster.transport)
+    return options == ("auto", "auto", "auto") and not scene.quality.frame_coherence
 
 
 def _of_data(cluster: Cluster, ranks: int, budget: MemoryBudget) -> Distribution:
-    """The sort-last distribution that a scene names."""
+    """Make the sort-last distribution that a scene names."""
     match cluster.distribution:
         case "interleaved":
             from clusterviz.distribution.interleaved import Interleaved
@@ -92,7 +92,7 @@ def _of_data(cluster: Cluster, ranks: int, budget: MemoryBudget) -> Distribution
 
 
 def _strategy(cluster: Cluster, several: bool) -> str:
-    """Frames that follow each other tell of each other; a single one is dealt as evenly as it can be unseen."""
+    """Return the tile strategy: for a single frame, whose cost is unknown, interleaved tiles are the most even."""
     if cluster.tiling != "auto":
         return cluster.tiling
     return "temporal" if several else "interleaved"

@@ -56,16 +56,16 @@ from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.report.statistics import RankFrame
 
 STATIC = ("interleaved", "pattern", "scheduled")
-"""Strategies of which any group may have to draw anything, so that nothing has to follow the windows."""
+"""Strategies by which any group may have to draw any brick, so that bricks need not follow the tiles."""
 
 
 @dataclass(frozen=True)
 class TileSettings:
-    """What a scene says of tiles.
+    """Settings of the tiles.
 
     Attributes
     ----------
-    strategy : a name of the scene's, not auto
+    strategy : value of `cluster.tiling` other than auto
     side : of a tile, in pixels
     repetitions : of the pattern
     """
@@ -76,12 +76,12 @@ class TileSettings:
 
 
 class Tiling:
-    """One strategy, from frame to frame; the same on every rank.
+    """Tile strategy, with its state from frame to frame; the same on every rank.
 
     Parameters
     ----------
-    settings : which
-    weights : the number of ranks of each group
+    settings : of the tiles
+    weights : number of ranks of each group
     """
 
     def __init__(self, settings: TileSettings, weights: tuple[int, ...]) -> None:
@@ -93,11 +93,11 @@ class Tiling:
 
     @property
     def is_static(self) -> bool:
-        """Whether any group may have to draw anything."""
+        """True if any group may have to draw any brick."""
         return self.settings.strategy in STATIC
 
-    def mosaic(self, plan: Plan) -> ScreenPartition:
-        """Who draws which part of a frame; where tiles are taken from a queue, who would without one."""
+    def partition(self, plan: Plan) -> ScreenPartition:
+        """Return the tiles of each group in a frame; with a queue, those of interleaved tiles instead."""
         name, side, groups = self.settings.strategy, self.settings.side, len(self._weights)
         if name in ("interleaved", "scheduled"):
             return interleaved_tiles(plan.view.size, groups, side)
@@ -116,11 +116,11 @@ class Tiling:
         return self._tree.partition()
 
     def queue(self, plan: Plan) -> tuple[Rect, ...]:
-        """The tiles of a frame in the order in which they are taken."""
+        """Return the tiles of a frame in the order in which they are taken."""
         return tile_queue(expected_map(plan), self.settings.side)
 
     def learn(self, cost: CostMap) -> None:
-        """What the last frame cost, or what a pre-pass says of this one."""
+        """Learn from the cost of the last frame, or from a pre-pass of this one."""
         if self._tree is not None and self._tree.size == cost.size and cost.cost.any():
             if self.settings.strategy == "temporal":
                 self._last = cost
@@ -129,7 +129,7 @@ class Tiling:
             self._tree = build_cuts(cost, self._weights)
 
     def step_back(self) -> bool:
-        """Go back to what was before the last lesson; whether there is such a thing."""
+        """Return to the tiles before the last change; False if there are none."""
         if self._before is None:
             return False
         self._tree, self._before = self._before, None
@@ -137,84 +137,84 @@ class Tiling:
 
 
 def expected_map(plan: Plan) -> CostMap:
-    """What parts of the screen should cost before anything was drawn: samples of bricks, where these are seen."""
+    """Return the expected cost of parts of the screen: samples of bricks, within their rectangles."""
     bricks, rects = brick_rects(plan)
     return cost_map_of_rects(plan.view.size, rects, expected_samples(plan)[tuple(bricks.T)])
 
 
-UNEVEN = 1.02  # bricks of a group stay until its busiest rank has so many times what it could have
+UNEVEN = 1.02  # imbalance of a group, relative to the best possible, up to which its bricks stay
 
 Bools = NDArray[np.bool_]
 
 
 class SortFirst:
-    """Who draws what, where the screen is shared.
+    """Distribution of sort-first and hybrid.
 
     Parameters
     ----------
-    groups : the ranks of each
-    settings : how tiles are dealt
-    holding : what a rank may hold: there is a limit
-    several : whether more than one frame may come, for which bricks are kept
+    groups : ranks of each group
+    settings : of the tiles
+    budget : memory of a rank for bricks, with a limit
+    several : True if more than one frame may come; then bricks are kept
     """
 
     def __init__(self, groups: RankGroups, settings: TileSettings, budget: MemoryBudget, several: bool) -> None:
         self._groups, self._several = groups, several
-        assert budget.limit_bytes is not None, "more is held where tiles move"
+        assert budget.limit_bytes is not None, "a shared screen needs a memory limit"
         self._budget, self._brick_bytes, self._limit_bytes = budget, 0, budget.limit_bytes
         self.tiling = Tiling(settings, tuple(map(len, groups)))
         self._trees: list[BspTree] = []
         self._owners: list[Owners] = []
         self._models: list[Costs] = []
         self._measured: Measured | None = None
-        self._dealt: Costs | None = None
+        self._assigned: Costs | None = None
         self._seen: list[Bools] = []
         self._shown: Bools = np.zeros((1, 1, 1), bool)
         self._held: Bools | None = None
 
     @property
     def mode(self) -> Literal["sort-first", "hybrid"]:
-        """What it is to those who composite."""
+        """Mode of compositing: sort-first if each group is a single rank."""
         return "sort-first" if max(map(len, self._groups)) == 1 else "hybrid"
 
     @property
     def groups(self) -> RankGroups:
-        """The ranks of each group."""
+        """Ranks of each group."""
         return self._groups
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """The pieces of a frame, group by group; those of a group from front to back in each of its windows.
+        """Return the pieces of a frame, group by group; those of a group front to back in each of its tiles.
 
         Raises
         ------
         InputError
-            A rank cannot hold what its tiles show.
+            The bricks in a rank's tiles do not fit into its memory.
         """
         self._shown, self._brick_bytes = plan.cost > 0, int(self._budget.brick_bytes(plan).max())
-        mosaic = self._dealt_out(plan)
-        # Windows that do not fit give way to those of the last frame, which may.
+        partition = self._assign_groups(plan)
+        # If bricks do not fit, the tiles of the last frame may.
         if self._largest(self._seen) > self._limit_bytes and self.tiling.step_back():
-            mosaic = self._dealt_out(plan)
+            partition = self._assign_groups(plan)
         self._check_memory()
-        return self.pieces(plan, mosaic)
+        return self.pieces(plan, partition)
 
-    def pieces(self, plan: Plan, mosaic: ScreenPartition) -> tuple[Piece, ...]:
-        """The pieces of any windows, of what the last deal gave to the groups."""
+    def pieces(self, plan: Plan, partition: ScreenPartition) -> tuple[Piece, ...]:
+        """Return the pieces of any partition of the screen, by the owners of the last assignment."""
         found: list[Piece] = []
-        for members, owners, seen, windows in zip(self._groups, self._owners, self._seen, mosaic.rects, strict=True):
+        for members, owners, seen, tiles in zip(self._groups, self._owners, self._seen, partition.rects, strict=True):
             own = []
             for piece in _pieces(plan, owners, seen):
                 shown = self._shown[piece.box.slices]
-                # Bricks that show nothing divide no piece.
+                # Bricks that are not visible do not divide a piece.
                 is_box = piece.bricks is None or bool(np.all(piece.bricks == shown))
                 own.append(replace(piece, rank=members[piece.rank], bricks=None if is_box else piece.bricks))
-            found += [replace(piece, rect=window) for window in windows for piece in own]
+            found += [replace(piece, rect=tile) for tile in tiles for piece in own]
         return tuple(found)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """What its tiles show of its bricks; in a loop all that it may show, where all ranks can hold that much.
+        """Return a rank's bricks in its tiles; with several frames all its visible bricks, if all ranks can hold that.
 
-        As far as there is room, bricks that it has held stay, as they may come back.
+        Bricks that it held before stay while they fit, since they may be needed again.
         """
         group = next(number for number, members in enumerate(self._groups) if rank in members)
         mine = self._owners[group].owner == self._groups[group].index(rank)
@@ -228,52 +228,52 @@ class SortFirst:
         return frozenset((z, y, x) for z, y, x in np.argwhere(held).tolist())
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """What bricks cost, from what the ranks of each group took; the cost of groups is for `follow`."""
+        """Learn the cost of bricks from the samples of each group's ranks; `follow` learns the cost of tiles."""
         for members, owners, model in zip(self._groups, self._owners, self._models, strict=False):
             if len(members) > 1 and self._measured is not None:
                 samples = [costs[rank].samples - costs[rank].samples_estimate for rank in members]
                 self._measured = measure(self._measured, model, owners, np.array(samples, np.float64))
 
     def follow(self, cost: CostMap) -> None:
-        """What the last frame cost, or what a pre-pass says of this one."""
+        """Learn the cost of tiles from the last frame, or from a pre-pass of this one."""
         self.tiling.learn(cost)
 
-    def _dealt_out(self, plan: Plan) -> ScreenPartition:
-        """The windows of the groups, what they show, and who draws that."""
-        mosaic = self.tiling.mosaic(plan)
-        self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in mosaic.rects]
+    def _assign_groups(self, plan: Plan) -> ScreenPartition:
+        """Choose the tiles of the groups, find their visible bricks, and assign these to ranks."""
+        partition = self.tiling.partition(plan)
+        self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in partition.rects]
         if self.tiling.is_static or max(map(len, self._groups)) == 1:
-            self._deal_once(plan)
+            self._assign_statically(plan)
         else:
-            self._follow_cost(plan, mosaic)
-        return mosaic
+            self._assign_by_cost(plan, partition)
+        return partition
 
-    def _deal_once(self, plan: Plan) -> None:
-        """A tree a group, that stays until a plan shows a brick that was hidden."""
-        if self._dealt is None or (self.tiling.is_static and shows_more(plan, self._dealt)):
-            self._dealt = plan.cost
+    def _assign_statically(self, plan: Plan) -> None:
+        """Build one tree for each group; recomputed when an unassigned brick becomes visible."""
+        if self._assigned is None or (self.tiling.is_static and shows_more(plan, self._assigned)):
+            self._assigned = plan.cost
             self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self._groups]
 
-    def _follow_cost(self, plan: Plan, mosaic: ScreenPartition) -> None:
-        """Who draws what in each group, by the cost that is expected of bricks within its windows."""
+    def _assign_by_cost(self, plan: Plan, partition: ScreenPartition) -> None:
+        """Assign the bricks of each group by their expected cost within its tiles."""
         self._measured = self._measured or unmeasured(plan.layout.counts_zyx)
         self._models = []
-        for seen, windows in zip(self._seen, mosaic.rects, strict=True):
+        for seen, tiles in zip(self._seen, partition.rects, strict=True):
             visible = replace(plan, cost=np.where(seen, plan.cost, 0.0))
-            models = [expected_samples(visible, window) for window in windows]
+            models = [expected_samples(visible, tile) for tile in tiles]
             self._models.append(np.sum(models, axis=0) if models else np.zeros_like(plan.cost))
         costs = [predict(self._measured, *each) for each in zip(self._models, self._seen, strict=True)]
         self._trees = self._trees or [
             search_tree(cost, len(each)) for cost, each in zip(costs, self._groups, strict=True)
         ]
         before = self._owners or [owners_of(tree) for tree in self._trees]
-        dealt = [self._dealt_in_group(plan, *each) for each in zip(costs, self._seen, self._trees, before, strict=True)]
-        self._trees, self._owners = [tree for tree, _ in dealt], [owners for _, owners in dealt]
+        found = [self._assign_group(plan, *each) for each in zip(costs, self._seen, self._trees, before, strict=True)]
+        self._trees, self._owners = [tree for tree, _ in found], [owners for _, owners in found]
 
-    def _dealt_in_group(
+    def _assign_group(
         self, plan: Plan, cost: Costs, seen: Bools, tree: BspTree, before: Owners
     ) -> tuple[BspTree, Owners]:
-        """The bricks of one group: the most even way, those first that move fewest bricks."""
+        """Assign the bricks of one group: of the most even candidates the one that moves fewest bricks."""
         ranks = before.ranks
         if ranks == 1 or not cost.any() or self._is_even(plan, cost, seen, before):
             return tree, before
@@ -283,7 +283,7 @@ class SortFirst:
             if _is_ordered(plan, owners, seen) and self._fits(owners, seen)
         ]
         if not options:
-            # By the number of bricks, which takes least memory.
+            # A tree by the number of bricks needs the least memory.
             tree = build_tree(seen.astype(np.float64), ranks)
             return tree, owners_of(tree)
         least = min(float(owners.loads(cost).max()) for _, owners in options)
@@ -297,7 +297,7 @@ class SortFirst:
         return int(owners.loads(bricks.astype(np.float64)).max()) * self._brick_bytes <= self._limit_bytes
 
     def _check_memory(self) -> None:
-        """Before anything is loaded: what the tiles show has to fit."""
+        """Refuse tiles whose bricks do not fit into a rank's memory, before anything is loaded."""
         most = self._largest(self._seen)
         if most <= self._limit_bytes:
             return
@@ -313,13 +313,13 @@ class SortFirst:
         return int(self._shown.sum()) * self._brick_bytes
 
     def _largest(self, bricks: Sequence[Bools]) -> int:
-        """The most bytes of a rank, of some bricks for each group."""
+        """Return the most bytes of any rank, for a selection of bricks in each group."""
         loads = (owners.loads(some.astype(np.float64)).max() for owners, some in zip(self._owners, bricks, strict=True))
         return int(max(loads)) * self._brick_bytes
 
 
 def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator[tuple[BspTree, Owners]]:
-    """Ways to deal the bricks of a group: as before, at fronts, by planes; then the same with other axes."""
+    """Yield candidates for a group's owners: as before, by fronts, by planes; by fronts and planes of a new tree."""
     eye = ray_origin(plan.eye_in_bricks(), plan.view.forward)
     moved, other = move_planes(tree, cost), search_tree(cost, before.ranks)
     yield tree, before
@@ -330,12 +330,12 @@ def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator
 
 
 def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
-    """What the members of a group draw, front to back."""
+    """Return the pieces of a group's members, front to back."""
     drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
     return owner_pieces(drawn, plan.eye_in_bricks(), plan.view.forward)
 
 
 def _is_ordered(plan: Plan, owners: Owners, seen: Bools) -> bool:
-    """Whether whole ranks can be drawn front to back: a rank of a group has one image."""
+    """True if ranks have a visibility order: each rank of a group has a single image."""
     ranks = [piece.rank for piece in _pieces(plan, owners, seen)]
     return len(set(ranks)) == len(ranks)

@@ -1,7 +1,4 @@
-"""What stays where it was dealt until a plan shows a brick that nobody holds: the part that static distributions share.
-
-They differ in how they deal, and in who draws what of that in a frame.
-"""
+"""Static assignment, recomputed when an unassigned brick becomes visible: the common part of static distributions."""
 
 from __future__ import annotations
 
@@ -20,15 +17,15 @@ Assigned = TypeVar("Assigned")
 
 
 class StaticAssignment(Generic[Assigned]):
-    """Bricks dealt once.
+    """Assignment of bricks to ranks that is kept from frame to frame.
 
     Parameters
     ----------
-    ranks : how many there are
-    holding : what a rank may hold
-    deal : from what bricks cost, and a number of ranks, to who holds them
-    sums : each rank's sum, int64 (ranks,), of a whole number per brick that it holds
-    bricks : int64 (m, 3), those of a rank by index, of a cost that is 0 for bricks which nobody needs
+    ranks : number of ranks
+    budget : memory of a rank for bricks
+    assign : from the cost of bricks and a number of ranks to an assignment
+    sums : from an assignment and an integer for each brick to the sum over each rank's bricks, int64 (ranks,)
+    bricks : from an assignment, a rank and the cost to the rank's visible bricks, int64 (m, 3)
     """
 
     def __init__(
@@ -43,13 +40,13 @@ class StaticAssignment(Generic[Assigned]):
         self._assign, self._sums, self._bricks = assign, sums, bricks
         self._current: tuple[Assigned, Costs] | None = None
 
-    def under(self, plan: Plan) -> Assigned:
-        """Who holds what: as before, or dealt anew, which gives another object.
+    def update(self, plan: Plan) -> Assigned:
+        """Return the assignment: the same object as before, or a new one if it was recomputed.
 
         Raises
         ------
         InputError
-            A share does not fit into the memory of a rank.
+            The bricks of a rank do not fit into its memory.
         """
         if self._current is None or shows_more(plan, self._current[1]):
             cost, sizes, limit = plan.cost, self._budget.brick_bytes(plan), self._budget.limit_bytes
@@ -58,7 +55,7 @@ class StaticAssignment(Generic[Assigned]):
         return self._current[0]
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """A rank's bricks that could be seen when they were dealt."""
+        """Return a rank's bricks that were visible when they were assigned."""
         if self._current is None:
             return frozenset()
         assigned, cost = self._current

@@ -1,6 +1,6 @@
-"""What a shared screen needs around drawing: a pre-pass before it, a queue while it lasts, and costs to follow after.
+"""Tile scheduler: hooks of sort-first and hybrid around drawing.
 
-deal -> (estimated: the pre-pass, and deal again) -> (scheduled: start the queue) -> draw -> (temporal: tell the cost)
+assign -> (estimated: pre-pass, assign again) -> (scheduled: start the queue) -> draw -> (temporal: learn the cost)
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from clusterviz.report.statistics import RankFrame
 
 
 class TileScheduler:
-    """The turns of a loop whose screen is shared; every method is collective.
+    """Hooks of a loop whose ranks share the screen; every method is collective.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ class TileScheduler:
         self._samples_estimate = 0
 
     def before(self, opened: Opened, work: RankWork) -> RankWork:
-        """What to draw: as it was dealt, or as a pre-pass shows to be better, or as a queue gives it."""
+        """Return the work as assigned, with tiles by a pre-pass, or with tiles from a queue."""
         strategy = self._screen.tiling.settings.strategy
         if work.plan is None or strategy not in ("estimated", "scheduled"):
             return work
         if strategy == "scheduled":
             return self._with_queue(work)
         coarse = coarse_plan(work.plan)
-        windows = coarse_partition(self._screen.tiling.mosaic(work.plan))
-        pieces = self._screen.pieces(coarse, windows)
+        partition = coarse_partition(self._screen.tiling.partition(work.plan))
+        pieces = self._screen.pieces(coarse, partition)
         _, counts = self._drawing.draw(replace(work, plan=coarse, pieces=pieces))
         self._samples_estimate = counts.samples
         self._screen.follow(self._cost(work, COARSE))
@@ -60,29 +60,29 @@ class TileScheduler:
         return work
 
     def counted(self, counts: RankFrame) -> RankFrame:
-        """The counts of a frame with those of its pre-pass."""
+        """Add the samples of the pre-pass to the counts of a frame."""
         extra = self._samples_estimate
         return replace(counts, samples=counts.samples + extra, samples_estimate=extra) if extra else counts
 
     def after(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
-        """Follow what the frame cost."""
+        """Learn the cost of the frame, if the strategy is temporal."""
         if work.plan is not None and self._screen.tiling.settings.strategy == "temporal":
             self._screen.follow(self._cost(work))
 
     def close(self) -> None:
-        """Give the queue back."""
+        """Free the queue."""
         if self._queue is not None:
             self._queue.free()
             self._queue = None
 
     def _cost(self, work: RankWork, scale: int = 1) -> CostMap:
-        """What all ranks counted when they drew last."""
+        """Gather the samples of the last drawing from all ranks."""
         with self._run.collective("render", "exchange"):
-            told = self._run.channel.allgather([each for each in self._drawing.sample_counts if each[1].any()])
-        return cost_map_of_blocks(work.scene.image.size, [each for counted in told for each in counted], scale)
+            gathered = self._run.channel.allgather([each for each in self._drawing.sample_counts if each[1].any()])
+        return cost_map_of_blocks(work.scene.image.size, [each for counts in gathered for each in counts], scale)
 
     def _with_queue(self, work: RankWork) -> RankWork:
-        """Tiles that are taken while they are drawn."""
+        """Return work whose tiles are taken from a queue while it is drawn."""
         assert work.plan is not None, "there is something to draw"
         channel, groups = self._run.channel, self._screen.groups
         with self._run.local("plan", "plan"):

@@ -1,4 +1,4 @@
-"""Migration in the loop: what the dynamic distribution plans is sent, and what has come is told to all."""
+"""Migration in the frame loop: planned flights are sent, and all ranks learn which bricks have arrived."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from clusterviz.report.statistics import RankFrame
 
 
 class MigrationDriver:
-    """Bricks between ranks, from frame to frame; every method is collective.
+    """Hooks of the dynamic distribution: they send and receive its flights; every method is collective.
 
     Parameters
     ----------
     run : of the loop
-    distribution : which plans
-    drawing : from where bricks are taken, and where they are put
+    distribution : that plans flights
+    drawing : that stores bricks
     """
 
     def __init__(self, run: Run, distribution: Dynamic, drawing: Drawing) -> None:
@@ -41,7 +41,7 @@ class MigrationDriver:
         self._transfer: BrickTransfer | None = None
         self._flying: dict[int, Index] = {}
         self._under_way: set[int] = set()
-        self._beginnings = 0
+        self._restarts = 0
         self._counts: dict[str, Any] = {}
         self._received, self._lost, self._frames = 0, 0, 0
         self._began = 0.0
@@ -49,14 +49,14 @@ class MigrationDriver:
         self._sums: dict[str, int] = {}
 
     def before(self, opened: Opened, work: RankWork) -> RankWork:
-        """Send what shall fly, as far as there is time; what is drawn stays as it was dealt."""
+        """Send bricks of planned flights while there is time; the work stays as assigned."""
         done = self._run.clock.seconds
         self._began = perf_counter() - done["plan"] - done["load"]
         self._depart(opened, work)
         return work
 
     def counted(self, counts: RankFrame) -> RankFrame:
-        """A frame's counts with what was sent for it and what has come since the last one, and so far."""
+        """Add the counts of migration in this frame to those of the frame."""
         found: dict[str, Any] = {"seconds": self._time_budget.seconds, "frame_seconds": self._time_budget.frame_seconds}
         found |= {"bricks_received": self._received, "bricks_lost": self._lost}
         if self._transfer is not None:
@@ -67,11 +67,11 @@ class MigrationDriver:
         return replace(counts, balance=self._counts | found)
 
     def after(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
-        """What has come by now changes hands; of damaged messages all ranks hear. The next frame's slice begins."""
+        """Gather which bricks have arrived or were lost, and begin the next frame's time budget."""
         check_equal(self._run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
         if work.plan is None:
             return
-        # The first frame opens what lasts: but for drawing, it tells nothing of others.
+        # The first frame also sets things up, so only its time of drawing counts.
         drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
         self._time_budget.end(perf_counter() - self._began if self._frames else drawing)
         self._frames += 1
@@ -79,15 +79,15 @@ class MigrationDriver:
         self._complete()
 
     def close(self) -> None:
-        """Let what is under way arrive, and give the channel back."""
+        """Complete all messages and close the channel."""
         if self._transfer is not None:
             self._transfer.close()
 
     def _depart(self, opened: Opened, work: RankWork) -> None:
         distribution, rank = self._distribution, self._run.channel.rank
-        if self._beginnings != distribution.beginnings:
-            # What still flies was planned for bricks that have been dealt anew.
-            self._beginnings = distribution.beginnings
+        if self._restarts != distribution.restarts:
+            # All bricks were assigned anew, so earlier flights are void.
+            self._restarts = distribution.restarts
             self._flying.clear()
             if self._transfer is not None:
                 self._transfer.void()
@@ -114,33 +114,33 @@ class MigrationDriver:
         self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
         self._under_way.update(numbers)
 
-        def read(brick: Index, asked: WireFormat) -> Stored | None:
-            return self._drawing.stored([brick])[brick] if brick in holds and asked == wire_format.of(brick) else None
+        def read(brick: Index, wanted: WireFormat) -> Stored | None:
+            return self._drawing.stored([brick])[brick] if brick in holds and wanted == wire_format.of(brick) else None
 
         transfer.send(read)
 
     def _complete(self) -> None:
-        """Every rank has sent by now what it had time for; so what arrives is the same in every run, where all has."""
+        """Collect arrived bricks; all ranks have sent by now, so without a time limit arrivals are reproducible."""
         if self._transfer is None or not self._under_way:
             self._distribution.complete([], [])
             return
         with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
             delivery = self._transfer.collect(self._store)
-            told = self._run.channel.allgather((delivery.arrived, delivery.lost))
+            gathered = self._run.channel.allgather((delivery.arrived, delivery.lost))
         self._run.clock.note(*delivery.spans)
-        arrived, lost = (sorted(number for rank in told for number in rank[side]) for side in (0, 1))
+        arrived, lost = (sorted(number for rank in gathered for number in rank[side]) for side in (0, 1))
         self._under_way -= {*arrived, *lost}
         self._received += len(delivery.arrived)
         self._lost += sum(number in self._flying for number in delivery.lost)
         self._distribution.complete(self._known(arrived), self._known(lost))
 
     def _store(self, brick: Index, stamp: int, stored: Stored) -> bool:
-        """Whether a brick that came is stored as frames now have it; it is drawn when it has changed hands."""
+        """Store a received brick; False if it is in another storage format than the current plan's."""
         if self._plan is None or stamp != stamp_of(self._plan):
             return False
         self._drawing.take(self._plan, brick, stored)
         return True
 
     def _known(self, numbers: list[int]) -> list[Index]:
-        """The bricks of flights that are still of use."""
+        """Return the bricks of flights that are not void, and forget these flights."""
         return [self._flying.pop(number) for number in numbers if number in self._flying]

@@ -1,9 +1,8 @@
-"""What bricks on their way may take of this rank's time: a share of each frame, kept by working in small steps.
+"""Time budget of migration on one rank: a share of each frame, kept by working in small steps.
 
-A step (a brick read back, a piece of one packed or opened, a brick stored) is made only where it should fit into what
-is left of the frame's slice, once the frame is planned, by what steps of its kind took before. A step that took longer
-than expected is a debt of the next frames. What a frame leaves unused is lost, but for as much as the next step needs:
-steps that no slice can hold are made once in some frames.
+A step reads back a brick, packs or unpacks a part of one, or stores a brick. It starts only if its expected time, by
+earlier steps of its kind, fits into the rest of the frame's slice. If it takes longer, later frames have less. Unused
+time is lost, except what the next step needs: a step longer than every slice is made once in several frames.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from time import perf_counter
 
 from clusterviz.distribution.migration_rate import WHOLE
 
-FRAMES = 4  # whose shortest is believed to be the next one's length
-DOUBT = 0.8  # of the time that a step above every slice is expected to take: from frame to frame, so that it is tried
-MOST_DEBT = 1.0  # in frames: one step that another process held up shall not end migration
+FRAMES = 4  # last frames, of which the shortest is the expected time of the next one
+DOUBT = 0.8  # factor a frame on the expected time of a step longer than every slice, so that it is tried again
+MOST_DEBT = 1.0  # in frames, so that one delayed step does not end migration
 
 
 class TimeBudget:
-    """The seconds that are left for migration on this rank.
+    """Time that is left for migration on this rank.
 
     Parameters
     ----------
-    share : of a frame's time; 1: any
-    clock : seconds, for tests
+    share : of a frame's time, in (0, 1]; 1: no limit
+    clock : returns seconds; another one for tests
 
     Attributes
     ----------
@@ -45,16 +44,16 @@ class TimeBudget:
 
     @property
     def frame_seconds(self) -> float:
-        """That the next frame should take; 0 before any frame has ended."""
+        """Expected seconds of the next frame; 0 before any frame has ended."""
         return min(self._frames, default=0.0)
 
     @property
     def left(self) -> float:
-        """Seconds; below 0 where frames before have taken too many."""
+        """Seconds that are left; negative if earlier frames took too many."""
         return self._left
 
     def begin(self, planning: float = 0.0) -> None:
-        """A frame begins, for which planning should take so long, and posting what is planned as long as it took."""
+        """Begin a frame, and reserve time: `planning` seconds, and the usual time of posting receives."""
         frame = self.frame_seconds
         self._slice = self._share * frame
         self._left = max(-MOST_DEBT * frame, min(self._left + self._slice, max(self._slice, self._saving)))
@@ -65,30 +64,30 @@ class TimeBudget:
         self._reserved = planning + self._rates.get("post", 0.0) if planning else 0.0
 
     def end(self, frame_seconds: float) -> None:
-        """A frame has taken so long, migration included."""
+        """End a frame that took `frame_seconds`, migration included."""
         self._frames.append(frame_seconds)
 
     def allows(self, kind: str, size: int) -> bool:
-        """Whether a step with so many bytes should fit; one that does not may be made in a later frame."""
+        """True if a step of `size` bytes should fit; otherwise it may fit in a later frame."""
         if self._share >= WHOLE:
             return True
         expected = self._rates.get(kind, 0.0) * size
-        # What frames before have saved is for one step, not for many.
-        room = min(self._left, self._slice - self.seconds) if self._has_stepped else self._left
-        if room >= expected + self._reserved:
+        # Saved time is for a single step.
+        available = min(self._left, self._slice - self.seconds) if self._has_stepped else self._left
+        if available >= expected + self._reserved:
             return True
         self._refuse(kind, expected)
         return False
 
     def spend(self, seconds: float) -> None:
-        """Count what planning took, for which nothing is reserved any more."""
+        """Count the time of planning, and end its reservation."""
         self._left -= seconds
         self.seconds += seconds
         self._reserved = 0.0
 
     @contextmanager
     def step(self, kind: str = "", size: int = 0) -> Iterator[None]:
-        """Measure the body: a step with so many bytes, or what is made without asking, which has no size."""
+        """Measure the body: a step of `size` bytes, or work that does not ask `allows`, with size 0."""
         began = self._clock()
         try:
             yield
@@ -99,12 +98,12 @@ class TimeBudget:
             if size:
                 self._has_stepped = True
             if kind:
-                # Others on the same cores only make times longer.
+                # Other processes only lengthen times, so short times count more.
                 rate, known = took / max(size, 1), self._rates.get(kind)
                 self._rates[kind] = rate if known is None else min(rate, (rate + known) / 2, 2 * known)
 
     def _refuse(self, kind: str, expected: float) -> None:
-        """Save for a step that no slice can hold, or none of a frame that is planned; and doubt how long it takes."""
+        """Save time for a step that does not fit into a slice; lower its expected time if no slice could hold it."""
         needed = expected + self._reserved
         if kind in self._rates and self._left >= 0 and needed > self._slice:
             self._saving = max(self._saving, needed)

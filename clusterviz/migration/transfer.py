@@ -1,9 +1,8 @@
-"""Bricks between ranks while frames are drawn: a message a piece, worked on in a slice of each frame's time.
+"""Transfer of bricks between ranks while frames are drawn: one message for each part of a brick.
 
-Nothing waits for a message. All ranks know all flights, so a receive is posted for each piece before it can come;
-messages have a channel of their own, so that compositing does not wait for them either. What is left of a slice decides
-how many pieces are packed, opened and stored now, and how many later: nobody else needs to know, as bricks are
-counted as sent until their receiver says that it has them.
+No rank waits for a message. All ranks know all flights, so each receive is posted before its message arrives. Messages
+have their own channel, so compositing does not wait for them either. Each rank packs, unpacks and stores as many parts
+as its time budget allows. Other ranks need not know how many: a brick is in flight until its receiver has stored it.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from clusterviz.migration.wire_format import PIXEL, WireFormat
 from clusterviz.render.stored_brick import Stored
 from clusterviz.report.trace import Span
 
-TAGS = 30_000  # of messages under way at once from one rank to another; MPI promises 32,767
+TAGS = 30_000  # messages in flight from one rank to another; MPI guarantees 32,767 tags
 NOTHING = np.empty(0, np.uint8)
 Read = Callable[[Index, WireFormat], Stored | None]
 Store = Callable[[Index, int, Stored], bool]
@@ -38,7 +37,7 @@ Store = Callable[[Index, int, Stored], bool]
 
 @dataclass(eq=False)
 class _Outgoing:
-    """A brick that this rank sends: its bytes, once read, and how many pieces are gone; void: nobody wants it."""
+    """Brick that this rank sends: its bytes, once read, and the number of parts sent; void: no longer wanted."""
 
     flight: Flight
     wire_format: WireFormat
@@ -51,7 +50,7 @@ class _Outgoing:
 
 @dataclass(eq=False)
 class _Incoming:
-    """A brick that comes to this rank, and how many of its pieces are not open; void: damaged, or not wanted."""
+    """Brick that this rank receives, and the number of parts to unpack; void: damaged, or no longer wanted."""
 
     number: int
     flight: Flight
@@ -66,7 +65,7 @@ class _Incoming:
 
 @dataclass(frozen=True, eq=False)
 class _Awaited:
-    """A piece that shall come, and where it is put."""
+    """Part of a brick that will arrive, and its buffer."""
 
     brick: _Incoming
     number: int
@@ -76,12 +75,13 @@ class _Awaited:
 
 @dataclass
 class Delivery:
-    """What has come to this rank.
+    """Flights that ended at this rank.
 
     Attributes
     ----------
-    arrived, lost : numbers of flights whose bricks are stored here, and whose messages were damaged or out of date
-    spans : of their messages, for a trace
+    arrived : numbers of flights whose bricks are stored
+    lost : numbers of flights whose messages were damaged or outdated
+    spans : of their messages, for the trace
     """
 
     arrived: list[int] = field(default_factory=list)
@@ -90,22 +90,23 @@ class Delivery:
 
 
 class BrickTransfer:
-    """Sends and receives on one rank; made and closed on all ranks together.
+    """Sends and receives of bricks on one rank; its making and closing are collective.
 
     Parameters
     ----------
     channel : to the other ranks
-    parcels : as the first may be: what packs them is made ready before there are any
-    time_slice : of this rank's time
+    wire_format : of the first bricks, for which codecs are compiled
+    time_budget : of this rank
 
     Attributes
     ----------
-    bytes_sent, bytes_raw : so far, and what they would have been unpacked
-    bytes_opened, bricks_stored : so far
+    bytes_sent, bytes_raw : so far, packed and not packed
+    bytes_opened : bytes unpacked so far
+    bricks_stored : so far
     """
 
-    def __init__(self, channel: Channel, wire_format: WireFormat, time_slice: TimeBudget) -> None:
-        self._channel, self._time_budget = channel.duplicate(), time_slice
+    def __init__(self, channel: Channel, wire_format: WireFormat, time_budget: TimeBudget) -> None:
+        self._channel, self._time_budget = channel.duplicate(), time_budget
         nodes = len(channel.nodes())
         network = default_network(nodes)
         if wire_format.most_bytes(0) > MIN_BYTES:  # smaller ones are never packed
@@ -120,12 +121,12 @@ class BrickTransfer:
         self.bytes_sent = self.bytes_raw = self.bytes_opened = self.bricks_stored = 0
 
     def post(self, flights: Sequence[Flight], wire_format: WireFormat) -> range:
-        """Expect the bricks that fly to this rank, and send its own among them as there is time.
+        """Post receives for flights to this rank, and queue flights from it for `send`.
 
         Parameters
         ----------
         flights : of all ranks, the same on each
-        parcels : how they travel
+        wire_format : of their bricks
 
         Returns
         -------
@@ -135,52 +136,52 @@ class BrickTransfer:
         self._numbers = numbers.stop
         with self._time_budget.step("post" if flights else ""):
             for number, flight in zip(numbers, flights, strict=True):
-                way, own = (flight.source, flight.target), wire_format.of(flight.brick)
-                tags = range(self._messages[way], self._messages[way] + own.pieces)
-                self._messages[way] = tags.stop
+                route, own = (flight.source, flight.target), wire_format.of(flight.brick)
+                tags = range(self._messages[route], self._messages[route] + own.parts)
+                self._messages[route] = tags.stop
                 if flight.source == self._channel.rank:
                     self._outgoing.append(_Outgoing(flight, own, tags))
                 elif flight.target == self._channel.rank:
-                    self._expect(_Incoming(number, flight, own, perf_counter(), own.pieces), tags)
+                    self._expect(_Incoming(number, flight, own, perf_counter(), own.parts), tags)
         return numbers
 
     def send(self, read: Read) -> None:
-        """Send pieces while there is time.
+        """Send parts of bricks while there is time.
 
         Parameters
         ----------
-        read : gives a brick that is here as it is stored; None where it is here no more, or is stored in another way
+        read : returns a stored brick; None if this rank has dropped it, or stores it in another format
         """
-        while self._outgoing and self._send_piece(self._outgoing[0], read):
-            if self._outgoing[0].sent == self._outgoing[0].wire_format.pieces:
+        while self._outgoing and self._send_part(self._outgoing[0], read):
+            if self._outgoing[0].sent == self._outgoing[0].wire_format.parts:
                 self._outgoing.popleft()
 
     def collect(self, store: Store) -> Delivery:
-        """Open pieces that have come, and store bricks that are whole, while there is time.
+        """Unpack parts that have arrived, and store bricks that are complete, while there is time.
 
         Parameters
         ----------
-        store : is given bricks, with the stamps of how they are stored; says whether they are of use
+        store : called with each brick, the stamp of its storage format and its data; returns False if it is outdated
         """
         delivery = Delivery()
         with self._time_budget.step():
-            while came := dict(self._channel.test_some([each.pending for each in self._awaited])):
-                self._arrived.extend((self._awaited[at], size) for at, size in came.items())
-                self._awaited = [each for at, each in enumerate(self._awaited) if at not in came]
-        while self._store_brick(store, delivery) if self._whole else self._open_piece():
+            while done := dict(self._channel.test_some([each.pending for each in self._awaited])):
+                self._arrived.extend((self._awaited[at], size) for at, size in done.items())
+                self._awaited = [each for at, each in enumerate(self._awaited) if at not in done]
+        while self._store_brick(store, delivery) if self._whole else self._open_part():
             pass
         return delivery
 
     def void(self) -> None:
-        """Nobody wants what is under way: it is not worked on, and counts as lost when it ends."""
-        pieces = (*self._awaited, *(piece for piece, _ in self._arrived))
-        for brick in (*self._whole, *(piece.brick for piece in pieces)):
+        """Make all flights void: no more work is done for them, and they count as lost when they end."""
+        parts = (*self._awaited, *(part for part, _ in self._arrived))
+        for brick in (*self._whole, *(part.brick for part in parts)):
             brick.is_void = True
-        for leaving in self._outgoing:
-            leaving.is_void = True
+        for outgoing in self._outgoing:
+            outgoing.is_void = True
 
     def close(self) -> None:
-        """Let everything arrive that is under way; collective."""
+        """Complete all messages and close the channel; collective."""
         self.void()
         self.send(lambda brick, wire_format: None)
         while self._awaited:
@@ -195,8 +196,8 @@ class BrickTransfer:
             pending = self._channel.post_receive(buffer, brick.flight.source, tag % TAGS)
             self._awaited.append(_Awaited(brick, number, buffer, pending))
 
-    def _send_piece(self, brick: _Outgoing, read: Read) -> bool:
-        """Whether there was time for the next piece of a brick; of a void one nothing is sent but that it ends."""
+    def _send_part(self, brick: _Outgoing, read: Read) -> bool:
+        """Send the next part of a brick, an empty message if it is void; False if there was no time."""
         size, message = brick.wire_format.most_bytes(brick.sent), NOTHING
         if not brick.is_void and brick.stream is None and not self._read(brick, read):
             return False
@@ -215,7 +216,7 @@ class BrickTransfer:
         return True
 
     def _read(self, brick: _Outgoing, read: Read) -> bool:
-        """Whether there was time to read a brick; one that is not here is void."""
+        """Read a brick, or make it void if it is not here; False if there was no time."""
         size = brick.wire_format.stream_bytes
         if not self._time_budget.allows("read", size):
             return False
@@ -227,19 +228,19 @@ class BrickTransfer:
                 brick.stream, brick.voxels = brick.wire_format.stream(stored), stored.voxels
         return True
 
-    def _open_piece(self) -> bool:
-        """Whether there was a piece, and time for it."""
+    def _open_part(self) -> bool:
+        """Unpack the next part that has arrived; False if there was none, or no time."""
         if not self._arrived:
             return False
-        piece, size = self._arrived[0]
-        brick = piece.brick
+        part, size = self._arrived[0]
+        brick = part.brick
         if not brick.is_void:
-            room = piece.buffer.nbytes
-            if not self._time_budget.allows("open", room):
+            unpacked = part.buffer.nbytes
+            if not self._time_budget.allows("open", unpacked):
                 return False
-            with self._time_budget.step("open", room):
-                self._unwrap(piece, size)
-            self.bytes_opened += room
+            with self._time_budget.step("open", unpacked):
+                self._unwrap(part, size)
+            self.bytes_opened += unpacked
         self._arrived.popleft()
         brick.missing -= 1
         brick.bytes += size
@@ -247,18 +248,18 @@ class BrickTransfer:
             self._whole.append(brick)
         return True
 
-    def _unwrap(self, piece: _Awaited, size: int) -> None:
-        """Put a piece into its brick; the others learn of a damaged one, and the brick stays where it was."""
-        brick = piece.brick
+    def _unwrap(self, part: _Awaited, size: int) -> None:
+        """Unpack a part into its brick; a damaged part makes the brick void, and its sender still draws it."""
+        brick = part.brick
         if brick.stream is None:
             brick.stream = np.empty(brick.wire_format.stream_bytes, np.uint8)
         try:
-            brick.voxels = brick.wire_format.unwrap(piece.buffer[:size], brick.flight.brick, piece.number, brick.stream)
+            brick.voxels = brick.wire_format.unwrap(part.buffer[:size], brick.flight.brick, part.number, brick.stream)
         except CodecError:
             brick.is_void = True
 
     def _store_brick(self, store: Store, delivery: Delivery) -> bool:
-        """Whether there was time to store the first of the whole bricks."""
+        """Store the first complete brick; False if there was no time."""
         brick = self._whole[0]
         flight, wire_format = brick.flight, brick.wire_format
         if brick.is_void or brick.stream is None:
@@ -267,10 +268,10 @@ class BrickTransfer:
             if not self._time_budget.allows("store", wire_format.stream_bytes):
                 return False
             with self._time_budget.step("store", wire_format.stream_bytes):
-                useful = store(flight.brick, wire_format.stamp, wire_format.brick(brick.stream, brick.voxels))
-            (delivery.arrived if useful else delivery.lost).append(brick.number)
-            self.bricks_stored += useful
+                is_stored = store(flight.brick, wire_format.stamp, wire_format.brick(brick.stream, brick.voxels))
+            (delivery.arrived if is_stored else delivery.lost).append(brick.number)
+            self.bricks_stored += is_stored
         self._whole.popleft()
-        told = {"brick": flight.brick, "from": flight.source, "bytes": brick.bytes}
-        delivery.spans.append(Span("brick", "migrate", brick.posted, perf_counter(), told))
+        details = {"brick": flight.brick, "from": flight.source, "bytes": brick.bytes}
+        delivery.spans.append(Span("brick", "migrate", brick.posted, perf_counter(), details))
         return True

@@ -1,8 +1,8 @@
-"""Bricks as bytes on their way from rank to rank: as they are stored, in pieces, packed where that pays, and checked.
+"""Wire format of bricks: stored samples and value ranges, in parts, packed by a codec, with checksums.
 
-A brick's samples and the ranges of its groups of cells are one stream of bytes, cut into pieces so that no rank works
-on one for long. A piece is a header and a message of `codec`. Whatever is damaged on the way is found: the header holds
-a checksum of all that the piece stands for.
+A brick's samples and the value ranges of its groups of cells are one stream of bytes. It is divided into parts that
+take little time each. A message is a header and a part packed by `clusterviz.codec`. The header has a checksum of
+itself and of the unpacked part, so damage is detected.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from clusterviz.render.stored_brick import Stored, stamp_of
 
 Pack = Callable[[Pixels, Rows], Bytes]
 HEADER = np.dtype([("checksum", "<u4"), ("stamp", "<u4"), ("voxels", "<i8"), ("brick", "<i4", 3), ("number", "<i4")])
-PIECE_BYTES = 1 << 18  # of a stream: four times what codecs ask for, and a fraction of a millisecond's work
-# Pixels of as many bytes a component, so that codecs know what belongs together.
+PART_BYTES = 1 << 18  # of a stream: four times the least size of codecs, and a fraction of a millisecond of work
+# Codecs treat samples as the components of pixels of the same size.
 PIXEL: dict[str, np.dtype[Any]] = {
     "u8": np.dtype(np.uint8),
     "u16": np.dtype(np.float16),
@@ -35,52 +35,52 @@ PIXEL: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class WireFormat:
-    """What parcels of one frame have in common; sender and receiver have it alike.
+    """Wire format of the bricks of one frame, the same for sender and receiver.
 
     Attributes
     ----------
-    slot : in which bricks lie
-    dtype : of what is known of groups of cells: that of the volume's voxels, float64 of several volumes
-    stamp : of how they are stored; another plan's may differ
-    piece_bytes : of a stream, a multiple of 16
+    slot : of the bricks in memory
+    dtype : of value ranges: that of the voxels, float64 for several volumes
+    stamp : of the storage format, which depends on the plan
+    part_bytes : length of a part of the stream, a multiple of 16
     """
 
     slot: Slot
     dtype: np.dtype[Any]
     stamp: int
-    piece_bytes: int
+    part_bytes: int
 
     def of(self, brick: Index) -> WireFormat:
-        """Those of one brick, where sizes differ."""
+        """Return the wire format of one brick, as sizes may differ."""
         return self if self.slot.layout is None else replace(self, slot=self.slot.at(brick))
 
     @property
     def range_bytes(self) -> int:
-        """Of what is known of a brick's groups of cells: lows, highs, and bends where slabs are stretched."""
+        """Bytes of a brick's value ranges: lows, highs, and for the adaptive step bends of groups of cells."""
         bends = 8 * int(np.prod(self.slot.groups_zyx)) if self.slot.stretched else 0
         return 2 * int(np.prod(self._range_shape)) * self.dtype.itemsize + bends
 
     @property
     def stream_bytes(self) -> int:
-        """Of a brick: its samples, its ranges, and what fills the last pixel."""
+        """Bytes of a brick's stream: samples, value ranges and padding to a whole pixel."""
         return -(-(self.slot.sample_bytes + self.range_bytes) // self._pixel_bytes) * self._pixel_bytes
 
     @property
-    def pieces(self) -> int:
-        """Of a brick."""
-        return -(-self.stream_bytes // self.piece_bytes)
+    def parts(self) -> int:
+        """Number of parts of a brick."""
+        return -(-self.stream_bytes // self.part_bytes)
 
-    def piece(self, number: int) -> slice:
-        """The bytes of a stream that a piece holds."""
-        return slice(number * self.piece_bytes, min(self.stream_bytes, (number + 1) * self.piece_bytes))
+    def part(self, number: int) -> slice:
+        """Return the bytes of a stream that are in a part."""
+        return slice(number * self.part_bytes, min(self.stream_bytes, (number + 1) * self.part_bytes))
 
     def most_bytes(self, number: int) -> int:
-        """That a piece takes on its way."""
-        held = self.piece(number)
+        """Return the largest size of the message with a part, in bytes."""
+        held = self.part(number)
         return int(HEADER.itemsize + held.stop - held.start)
 
     def stream(self, stored: Stored) -> Bytes:
-        """A brick as bytes, uint8 (stream_bytes,)."""
+        """Return a brick as bytes, uint8 (stream_bytes,)."""
         found = np.zeros(self.stream_bytes, np.uint8)
         samples = self._samples(found)
         if self.slot.parts:
@@ -98,32 +98,32 @@ class WireFormat:
         return found
 
     def wrap(self, brick: Index, voxels: int, stream: Bytes, number: int, pack: Pack) -> Bytes:
-        """A piece of a brick's stream as it travels, uint8 (bytes,); `voxels` as of `Stored`."""
-        raw = stream[self.piece(number)]
+        """Return the message with a part of a brick's stream, uint8 (bytes,); `voxels` as in `Stored`."""
+        raw = stream[self.part(number)]
         message = pack(self._pixels(raw), Rows(0, raw.size // self._pixel_bytes))
         return np.concatenate([self._header(brick, voxels, number, raw).view(np.uint8), message])
 
-    def unwrap(self, piece: Bytes, brick: Index, number: int, stream: Bytes) -> int:
-        """Put a piece into its place in a stream; the voxels of its brick.
+    def unwrap(self, message: Bytes, brick: Index, number: int, stream: Bytes) -> int:
+        """Unpack a message into its part of a stream; returns `voxels` as in `Stored`.
 
         Raises
         ------
         CodecError
-            It is damaged, or of another brick, or of one that is stored in another way.
+            The message is damaged, or of another brick or storage format.
         """
-        if piece.size <= HEADER.itemsize:
-            raise CodecError(f"a piece of {piece.size} bytes holds nothing of a brick")
-        header = piece[: HEADER.itemsize].copy().view(HEADER)
-        room = stream[self.piece(number)]
-        pixels = unpack(piece[HEADER.itemsize :], room.size // self._pixel_bytes, PIXEL[self.slot.kind])
-        room[:] = _bytes(pixels)
+        if message.size <= HEADER.itemsize:
+            raise CodecError(f"a message of {message.size} bytes has no part of a brick")
+        header = message[: HEADER.itemsize].copy().view(HEADER)
+        part = stream[self.part(number)]
+        pixels = unpack(message[HEADER.itemsize :], part.size // self._pixel_bytes, PIXEL[self.slot.kind])
+        part[:] = _bytes(pixels)
         voxels = int(header["voxels"][0])
-        if header != self._header(brick, voxels, number, room):
-            raise CodecError(f"a piece that is not what was sent of brick {brick}")
+        if header != self._header(brick, voxels, number, part):
+            raise CodecError(f"a message differs from the one that was sent of brick {brick}")
         return voxels
 
     def brick(self, stream: Bytes, voxels: int) -> Stored:
-        """The brick of a whole stream, in whose memory its samples stay."""
+        """Return the brick of a complete stream; its samples are a view of the stream."""
         ranges = stream[self.slot.sample_bytes : self.slot.sample_bytes + self.range_bytes]
         groups, shape = self.slot.groups_zyx, self._range_shape
         side = int(np.prod(shape)) * self.dtype.itemsize
@@ -132,14 +132,14 @@ class WireFormat:
         return Stored(self._samples(stream), low, high, voxels, bend)
 
     def _samples(self, stream: Bytes) -> NDArray[Any]:
-        """The part of a stream that is samples, (z, y, x), or of several volumes the words of the slot."""
+        """Return the samples in a stream, (z, y, x), or for several volumes the words of the slot."""
         if self.slot.parts:
             return stream[: self.slot.sample_bytes].view(np.uint32)
         return stream[: self.slot.sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
 
     @property
     def _range_shape(self) -> tuple[int, ...]:
-        """Of the lows, and of the highs."""
+        """Shape of the lows, and of the highs."""
         volumes = (len(self.slot.parts),) if self.slot.parts else ()
         return (*volumes, *self.slot.groups_zyx)
 
@@ -158,8 +158,8 @@ class WireFormat:
 
 
 def wire_format_of(plan: Plan, dtype: np.dtype[Any]) -> WireFormat:
-    """The parcels of a plan's bricks."""
-    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PIECE_BYTES)
+    """Return the wire format of a plan's bricks."""
+    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES)
 
 
 def _bytes(array: NDArray[Any]) -> Bytes:

@@ -1,4 +1,4 @@
-"""Bounds on the error: held against the float64 reference, chosen alike whatever draws, told once."""
+"""Calibration: error bounds hold against the float64 reference, and every renderer gets the same settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounds on the error from frame to frame: held in views where the first choice breaks them, at a small cost."""
+"""Error bound from frame to frame: settings follow the view, at a small cost."""
 
 from __future__ import annotations
 

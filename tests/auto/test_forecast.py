@@ -1,4 +1,4 @@
-"""What mode: auto chooses, and by what: samples of each rank that a pre-pass foresees."""
+"""Cost probe and forecasts: the samples of each rank, and the mode that is chosen by them."""
 
 from __future__ import annotations
 

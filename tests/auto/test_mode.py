@@ -1,4 +1,4 @@
-"""Choosing who draws what while frames are drawn: when it is looked at, what the scene leaves open, what is told."""
+"""Automatic mode: when ranks choose again, which modes the scene allows, and what statistics report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fronts that follow the cost: how even ranks become, how fast, and at how many bytes a frame."""
+"""Load balancer: how even ranks become, in how many frames, and at how many bytes a frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What counts against a limit of memory is what ranks then hold, whatever draws."""
+"""Counted sizes of bricks are the memory that ranks then use, with every renderer."""
 
 from __future__ import annotations
 
@@ -103,11 +103,11 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
     multi_volume, slot = plan.multi_volume, slot_of(plan)
     memory, count = MixedMemory(slot), len(bricks)
     memory.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, slot))
-    counted = MemoryBudget(1, on_processor=True, by_opengl=False).brick_bytes(plan)
+    counted = MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(plan)
     assert counted.sum() == memory.bytes
     assert len(np.unique(counted[counted > 0])) > 1
     assert MemoryBudget(1).brick_bytes(plan).sum() == count * slot.bytes
-    both = MemoryBudget(1, on_processor=True).brick_bytes(plan)
+    both = MemoryBudget(1, on_cpu=True).brick_bytes(plan)
     assert (both == np.maximum(counted, MemoryBudget(1).brick_bytes(plan))).all()
 
 

@@ -1,4 +1,4 @@
-"""Distributions in the loop: the same pictures whoever draws what, and memory that does not suffice is named."""
+"""Distributions in the frame loop: the same pictures, and a clear error if memory does not suffice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bricks that move while frames are drawn: the same pictures whatever moves, gets lost or comes late."""
+"""Dynamic distribution: the same pictures whichever bricks move, get lost or come late."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_bricks_in_many_pieces_and_slices_of_time_change_no_frame(monkeypatch: p
 
     at_random(monkeypatch)
     monkeypatch.setattr(TimeBudget, "allows", seldom)
-    monkeypatch.setattr(wire_format, "PIECE_BYTES", 160)
+    monkeypatch.setattr(wire_format, "PART_BYTES", 160)
     frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
     check(frames, scenes)
     told = [frame.statistics.migration for frame in frames]

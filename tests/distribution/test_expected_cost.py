@@ -1,4 +1,4 @@
-"""Expected samples against the slabs of every ray, counted one by one."""
+"""Expected samples against counts of the slabs of every ray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bricks on their way: drawn once, held by who draws them, never above the limit, never lost, whatever happens."""
+"""State of migration: every brick is drawn once and held by its owner, within the memory limit, after any events."""
 
 from __future__ import annotations
 

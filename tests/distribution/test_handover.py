@@ -1,4 +1,4 @@
-"""When bricks that have arrived are drawn by their new ranks."""
+"""Handing over bricks that have arrived."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is learnt of bricks from the costs of ranks."""
+"""Cost factors of bricks, learnt from the costs of ranks."""
 
 from __future__ import annotations
 

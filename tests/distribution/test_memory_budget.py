@@ -1,4 +1,4 @@
-"""Memory that does not suffice is named before anything is loaded, with the number of ranks that would do."""
+"""Insufficient memory is an error before anything is loaded, with a sufficient number of ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much may be under way: what a share of the frames' time carries, and never nothing for ever."""
+"""Rate of migration: within the share of the frames' time, and never zero for ever."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The moves of a frame: within the budget and the memory, most gain a byte first, always towards what is wished."""
+"""Moves of a frame: within the budget and the memory, best gain a byte first, always towards the goal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A screen that ranks share: the same picture and the same samples, whoever draws which part of it."""
+"""Sort-first and hybrid: the same picture and the same samples for every partition of the screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slices of time: a share of each frame, whatever steps take, and no standstill."""
+"""Time budget of migration: a share of each frame, however long steps take, and no standstill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parcels: bricks come out as they went in, and no damage passes for a brick."""
+"""Wire format of bricks: round trips, and detection of damage."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.stored_brick import Stored, store
 
 BRICK = (1, 0, 2)
-PIECE_BYTES = 144
+PART_BYTES = 144
 
 
 def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
     voxels = noise(dtype=dtype)
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), filter=filter), voxels, brick=7)
-    parcels = replace(wire_format_of(prepared.plan, voxels.dtype), piece_bytes=PIECE_BYTES)
-    return parcels, store(prepared.bricks[BRICK], prepared.plan.encoding, parcels.slot)
+    wire_format = replace(wire_format_of(prepared.plan, voxels.dtype), part_bytes=PART_BYTES)
+    return wire_format, store(prepared.bricks[BRICK], prepared.plan.encoding, wire_format.slot)
 
 
 @pytest.mark.parametrize("codec", ["raw", "active+lz4", "active+delta+shuffle+lz4"])
 @pytest.mark.parametrize("filter", ["exact", "hardware"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])
 def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) -> None:
-    parcels, stored = made(dtype, filter)
-    stream, came = parcels.stream(stored), np.zeros(parcels.stream_bytes, np.uint8)
-    assert parcels.pieces > 3
-    for number in reversed(range(parcels.pieces)):
-        piece = parcels.wrap(BRICK, stored.voxels, stream, number, lambda pixels, rows: pack(pixels, codec, rows))
-        assert piece.size <= parcels.most_bytes(number)
-        voxels = parcels.unwrap(piece, BRICK, number, came)
-    found = parcels.brick(came, voxels)
+    wire_format, stored = made(dtype, filter)
+    stream, came = wire_format.stream(stored), np.zeros(wire_format.stream_bytes, np.uint8)
+    assert wire_format.parts > 3
+    for number in reversed(range(wire_format.parts)):
+        piece = wire_format.wrap(BRICK, stored.voxels, stream, number, lambda pixels, rows: pack(pixels, codec, rows))
+        assert piece.size <= wire_format.most_bytes(number)
+        voxels = wire_format.unwrap(piece, BRICK, number, came)
+    found = wire_format.brick(came, voxels)
     z, y, x = stored.samples.shape
     assert found.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(stored.samples).tobytes()
     assert (found.low == stored.low).all()
@@ -46,16 +46,16 @@ def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) ->
 
 @pytest.mark.parametrize("codec", ["raw", "lz4"])
 def test_no_damage_passes_for_a_brick(codec: str) -> None:
-    parcels, stored = made("uint8")
+    wire_format, stored = made("uint8")
     flat = Stored(np.zeros_like(stored.samples), stored.low, stored.high, stored.voxels)
-    stream, came = parcels.stream(flat), np.zeros(parcels.stream_bytes, np.uint8)
-    first = parcels.wrap(BRICK, flat.voxels, stream, 0, lambda pixels, rows: pack(pixels, codec, rows))
+    stream, came = wire_format.stream(flat), np.zeros(wire_format.stream_bytes, np.uint8)
+    first = wire_format.wrap(BRICK, flat.voxels, stream, 0, lambda pixels, rows: pack(pixels, codec, rows))
     assert (first.size < 100) == (codec == "lz4")
     for at in range(first.size):
         damaged = first.copy()
         damaged[at] ^= 1 << at % 8
         try:
-            parcels.unwrap(damaged, BRICK, 0, came)
+            wire_format.unwrap(damaged, BRICK, 0, came)
         except CodecError:
             continue
         # Zeros may be copied from any place where there are some.
@@ -63,15 +63,19 @@ def test_no_damage_passes_for_a_brick(codec: str) -> None:
         assert not came.any()
     for size in (0, 10, 32, first.size - 1):
         with pytest.raises(CodecError):
-            parcels.unwrap(first[:size], BRICK, 0, came)
+            wire_format.unwrap(first[:size], BRICK, 0, came)
 
 
 def test_another_brick_another_piece_and_another_way_of_storing_are_refused() -> None:
-    parcels, stored = made("float32")
-    stream, came = parcels.stream(stored), np.zeros(parcels.stream_bytes, np.uint8)
-    piece = parcels.wrap(BRICK, stored.voxels, stream, 1, lambda pixels, rows: pack(pixels, "raw", rows))
-    others = [(parcels, (0, 0, 2), 1), (parcels, BRICK, 0), (replace(parcels, stamp=parcels.stamp ^ 1), BRICK, 1)]
+    wire_format, stored = made("float32")
+    stream, came = wire_format.stream(stored), np.zeros(wire_format.stream_bytes, np.uint8)
+    piece = wire_format.wrap(BRICK, stored.voxels, stream, 1, lambda pixels, rows: pack(pixels, "raw", rows))
+    others = [
+        (wire_format, (0, 0, 2), 1),
+        (wire_format, BRICK, 0),
+        (replace(wire_format, stamp=wire_format.stamp ^ 1), BRICK, 1),
+    ]
     for made_of, brick, number in others:
         with pytest.raises(CodecError):
             made_of.unwrap(piece, brick, number, came)
-    assert parcels.unwrap(piece, BRICK, 1, came) == stored.voxels
+    assert wire_format.unwrap(piece, BRICK, 1, came) == stored.voxels
