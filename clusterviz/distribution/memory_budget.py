@@ -8,18 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.frame.opening import HELD_SHARE_OF_MEMORY
-from clusterviz.frame.run import Run
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import prefers_processor
 from clusterviz.render.storage import Slot, slot_of
-from clusterviz.report.machine import memory
+from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
+
+if TYPE_CHECKING:
+    from clusterviz.frame.run import Run
 
 Shares = Callable[[int], NDArray[np.int64]]
 """Bytes of bricks that each of a number of ranks would hold, int64 (ranks,)."""

@@ -25,7 +25,7 @@ from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin
 from clusterviz.plan.domain import make_domain
 from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
 from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
-from clusterviz.report.machine import memory
+from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.values import Scene
 
@@ -156,8 +156,6 @@ class OpenedVolumes:
 Opened = OpenedVolume | OpenedVolumes
 
 
-HELD_SHARE_OF_MEMORY = 0.4
-"""Share of free memory that bricks may take."""
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
 Given = Source | Sequence[Source] | None

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+HELD_SHARE_OF_MEMORY = 0.4
+"""Share of free memory that bricks may take."""
+
 
 @dataclass(frozen=True)
 class OpenGL:

@@ -160,7 +160,7 @@ def test_a_picture_that_cannot_be_written_is_raised_on_all_ranks(monkeypatch: py
     ("rank", "place", "said"),
     [
         (1, "clusterviz.composite.compositor:Compositor.composite", "rank 1, frame 0, composite: ValueError: odd"),
-        (2, "clusterviz.frame.async_compositing:tell_costs", "rank 2: ValueError: odd"),
+        (2, "clusterviz.frame.async_compositing:gather_costs", "rank 2: ValueError: odd"),
         (0, "clusterviz.cli.animate:_Animation.write", "rank 0, frame 0, write: ValueError: odd"),
     ],
 )
