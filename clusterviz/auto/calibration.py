@@ -1,6 +1,6 @@
-"""Calibration of `quality.max_error`: small pictures of a scene, drawn until a setting holds the bound.
+"""Calibration of `quality.max_error`: small pictures of a scene, drawn until settings keep the error bound.
 
-All ranks draw them as they draw any frame. The texture unit's filter is tried beside exact weights.
+All ranks draw them as they draw any frame. The texture unit's filter is compared with exact weights.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from clusterviz.scene.values import Quality, Scene
 
 @dataclass(frozen=True)
 class SmallPicture:
-    """A picture that was asked for; the same on every rank but for the image.
+    """Small picture; all but the image is the same on every rank.
 
     Attributes
     ----------
     image : on rank 0 only
-    samples : that all ranks took
+    samples : sum over all ranks
     seconds : of drawing, on the slowest rank
     filter : of the plan
-    is_textured : whether all ranks draw by OpenGL
+    is_textured : True if all ranks draw by OpenGL
     """
 
     image: Image | None
@@ -45,21 +45,22 @@ Draw = Callable[[Scene], SmallPicture]
 """Draws the picture of a scene whose settings are given; collective."""
 
 
-TURNS = 3
-"""Pictures of each that are timed; the fastest counts."""
+REPEATS = 3
+"""Timed pictures of each filter; the fastest counts."""
 
 
 class TextureUnit:
-    """Pictures by the texture unit and by exact weights; every method is collective.
+    """Comparison of the texture unit's filter with exact weights; every method is collective.
 
     Parameters
     ----------
-    small : a small scene whose settings are given
-    draw : a small picture
+    small : scene of a small picture, with all settings
+    channel : to the other ranks
+    draw : draws a small picture
 
     Attributes
     ----------
-    samples : that all of them took so far
+    samples : of all pictures so far
     """
 
     def __init__(self, small: Scene, channel: Channel, draw: Draw) -> None:
@@ -69,7 +70,7 @@ class TextureUnit:
         self.samples = 0
 
     def error(self, aim: Aim) -> float:
-        """What the texture unit adds to the error of the whole picture, estimated."""
+        """Estimate the error that the texture unit adds to the whole picture."""
         exact, textured = (self._drawn(scene).image for scene in self._scenes)
         added = 0.0
         if exact is not None and textured is not None:
@@ -77,11 +78,11 @@ class TextureUnit:
         return self._channel.broadcast(added)
 
     def share(self) -> float:
-        """Its time beside that of exact weights, on the slowest rank."""
+        """Return its time relative to that of exact weights, on the slowest rank."""
         fastest = []
         for scene in self._scenes:
-            self._drawn(scene)  # compiles, and brings bricks as this filter has them stored
-            fastest.append(min(self._drawn(scene).seconds for _ in range(TURNS)))
+            self._drawn(scene)  # compiles shaders, and stores bricks for this filter
+            fastest.append(min(self._drawn(scene).seconds for _ in range(REPEATS)))
         return fastest[1] / max(fastest[0], 1e-9)
 
     def _drawn(self, scene: Scene) -> SmallPicture:
@@ -91,29 +92,29 @@ class TextureUnit:
 
 
 FIRST_SIDE = 64
-"""Pixels along the longer side of a first picture, which only tells how much of the view is covered."""
+"""Pixels along the longer side of a first picture, which measures the covered part of the view."""
 SHARE, LEAST_PIXELS = 1 / 64, 1500
-"""How many of the covered pixels are drawn: this share; and so many at least, where there are so many."""
+"""Share of the covered pixels to draw, and their least number."""
 FOLLOWED, LEAST_FOLLOWED, LEAST_AT_JUMPS = 1 / 10, 100, 400
-"""Where a choice is followed: this share of a frame's samples, for the pictures that are drawn in any case; and so many
-of the covered pixels at least, more where the opacity jumps and single pixels are far worse than all others."""
+"""When an earlier choice is followed: share of a frame's samples for these pictures, and the least number of covered
+pixels, in general and where the opacity jumps, so that single pixels have far larger errors than all others."""
 RESIDUAL = 1 / 64
-"""Share of the bound at which rays of these pictures end early."""
+"""Share of the bound for early ray termination in these pictures."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What small pictures led to; the same on every rank.
+    """Result of a calibration; the same on every rank.
 
     Attributes
     ----------
-    scene : for which
-    choice : that was made
+    scene : that was calibrated
+    choice : of step and classification
     covered : share of the picture that the volume covers
-    pixels : of each of the small pictures
-    samples : of all of them together, on all ranks
-    filter : that was picked, where all was compared
-    verified : whether the choice was checked in all pixels, and not in a sample of them
+    pixels : of each small picture
+    samples : of all small pictures, on all ranks
+    filter : that was picked
+    verified : True if the choice was checked in all pixels, not in a sample of them
     """
 
     scene: Scene
@@ -126,7 +127,7 @@ class Calibration:
 
 
 class _Verdict(NamedTuple):
-    """What rank 0 says of the pictures so far: what to draw next, or what to choose."""
+    """Decision of rank 0 after a picture: the next trial, or the choice."""
 
     trial: Trial | None
     choice: Choice | None
@@ -134,14 +135,15 @@ class _Verdict(NamedTuple):
 
 
 def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None) -> Calibration:
-    """Find out which settings hold a scene's bound; collective.
+    """Find the settings that keep a scene's error bound; collective.
 
     Parameters
     ----------
     scene : completed, with a volume and `quality.max_error`
-    aim : what is asked for
-    draw : the picture of a scene; collective
-    followed : what the choice follows from, which knows what the texture unit adds; None: all is compared
+    aim : error bound and allowed settings
+    channel : to the other ranks
+    draw : draws the picture of a scene; collective
+    followed : earlier calibration whose filter is kept; None: compare all settings
     """
     samples, covered = 0, followed.covered if followed else 1.0
     if followed is None:
@@ -174,12 +176,12 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
 
 
 def covered_pixels(aim: Aim, covered: float) -> float:
-    """How many of those that the volume covers a small picture has; that being a share of the whole picture."""
+    """Return the covered pixels of a small picture, if the volume covers a share `covered` of the whole picture."""
     return _share(aim, covered) * covered * aim.pixels
 
 
 def chosen(scene: Scene, trial: Trial, early_termination: float, filter: str = "exact") -> Scene:
-    """The scene with the settings that were chosen, and nothing left to choose before it is dealt out."""
+    """Return the scene with chosen settings, and `pixel` float32 until the work is assigned."""
     settings = {"step": trial.step, "classification": trial.classification, "filter": filter, "pixel": "float32"}
     return _with(scene, **settings, early_termination=early_termination)
 
@@ -187,7 +189,7 @@ def chosen(scene: Scene, trial: Trial, early_termination: float, filter: str = "
 def _picked(
     small: Scene, pictures: dict[Trial, Image], choice: Choice, aim: Aim, channel: Channel, draw: Draw
 ) -> tuple[Picked, Choice, int]:
-    """The filter, the choice that goes with it, and the samples that it took to pick; timed only where it fits."""
+    """Pick the filter, timed only if its error fits the bound; returns it, the adapted choice, and samples taken."""
     unit = TextureUnit(small, channel, draw)
     error = unit.error(aim)
     less = reduced(aim, error)
@@ -198,9 +200,9 @@ def _picked(
 
 
 def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw) -> tuple[Choice, int]:
-    """The choice, or one with a shorter step, by the whole picture beside two of longer steps; and samples taken.
+    """Verify a choice, or shorten its step, by whole pictures of it and two longer steps; also returns samples taken.
 
-    Where single pixels are far worse than all others, no sample of pixels tells of them.
+    Needed where the errors of single pixels are far larger than all others, so that a sample of pixels misses them.
     """
     finest = max(choice.trial.level, COARSEST + 2)  # slabs are no longer than those of the coarsest
     trial, pictures, samples = choice.trial._replace(level=finest - 2), list[Image](), 0
@@ -224,7 +226,7 @@ def _judged(pictures: dict[Trial, Image], aim: Aim, image: Image | None) -> _Ver
 
 
 def _small(scene: Scene, trial: Trial, scale: float) -> Scene:
-    """The scene as a trial asks for it, of some scale in both directions."""
+    """Return the scene with the settings of a trial, scaled in both directions."""
     width, height = (max(1, round(min(1.0, scale) * side)) for side in scene.image.size)
     parts = {
         "image": scene.image.model_copy(update={"size": (width, height)}),
@@ -240,12 +242,12 @@ def _with(scene: Scene, **settings: object) -> Scene:
 
 
 def _covered(image: Image | None) -> float:
-    """The share of a picture, on rank 0, that shows anything; a pixel's at least."""
+    """Return the covered share of a picture, at least one pixel; 1 on ranks without the picture."""
     return 1.0 if image is None else max(float(np.mean(np.any(image != 0, axis=-1))), 1 / image[..., 0].size)
 
 
 def _share(aim: Aim, covered: float) -> float:
-    """How many of the pixels are drawn."""
+    """Return the share of pixels that small pictures have."""
     share, least = SHARE, LEAST_PIXELS
     if aim.last is not None:
         share, least = FOLLOWED / aim.first_cost, LEAST_AT_JUMPS if aim.jumps else LEAST_FOLLOWED

@@ -47,23 +47,23 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.render_result import SQUARE
 from clusterviz.scene.values import Scene
 
-FOLLOWED = 16  # groups whose members are looked at one by one, the dearest; the members of others count as even
+EXAMINED = 16  # most expensive groups, whose ranks are computed one by one; ranks of other groups count as even
 Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class CostProbe:
-    """Samples of pieces, each drawn as if it stood alone, over a coarse picture.
+    """Samples and optical depth of pieces, each drawn alone, in the pixels of a coarse picture.
 
     Attributes
     ----------
-    scale : pixels of the picture along the side of one here
-    piece : int32 (bz, by, bx), the piece of each brick, counted from front to back; −1 for those that are not shown
-    samples : float32 (pieces, height, width), of the whole picture
-    depth : float32 (pieces, height, width), −log of the light that a piece leaves
-    limit : the depth at which a ray ends; inf where none does early
-    seconds_per_sample : as measured while all ranks drew
-    crowd : ranks for each core that they may use, at least 1
+    scale : pixels of the picture along the side of a coarse pixel
+    piece : int32 (bz, by, bx), piece of each brick, counted from front to back; −1 for bricks that are not visible
+    samples : float32 (pieces, height, width), in the whole picture
+    depth : float32 (pieces, height, width), −log of the transmittance of a piece
+    limit : optical depth at which a ray ends; inf without early ray termination
+    seconds_per_sample : measured while all ranks drew
+    ranks_per_core : ranks for each core that they may use, at least 1
     """
 
     scale: int
@@ -72,44 +72,44 @@ class CostProbe:
     depth: Floats
     limit: float
     seconds_per_sample: float
-    crowd: float
+    ranks_per_core: float
 
 
 def samples_of_ranks(probe: CostProbe, plan: Plan, groups: RankGroups) -> NDArray[np.float64]:
-    """The samples of each rank, float64 (ranks,), where groups share the screen and a tree deals out each one's data.
+    """Predict the samples of each rank, float64 (ranks,), if groups share the screen and a tree the data of each.
 
     Parameters
     ----------
     plan : of the picture
-    groups : the ranks of each; one group is sort-last
+    groups : ranks of each group; a single group is sort-last
     """
     found = np.zeros(sum(map(len, groups)))
     if len(groups) == 1:
         tree = build_tree(plan.cost, len(found))
         return np.array([each.cost.sum() for each in _maps(probe, plan, tree)])
     everything = _map(probe, plan, np.ones(len(probe.samples), np.float32))
-    windows = build_cuts(everything, tuple(map(len, groups))).rects()
+    tiles = build_cuts(everything, tuple(map(len, groups))).rects()
     expected = expected_samples(plan)
-    costs = [everything.total(window) for window in windows]
-    dearest = set(np.argsort(costs)[::-1][:FOLLOWED].tolist())
-    for group, (members, window) in enumerate(zip(groups, windows, strict=True)):
-        if len(members) == 1 or group not in dearest or not window.pixels:
+    costs = [everything.total(tile) for tile in tiles]
+    examined = set(np.argsort(costs)[::-1][:EXAMINED].tolist())
+    for group, (members, tile) in enumerate(zip(groups, tiles, strict=True)):
+        if len(members) == 1 or group not in examined or not tile.pixels:
             found[list(members)] = costs[group] / len(members)
             continue
-        tree = build_tree(np.where(visible_bricks(plan, [window]), expected, 0.0), len(members))
-        found[list(members)] = [each.total(window) for each in _maps(probe, plan, tree)]
+        tree = build_tree(np.where(visible_bricks(plan, [tile]), expected, 0.0), len(members))
+        found[list(members)] = [each.total(tile) for each in _maps(probe, plan, tree)]
     return found
 
 
 def drawing_seconds(probe: CostProbe, samples: NDArray[np.float64], nodes: Sequence[Sequence[int]]) -> float:
-    """How long ranks draw that take so many samples: as the busiest, or as all of a node with the cores that it has."""
-    alone = probe.seconds_per_sample / probe.crowd
+    """Return the time of drawing: of the busiest rank, or of all ranks of a node on its cores, if that is longer."""
+    alone = probe.seconds_per_sample / probe.ranks_per_core
     together = max(float(samples[list(ranks)].mean()) for ranks in nodes) * probe.seconds_per_sample
     return float(max(samples.max() * alone, together))
 
 
 def _maps(probe: CostProbe, plan: Plan, tree: BspTree) -> list[CostMap]:
-    """Where on the screen each leaf of a tree takes samples."""
+    """Return the cost map of each leaf of a tree."""
     owner = owners_of(tree).owner
     shown = probe.piece >= 0
     share = np.zeros((tree.ranks, len(probe.samples)))
@@ -119,19 +119,19 @@ def _maps(probe: CostProbe, plan: Plan, tree: BspTree) -> list[CostMap]:
 
 
 def _map(probe: CostProbe, plan: Plan, share: Floats) -> CostMap:
-    """Where somebody takes samples who draws a share of each piece."""
+    """Return the cost map of a rank that draws a share of each piece."""
     mine = share > 0
     part = share[mine, None, None]
     samples, depth = probe.samples[mine] * part, probe.depth[mine] * part
     left = _left(samples, depth, probe.limit).sum(axis=0, dtype=np.float64)
     height, width = left.shape
-    # Samples are those of the whole picture already.
+    # These are samples in the whole picture, not in the coarse one.
     counted = cost_map_of_blocks(plan.view.size, [(Rect(0, 0, width, height), left)], probe.scale, 1)
     return CostMap(counted.size, counted.cost / probe.scale**2)
 
 
 def _left(samples: Floats, depth: Floats, limit: float) -> Floats:
-    """What is taken of pieces' samples (pieces, height, width), front to back, by one who has drawn those in front."""
+    """Return the samples (pieces, height, width) that remain with early ray termination by the pieces in front."""
     if not np.isfinite(limit):
         return samples
     depth = np.minimum(depth, np.float32(limit))
@@ -141,18 +141,18 @@ def _left(samples: Floats, depth: Floats, limit: float) -> Floats:
 
 
 SIDE = 128  # pixels of the longer side of the coarse picture, at most
-BOXES = 64  # of all ranks together, if that is not less than one a rank
-MOST_BOXES = 8  # of a rank
-CLOSE = 4  # the picture's side over that of the part that is drawn by its own slabs
-LEAST_CLOSE = 64  # pixels of that part's side
-LOOKS = 3  # at that part, of which the shortest counts
-DEEPEST = 30.0  # no light is left that float32 could tell
-UNKNOWN = 1e-8  # seconds a sample, where no rank took any
+BOXES = 64  # pieces of all ranks together, but at least one a rank
+MOST_BOXES = 8  # pieces of a rank
+PROBED = 4  # side of the picture over that of the part that is drawn at full resolution to measure time
+LEAST_PROBED = 64  # pixels of that part's side
+REPEATS = 3  # of that part, of which the fastest counts
+DEEPEST = 30.0  # optical depth without transmittance in float32
+UNKNOWN = 1e-8  # seconds a sample, if no rank took any
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A piece as its rank drew it: its number, the samples of squares of pixels, and how deep it is at each pixel."""
+    """Piece as its rank drew it: number, samples of squares of pixels, and optical depth at each pixel."""
 
     number: int
     rect: Rect
@@ -161,14 +161,14 @@ class _Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """What one rank found.
+class _RankProbe:
+    """Cost probe of one rank.
 
     Attributes
     ----------
     pieces : that it drew
-    seconds, samples : of the shortest close look
-    host, cores : where it runs
+    seconds, samples : of the fastest drawing at full resolution
+    host, cores : that it runs on
     """
 
     pieces: list[_Piece]
@@ -187,18 +187,21 @@ def probe_cost(
     holds: frozenset[Index] = frozenset(),
     seconds_per_sample: float | None = None,
 ) -> CostProbe | None:
-    """Draw the pre-pass; collective.
+    """Draw the cost probe; collective.
 
     Parameters
     ----------
-    drawing : which keeps the bricks
-    plan : of the completed scene's picture
-    holds : bricks that are kept besides
-    seconds_per_sample : where it is known on all ranks, nothing is drawn to measure it
+    run : of the loop
+    drawing : that draws and keeps the bricks
+    opened : volumes
+    scene : completed
+    plan : of the scene
+    holds : further bricks to keep
+    seconds_per_sample : if known, the same on all ranks; None: draw a part of the picture to measure it
 
     Returns
     -------
-    sounding : on rank 0; None elsewhere
+    probe : on rank 0; None elsewhere
     """
     channel = run.channel
     with run.collective("plan", "plan"):
@@ -206,22 +209,22 @@ def probe_cost(
     with run.local("plan", "plan"):
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))
-        share = RankWork(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
-    drawing.load(opened, share)
+        work = RankWork(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
+    drawing.load(opened, work)
     with run.unreported("choose"):
-        partials, _ = drawing.draw(replace(share, plan=coarse_plan(plan, scale)))
+        partials, _ = drawing.draw(replace(work, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
         found = list(map(_found, numbers, partials, drawing.sample_counts))
-        closer = replace(share, pieces=_close_look(plan, channel, found, scale))
-        seconds, samples = _measured(run, drawing, closer) if seconds_per_sample is None else (0.0, 0)
+        part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
+        seconds, samples = _measured(run, drawing, part) if seconds_per_sample is None else (0.0, 0)
     with run.collective("plan", "choose"):
-        told = channel.gather(_Told(found, seconds, samples, place.host, granted_cores()))
+        ranks = channel.gather(_RankProbe(found, seconds, samples, place.host, granted_cores()))
     with run.local("plan", "choose"):
-        return None if told is None else _cost_probe(plan, told, owner, len(boxes), scale, seconds_per_sample)
+        return None if ranks is None else _cost_probe(plan, ranks, owner, len(boxes), scale, seconds_per_sample)
 
 
 def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]]:
-    """Sort-last's leaves, each in some boxes, from front to back; and the piece of each brick, −1 for hidden ones."""
+    """Divide sort-last's leaves into pieces, front to back; also returns each brick's piece, −1 if invisible."""
     each = max(1, min(MOST_BOXES, BOXES // ranks))
     owner = np.full(plan.cost.shape, UNASSIGNED, np.int32)
     for leaf in build_tree(plan.cost, ranks).leaves:
@@ -238,20 +241,20 @@ def _boxes(plan: Plan, ranks: int) -> tuple[tuple[Piece, ...], NDArray[np.int32]
 
 
 def leaf_bricks(plan: Plan, rank: int, ranks: int) -> frozenset[Index]:
-    """The bricks that a rank needs for the pre-pass: those of sort-last."""
+    """Return the bricks that a rank needs for the cost probe: those of its sort-last leaf."""
     bricks = bricks_of(build_tree(plan.cost, ranks), rank, plan.cost)
     return frozenset((z, y, x) for z, y, x in bricks.tolist())
 
 
 def _found(number: int, partial: PartialImage, work: tuple[Rect, NDArray[np.uint32]]) -> _Piece:
-    """A piece as it is told: how deep it is, and where samples were taken."""
+    """Return the optical depth and the samples of a drawn piece."""
     with np.errstate(divide="ignore"):
         depth = -np.log(np.maximum(0.0, 1.0 - partial.rgba[..., 3].astype(np.float64)))
     return _Piece(number, *work, np.minimum(depth, DEEPEST).astype(np.float16))
 
 
-def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -> tuple[Piece, ...]:
-    """This rank's leaf in a part of the picture, round where it took most samples."""
+def _busiest_part(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -> tuple[Piece, ...]:
+    """Return this rank's leaf in a part of the picture, around the pixels with most samples."""
     busiest = max(found, key=lambda piece: int(piece.work.max(initial=0)), default=None)
     if busiest is None or not busiest.work.any():
         return ()
@@ -260,7 +263,7 @@ def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -
               ((busiest.rect.x_begin, int(column)), (busiest.rect.y_begin, int(row)))]  # fmt: skip
     begins, ends = [], []
     for centre, side in zip(middle, plan.view.size, strict=True):
-        length = min(side, max(LEAST_CLOSE, side // CLOSE))
+        length = min(side, max(LEAST_PROBED, side // PROBED))
         begin = min(max(0, int(centre) - length // 2), side - length)
         begins.append(begin)
         ends.append(begin + length)
@@ -269,36 +272,41 @@ def _close_look(plan: Plan, channel: Channel, found: list[_Piece], scale: int) -
     return tuple(replace(leaf, rect=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
 
 
-def _measured(run: Run, drawing: Drawing, share: RankWork) -> tuple[float, int]:
-    """Seconds and samples of a share that is drawn more than once: what else runs on the machine only adds time."""
-    looks = []
-    for _ in range(LOOKS):
+def _measured(run: Run, drawing: Drawing, work: RankWork) -> tuple[float, int]:
+    """Measure seconds and samples of drawing; the fastest of several counts, since other processes only add time."""
+    times = []
+    for _ in range(REPEATS):
         before = run.clock.seconds.get("render", 0.0)
-        _, counts = drawing.draw(share)
-        looks.append(run.clock.seconds.get("render", 0.0) - before)
-    return min(looks), counts.samples
+        _, counts = drawing.draw(work)
+        times.append(run.clock.seconds.get("render", 0.0) - before)
+    return min(times), counts.samples
 
 
 def _cost_probe(
-    plan: Plan, told: list[_Told], owner: NDArray[np.int32], pieces: int, scale: int, seconds_per_sample: float | None
+    plan: Plan,
+    ranks: list[_RankProbe],
+    owner: NDArray[np.int32],
+    pieces: int,
+    scale: int,
+    seconds_per_sample: float | None,
 ) -> CostProbe:
-    """What all ranks told, over one picture."""
+    """Combine the probes of all ranks."""
     width, height = (-(-side // scale) for side in plan.view.size)
     samples, depth = (np.zeros((pieces, height, width), np.float32) for _ in range(2))
-    for each in (piece for rank in told for piece in rank.pieces):
+    for each in (piece for rank in ranks for piece in rank.pieces):
         rect = each.rect
         place = each.number, slice(rect.y_begin, rect.y_end), slice(rect.x_begin, rect.x_end)
         depth[place] = each.depth
         samples[place] = LONGER * scale**2 * _by_pixel(rect, each.work)
     ends = plan.blend_mode.operator == "over" and plan.march.residual > 0
     limit = -np.log(plan.march.residual) / LONGER if ends else np.inf
-    taken = sum(rank.samples for rank in told)
-    measured = sum(rank.seconds for rank in told if rank.samples) / taken if taken else UNKNOWN
-    return CostProbe(scale, owner, samples, depth, float(limit), seconds_per_sample or measured, _crowd(told))
+    taken = sum(rank.samples for rank in ranks)
+    measured = sum(rank.seconds for rank in ranks if rank.samples) / taken if taken else UNKNOWN
+    return CostProbe(scale, owner, samples, depth, float(limit), seconds_per_sample or measured, _ranks_per_core(ranks))
 
 
 def _by_pixel(rect: Rect, work: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Samples of each pixel (height, width), from those of squares, in which they count as even."""
+    """Return the samples of each pixel (height, width), from those of squares, divided evenly."""
     rows, columns = (
         np.minimum(SQUARE, side - SQUARE * np.arange(-(-side // SQUARE))) for side in (rect.height, rect.width)
     )
@@ -306,10 +314,10 @@ def _by_pixel(rect: Rect, work: NDArray[np.uint32]) -> NDArray[np.float64]:
     return np.repeat(np.repeat(even, rows, axis=0), columns, axis=1)
 
 
-def _crowd(told: list[_Told]) -> float:
-    """Ranks for each core where that is most."""
+def _ranks_per_core(ranks: list[_RankProbe]) -> float:
+    """Return the largest number of ranks for each core."""
     shares = [
-        sum(1 / sum(core in other.cores and other.host == mine.host for other in told) for core in mine.cores)
-        for mine in told
+        sum(1 / sum(core in other.cores and other.host == mine.host for other in ranks) for core in mine.cores)
+        for mine in ranks
     ]
     return max(1.0, 1 / min(shares))

@@ -1,8 +1,8 @@
-"""The settings of each frame under `quality.max_error`: found for the first one, and followed from view to view.
+"""Settings of each frame under `quality.max_error`: calibrated for the first frame, and adapted to later ones.
 
-A choice that holds the bound in one view may break it in another, or be dearer than it need be. So for every other
-camera or transfer function pictures around the last choice are drawn, at a small share of a frame's samples, and the
-choice goes with what they tell. Where it has gone far, or anything else has changed, all is compared anew.
+Settings that keep the bound in one view may break it in another, or be needlessly expensive there. So for each new
+camera or transfer function, pictures around the last choice are drawn, at a small share of a frame's samples, and the
+choice is adapted. If it has changed much, or anything else has changed, all settings are compared again.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
 
 FOLLOWED_FOR = 8
-"""Frames at least before both ways of classification are compared anew, which costs as much as some frames."""
+"""Least number of frames between full calibrations, each of which costs as much as several frames."""
 
 
 class ErrorBoundController:
-    """What is known of a loop's settings from frame to frame; the same on every rank.
+    """Controller of a loop's settings from frame to frame; the same on every rank.
 
     Parameters
     ----------
     run : of the loop
-    draw : a small picture, as `calibrate` asks for them
+    draw : draws a small picture, as in `calibrate`
     """
 
     def __init__(self, run: Run, draw: Draw) -> None:
@@ -45,7 +45,7 @@ class ErrorBoundController:
         self._warned = False
 
     def settle(self, scene: Scene) -> tuple[Scene, Accuracy]:
-        """The scene with settings that hold its `quality.max_error`; collective.
+        """Return the scene with settings that keep its `quality.max_error`; collective.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class ErrorBoundController:
         return chosen(scene, trial, residual, found.filter.value), accuracy
 
     def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
-        """A choice for the scene, and the samples that it took."""
+        """Return the calibration for a scene, and the samples that it took."""
         last, anew, samples = self._last, self._anew, 0
         if last and anew and _can_follow(last, scene, aim):
             if scene == last.scene:
@@ -84,31 +84,32 @@ class ErrorBoundController:
 
 
 def with_pixel(work: RankWork, accuracy: Accuracy, ranks: int) -> tuple[RankWork, Accuracy]:
-    """A frame that is dealt out, with the format for its partial images that what is left of the bound has room for.
+    """Choose the format of partial images by the rest of the error bound; returns the changed work and accuracy.
 
     Parameters
     ----------
-    share : with a plan, and float32
+    work : with a plan, and `pixel` float32
+    accuracy : of the settings so far
     ranks : that draw
     """
-    assert work.plan is not None, "only what shows a volume has settings to choose"
-    # Images of one window may lie behind each other; where nobody shares the screen, there is a single one.
+    assert work.plan is not None, "only a scene with a volume has settings to choose"
+    # Images in the same tile may cover each other.
     images = max(Counter(piece.rect for piece in work.pieces).values(), default=0)
     picked = pixel_of(work.plan, accuracy, images, ranks)
     quality = work.scene.quality.model_copy(update={"pixel": picked.value})
     reasons = {**accuracy.reasons, "pixel": picked.reason}
-    told = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
-    return replace(work, scene=work.scene.model_copy(update={"quality": quality})), told
+    accuracy = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
+    return replace(work, scene=work.scene.model_copy(update={"quality": quality})), accuracy
 
 
 def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
-    """The format of partial images of which so many may lie behind each other, by what is left of the bound."""
+    """Pick the format of partial images by the rest of the bound, if up to `images` cover each other."""
     bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
     return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.operator == "over")
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
-    """Whether only the camera and the transfer function are others, and the way of classification is still one."""
+    """True if only camera and transfer function differ, and the last classification is still allowed."""
     try:
         check_same_volume(last.scene, scene)
     except SceneError:
@@ -117,7 +118,7 @@ def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
 
 
 def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:
-    """What is asked for: of few pixels only whether the step is too long, where no other transfer function is drawn."""
+    """Return the aim of an adaptation; with few pixels and the same transfer function the step may only get shorter."""
     aim = _for_the_step(aim, last.filter)
     following = aim.following(last.choice.trial)
     if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
@@ -126,12 +127,12 @@ def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> 
 
 
 def _for_the_step(aim: Aim, filter: Picked) -> Aim:
-    """What the filter leaves to the step and to rays that end early."""
+    """Subtract the filter's error from the bound; the rest is for the step and early ray termination."""
     return replace(aim, bound=aim.bound - filter.error) if filter.error else aim
 
 
 def _reasons(found: Calibration, reached: bool) -> dict[str, str]:
-    """Why each setting is what it is."""
+    """Return the reason for each setting."""
     return {
         "step": "the longest that is expected to hold the bound"
         if reached

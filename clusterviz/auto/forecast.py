@@ -1,9 +1,9 @@
-"""What `mode: auto` means in a loop of frames: how many groups of ranks share the screen, by a model of their time.
+"""Forecast for `mode: auto`: the time of a frame for each number of groups that share the screen.
 
-More groups hold more data a rank, draw more evenly, end rays earlier, and blend less. What each rank would draw is
-known from a pre-pass, with what a sample costs there; what compositing should take, from its time model
-(docs/concepts/time-model.md). Sharing the screen has to win clearly, since its model knows less of what may go wrong:
-other views, and bricks that are read as tiles move.
+With more groups each rank holds more data, drawing is more even, rays end earlier, and less is blended. The cost probe
+predicts the samples of each rank and their time. A time model predicts compositing (docs/concepts/time-model.md).
+Sharing the screen must win clearly, since the model ignores some of its costs: other views, and bricks that are read
+when tiles move.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.render_result import footprint
 from clusterviz.report.decisions import Forecast
 
-LEAST_GAIN = 0.9  # of sort-last's predicted time, below which sharing the screen is chosen
-DOUBT = 0.05  # of the time of drawing: so well is known what a sample takes on an idle machine
-LEAST_GAIN_AGAIN = 0.8  # of the time of what is there already, below which it is given up: bricks may have to be read
+LEAST_GAIN = 0.9  # part of sort-last's predicted time, below which ranks share the screen
+DOUBT = 0.05  # uncertainty of the time of drawing, on an idle machine
+LEAST_GAIN_AGAIN = 0.8  # part of the present mode's predicted time, below which it changes: bricks may have to be read
 
 
 def held_bytes(plan: Plan, budget: MemoryBudget, ranks: int, groups: int) -> int:
-    """Bytes of bricks of the rank that holds most: the smallest group may come to see all that is shown."""
+    """Return the most bytes of bricks of any rank, if the smallest group holds all visible bricks."""
     return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(budget.brick_bytes(plan)).max())
 
 
@@ -45,14 +45,16 @@ def forecast(
     probe: CostProbe,
     pixel: str = "float32",
 ) -> Forecast:
-    """What a number of groups should take and hold.
+    """Predict time and memory for a number of groups.
 
     Parameters
     ----------
-    holding : how bricks are counted
-    nodes : the ranks of each
-    groups : 1 … ranks, whose sizes differ by one at most
-    sounding : what a pre-pass found
+    plan : of the picture
+    budget : memory of a rank for bricks
+    nodes : ranks of each node
+    groups : in 1 … ranks; their sizes differ by at most one
+    network : for the time model
+    probe : of the cost
     pixel : format of partial images
     """
     ranks = sum(map(len, nodes))
@@ -63,7 +65,7 @@ def forecast(
 
 
 def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network, pixel: str) -> float:
-    """What joining the partial images of a number of groups should take; tiles are taken to be even among them."""
+    """Predict the time of compositing for a number of groups, assuming even tiles."""
     ranks = sum(map(len, nodes))
     tree = build_tree(plan.cost, ranks // groups)
     pieces = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
@@ -81,14 +83,15 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
 
 
 def choose(found: Sequence[Forecast], present: int | None = None) -> int:
-    """The number of groups that should take least, unless what they are measured by is nearly as good.
+    """Choose the number of groups with the least predicted time, unless the present number is nearly as good.
 
-    Of numbers that a clock does not tell apart the fewest groups are taken, which hold least: two runs of the same
-    scene shall not differ by what else the machine did.
+    Among numbers with nearly equal times the smallest is chosen, which needs the least memory. So the choice depends
+    less on other processes.
 
     Parameters
     ----------
-    present : groups that share the screen now; None before a first choice, which is measured by sort-last
+    found : forecasts
+    present : number of groups now; None before the first choice, which is compared with sort-last
     """
     best = min(found, key=lambda each: each.seconds)
     kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)
@@ -96,5 +99,5 @@ def choose(found: Sequence[Forecast], present: int | None = None) -> int:
     enough = gain * now.seconds if now else np.inf
     if not best.seconds < enough:
         return kept
-    alike = best.seconds + DOUBT * best.seconds_drawing
-    return min(each.groups for each in found if each.seconds < enough and each.seconds <= alike)
+    nearly_best = best.seconds + DOUBT * best.seconds_drawing
+    return min(each.groups for each in found if each.seconds < enough and each.seconds <= nearly_best)

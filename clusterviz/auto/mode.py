@@ -1,8 +1,8 @@
-"""How the ranks of a loop share its frames: chosen before the first one, and looked at again where counts ask for it.
+"""Automatic mode: sort-last, hybrid or sort-first, chosen before the first frame and again when the cost changes.
 
-What is chosen first rests on what a sample was measured to take; from then on only on counts, which are the same in
-every run. A look is taken when samples have changed much since the last one, as where a camera comes near: a
-pre-pass, about one sample in 64 of a small picture. All ranks count alike, and rank 0 decides for all.
+The first choice uses the measured time of a sample. Later choices use only counts, which are the same in every run.
+The choice is repeated, with a new cost probe, when samples have changed much, as when the camera comes near. All ranks
+have the same counts, and rank 0 decides for all.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
 
-CHANGED = 1.5  # times as many samples as after the last look, or as few: of all ranks, or of the busiest
-PAUSE = 8  # frames from one look to the next, at least
+CHANGED = 1.5  # factor on samples, up or down, of all ranks or the busiest, that repeats the choice
+PAUSE = 8  # least number of frames between choices
 
 
 class AutoMode:
-    """What is chosen now; the same on every rank.
+    """Present mode and its distribution; the same on every rank.
 
     Parameters
     ----------
-    run, drawing : of the loop; drawing keeps the bricks of a pre-pass
-    opened : what there is to draw, if anything
+    run, drawing : of the loop; drawing keeps the bricks of a cost probe
+    opened : volumes, if any
     scene : completed
-    several : whether more than one frame may come
+    several : True if more than one frame may come
 
     Attributes
     ----------
-    distribution : until the first frame is settled, sort-last where the number of groups is open
-    companion : its own
-    sharing : for the statistics: what was chosen, and what that was last measured by
+    distribution : of the mode; sort-last before the first choice
+    hooks : of the distribution, if any
+    sharing : mode and forecasts, for the statistics
 
     Raises
     ------
@@ -54,42 +54,42 @@ class AutoMode:
         self._run, self._drawing, self._opened, self._several = run, drawing, opened, several
         self._cluster, ranks = scene.cluster, run.channel.size
         with run.local("plan", "plan"):
-            self._among = groups_of(scene, ranks, several)
-        shares_screen = self._among != [1] or self._cluster.mode in ("sort-first", "hybrid")
+            self._candidates = groups_of(scene, ranks, several)
+        shares_screen = self._candidates != [1] or self._cluster.mode in ("sort-first", "hybrid")
         with run.collective("plan", "plan"):
             self._budget = memory_budget_of(run, self._cluster, shares_screen)
-        self._is_open = opened is not None and len(self._among) > 1
-        self._groups = self._among[0] if not self._is_open else None
+        self._is_open = opened is not None and len(self._candidates) > 1
+        self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
         self._frames, self._counted, self._has_changed = 0, (0, 0), False
         self.hooks: DistributionHooks | None = None
         self._take(self._groups or 1, ())
 
     def update(self, scene: Scene, last: RankWork | None = None, accuracy: Accuracy | None = None) -> None:
-        """Before a frame: choose, or look again, where that is due; collective.
+        """Choose the mode before a frame, if it is due; collective.
 
         Parameters
         ----------
         scene : of the frame, with all settings of its quality
-        last : the share of the frame before
-        accuracy : of settings that were chosen for the frame; by it, pixels will be, too
+        last : work of the last frame
+        accuracy : of the settings chosen for `quality.max_error`, from which the format of pixels follows
         """
         if not self._is_open or (self._groups is not None and not self._is_due):
             return
         run, opened = self._run, self._opened
-        assert opened is not None, "nothing is open where nothing is drawn"
+        assert opened is not None, "without a volume the mode is not open"
         from clusterviz.auto.forecast import choose, held_bytes
 
         with run.local("plan", "plan"):
             scene = complete_scene(scene, opened.facts)
             plan = plan_frame(opened, scene, last)
-            fitting = [n for n in self._among if self._fits(held_bytes(plan, self._budget, run.channel.size, n))]
+            fitting = [n for n in self._candidates if self._fits(held_bytes(plan, self._budget, run.channel.size, n))]
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
             pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
             found = self._forecasts(opened, scene, plan, pixels, last)
         present, self._frames = self._groups, 0
-        chosen = choose(found, present) if found else present or (fitting or self._among)[0]
+        chosen = choose(found, present) if found else present or (fitting or self._candidates)[0]
         if chosen != present:
             self._take(chosen, found)
         elif found:
@@ -97,7 +97,7 @@ class AutoMode:
         self._groups = chosen
 
     def record(self, costs: Sequence[RankFrame]) -> None:
-        """After a frame: what it cost each rank."""
+        """Record the cost of a frame on each rank."""
         self._frames += 1
         samples = [rank.samples - rank.samples_estimate for rank in costs]
         now = sum(samples), max(samples)
@@ -106,7 +106,7 @@ class AutoMode:
         self._has_changed = any(max(a, b) > CHANGED * min(a, b) for a, b in zip(now, self._counted, strict=True))
 
     def close(self) -> None:
-        """Give back what the companion took; collective."""
+        """Free the resources of the hooks; collective."""
         if self.hooks:
             self.hooks.close()
 
@@ -119,7 +119,7 @@ class AutoMode:
         return limit is None or held <= limit
 
     def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
-        """Begin with a number of groups."""
+        """Make the distribution and hooks for a number of groups."""
         self.close()
         ranks = self._run.channel.size
         self.distribution = distribution_of(self._cluster, ranks, groups, self._budget, self._several)
@@ -137,7 +137,7 @@ class AutoMode:
     def _forecasts(
         self, opened: Opened, scene: Scene, plan: Plan, pixels: Mapping[int, str], last: RankWork | None
     ) -> tuple[Forecast, ...]:
-        """What numbers of groups should take, each with its format of pixels; none where the pre-pass has no memory."""
+        """Predict the time of each number of groups; empty if the cost probe does not fit into memory."""
         from clusterviz.auto.cost_probe import UNKNOWN, leaf_bricks, probe_cost
         from clusterviz.auto.forecast import forecast
 
@@ -151,14 +151,14 @@ class AutoMode:
         if last and not self._fits(channel.maximum(held)):
             return ()
         probe = probe_cost(run, self._drawing, opened, scene, plan, holds, self._seconds_per_sample)
-        told: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
+        result: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
         with run.local("plan", "choose"):
             if probe is not None:
                 network = default_network(len(nodes))
-                what = plan, self._budget, nodes
-                found = tuple(forecast(*what, n, network, probe, pixel) for n, pixel in pixels.items())
-                told = found, probe.seconds_per_sample
+                common = plan, self._budget, nodes
+                found = tuple(forecast(*common, n, network, probe, pixel) for n, pixel in pixels.items())
+                result = found, probe.seconds_per_sample
         with run.collective("plan", "choose"):
-            found, seconds = channel.broadcast(told)
+            found, seconds = channel.broadcast(result)
         self._seconds_per_sample = seconds if seconds != UNKNOWN else None
         return found

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.auto.cost_probe import LOOKS, CostProbe, drawing_seconds, probe_cost, samples_of_ranks
+from clusterviz.auto.cost_probe import REPEATS, CostProbe, drawing_seconds, probe_cost, samples_of_ranks
 from clusterviz.auto.forecast import choose, forecast, held_bytes
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite.model.network import default_network
@@ -42,7 +42,7 @@ def scene_of(settings: dict[str, Any]) -> Scene:
     return with_settings(Scene(volumes=(Volume(path="array"),)), settings)
 
 
-def sounding_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
+def probe_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
     """What a pre-pass finds."""
 
     def job(channel: Channel) -> tuple[Plan, CostProbe | None]:
@@ -53,18 +53,18 @@ def sounding_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
         return opened.plan(scene), probe_cost(run, Drawing(run), opened, scene, opened.plan(scene))
 
     told = run_loopback(RANKS, job)
-    assert [sounding is None for _, sounding in told] == [False, True, True, True]
-    plan, sounding = told[0]
-    assert sounding is not None
-    assert sounding.seconds_per_sample > 0
-    assert sounding.crowd >= 1
-    return plan, sounding
+    assert [probe is None for _, probe in told] == [False, True, True, True]
+    plan, probe = told[0]
+    assert probe is not None
+    assert probe.seconds_per_sample > 0
+    assert probe.ranks_per_core >= 1
+    return plan, probe
 
 
 def sounded(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
     """What a pre-pass finds, at a nanosecond a sample and a core a rank."""
-    plan, sounding = sounding_of(settings)
-    return plan, replace(sounding, seconds_per_sample=1e-9, crowd=1.0)
+    plan, probe = probe_of(settings)
+    return plan, replace(probe, seconds_per_sample=1e-9, ranks_per_core=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +89,8 @@ def drawn(settings: dict[str, Any]) -> list[int]:
 
 def test_samples_of_ranks_are_foreseen(opaque: tuple[Plan, CostProbe]) -> None:
     """By early ends of rays, too: in sort-last each rank's own, in sort-first all that lies in front."""
-    plan, sounding = opaque
-    last, both, first = (samples_of_ranks(sounding, plan, rank_groups(RANKS, groups)) for groups in (1, 2, RANKS))
+    plan, probe = opaque
+    last, both, first = (samples_of_ranks(probe, plan, rank_groups(RANKS, groups)) for groups in (1, 2, RANKS))
     assert last == pytest.approx(drawn(OPAQUE | {"mode": "sort-last"}), rel=0.12)
     assert first.sum() == pytest.approx(sum(drawn(OPAQUE | {"mode": "sort-first"})), rel=0.12)
     found = drawn(OPAQUE | {"mode": "hybrid", "groups": 2, "tiling": "estimated"})
@@ -100,17 +100,17 @@ def test_samples_of_ranks_are_foreseen(opaque: tuple[Plan, CostProbe]) -> None:
 
 
 def test_what_is_opaque_asks_for_the_screen_to_be_shared(opaque: tuple[Plan, CostProbe]) -> None:
-    plan, sounding = opaque
-    found = [forecast(plan, MemoryBudget(), NODES, groups, INSTANT, sounding) for groups in (1, 2, RANKS)]
+    plan, probe = opaque
+    found = [forecast(plan, MemoryBudget(), NODES, groups, INSTANT, probe) for groups in (1, 2, RANKS)]
     assert found[0].samples > 1.2 * found[2].samples
     assert choose(found) == RANKS
 
 
 def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, CostProbe]) -> None:
     """Whoever draws it, the samples are the same, and sharing the screen then gains little."""
-    plan, sounding = clear
-    found = [forecast(plan, MemoryBudget(), NODES, groups, INSTANT, sounding) for groups in candidates(RANKS)]
-    total = [samples_of_ranks(sounding, plan, rank_groups(RANKS, each.groups)).sum() for each in found]
+    plan, probe = clear
+    found = [forecast(plan, MemoryBudget(), NODES, groups, INSTANT, probe) for groups in candidates(RANKS)]
+    total = [samples_of_ranks(probe, plan, rank_groups(RANKS, each.groups)).sum() for each in found]
     assert total == pytest.approx([total[0]] * len(total), rel=1e-3)
     few = [replace(each, seconds_compositing=0.0, seconds_drawing=each.samples) for each in found]
     assert few[-1].seconds < few[0].seconds
@@ -118,18 +118,16 @@ def test_what_is_clear_and_even_stays_sort_last(clear: tuple[Plan, CostProbe]) -
 
 
 def test_slow_links_ask_for_pixels_that_travel_once(clear: tuple[Plan, CostProbe]) -> None:
-    plan, sounding = clear
-    assert (
-        choose([forecast(plan, MemoryBudget(), NODES, groups, SLOW, sounding) for groups in candidates(RANKS)]) == RANKS
-    )
+    plan, probe = clear
+    assert choose([forecast(plan, MemoryBudget(), NODES, groups, SLOW, probe) for groups in candidates(RANKS)]) == RANKS
 
 
 @pytest.mark.parametrize("groups", [1, 2, RANKS])
 def test_pixels_of_fewer_bits_take_less_to_join(clear: tuple[Plan, CostProbe], groups: int) -> None:
-    plan, sounding = clear
+    plan, probe = clear
     slow = replace(SLOW, seconds_per_byte=1e-3)
     full, half, quarter = (
-        forecast(plan, MemoryBudget(), NODES, groups, slow, sounding, pixel).seconds_compositing
+        forecast(plan, MemoryBudget(), NODES, groups, slow, probe, pixel).seconds_compositing
         for pixel in ("float32", "float16", "uint8")
     )
     assert full == pytest.approx(2 * half, rel=1e-3)
@@ -138,9 +136,9 @@ def test_pixels_of_fewer_bits_take_less_to_join(clear: tuple[Plan, CostProbe], g
 
 def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan, CostProbe]) -> None:
     """The time of a sample is that of the device: where it is short, compositing decides."""
-    plan, sounding = opaque
+    plan, probe = opaque
     quick, slow = (
-        forecast(plan, MemoryBudget(), NODES, 1, SLOW, replace(sounding, seconds_per_sample=each))
+        forecast(plan, MemoryBudget(), NODES, 1, SLOW, replace(probe, seconds_per_sample=each))
         for each in (1e-12, 1e-4)
     )
     assert quick.seconds_compositing == slow.seconds_compositing > quick.seconds_drawing
@@ -150,8 +148,8 @@ def test_dear_samples_and_dear_links_weigh_against_each_other(opaque: tuple[Plan
 
 def test_ranks_that_share_cores_wait_for_all_of_them(clear: tuple[Plan, CostProbe]) -> None:
     """Uneven samples cost nothing as long as every core has something to do."""
-    samples, crowded = np.array([1.0, 3.0, 2.0, 2.0]), replace(clear[1], seconds_per_sample=4.0, crowd=4.0)
-    assert drawing_seconds(replace(crowded, crowd=1.0), samples, NODES) == 12
+    samples, crowded = np.array([1.0, 3.0, 2.0, 2.0]), replace(clear[1], seconds_per_sample=4.0, ranks_per_core=4.0)
+    assert drawing_seconds(replace(crowded, ranks_per_core=1.0), samples, NODES) == 12
     assert drawing_seconds(crowded, samples, ((0, 1, 2, 3),)) == 8
     assert drawing_seconds(crowded, samples, ((0, 2), (1, 3))) == 10
 
@@ -206,9 +204,9 @@ def test_a_look_that_others_held_up_is_not_believed(late: int, monkeypatch: pyte
         return found
 
     monkeypatch.setattr(Drawing, "draw", held_up)
-    _, sounding = sounding_of({})
-    assert drawn == [1 + LOOKS] * RANKS
-    assert 0 < sounding.seconds_per_sample < 1e-3
+    _, probe = probe_of({})
+    assert drawn == [1 + REPEATS] * RANKS
+    assert 0 < probe.seconds_per_sample < 1e-3
 
 
 @pytest.mark.parametrize("seconds", [1e-12, 1e-9, 1e-6, 1e-3])
