@@ -1,4 +1,4 @@
-// Absorption of a slab in one volume of a mixture, from its midpoint: optical depth, and colour times optical depth.
+// Absorption of a slab in one of several volumes, from its midpoint: optical depth, and colour times optical depth.
 vec4 absorbing(int k, int at, dvec2 span) {
     if (k < seen.x || k >= seen.y) return vec4(0.0);
     vec3 beyond = here.beyond + float(at) * stride;

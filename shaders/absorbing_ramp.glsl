@@ -1,4 +1,4 @@
-// Pre-integrated absorption of a slab in one volume of a mixture: optical depth, exact for a field that is linear between the slab's ends,
+// Pre-integrated absorption of a slab in one of several volumes: optical depth, exact for a field that is linear between the slab's ends,
 // and mean colour. The order of absorption within a slab is ignored.
 void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
     sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0);

@@ -1,6 +1,6 @@
 // Field in a cell of eight voxels: its bounds, and its cubic polynomial along a ray (S. Parker et al., Interactive ray tracing for isosurface
 // rendering, IEEE Visualization 1998, section 3).
-const vec3 CELL_BEGINS = vec3(0.0); // from its first voxel
+const vec3 CELL_BEGINS = vec3(0.0); // corner of the cell, relative to its first voxel
 
 // The cells that a brick holds of the volume.
 ivec3 cell_within(ivec3 at) {
@@ -13,12 +13,12 @@ bool extent_of(int brick, ivec3 at, out vec2 extent) {
     vec4 far = vec4(pair_at(brick, at + ivec3(0, 0, 1)), pair_at(brick, at + ivec3(0, 1, 1)));
     vec4 low = min(near, far), high = max(near, far);
     extent = vec2(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
-    // By their bits, since compilers turn comparisons round, which are other ones then for NaN.
+    // By their bits, since compilers invert comparisons, which is wrong for NaN.
     uvec4 bits = max(floatBitsToUint(abs(near)), floatBitsToUint(abs(far)));
     return !MAY_BE_INVALID || all(lessThan(bits, uvec4(0x7f800000u)));
 }
 
-// The factors of 1, t, t², t³, `t` of a way `by` behind where it begins in the cell.
+// Coefficients of 1, t, t², t³ of the field at begin + t · by.
 vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) {
     vec2 a = pair_at(brick, at), b = pair_at(brick, at + ivec3(0, 1, 0));
     vec2 c = pair_at(brick, at + ivec3(0, 0, 1)), d = pair_at(brick, at + ivec3(0, 1, 1));

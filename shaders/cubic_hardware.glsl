@@ -2,7 +2,7 @@
 // filtering, GPU Gems 2, 2005, chapter 20). The weights have about 8 bits; cubic.glsl is the exact variant.
 float spline_at(int slot, ivec3 at, vec3 t) {
     vec4 x = spline(t.x), y = spline(t.y), z = spline(t.z);
-    // Along each axis: the share of the two voxels behind, and where between two voxels their own shares lie.
+    // Along each axis: the weight of the two voxels behind, and the positions of the fetches between two voxels.
     vec3 share = vec3(x.z + x.w, y.z + y.w, z.z + z.w);
     vec3 before = vec3(x.y, y.y, z.y) / (1.0 - share) - 1.0, after = vec3(x.w, y.w, z.w) / share + 1.0;
     vec3 size = vec3(textureSize(atlas, 0)), corner = slot_origin(slot) + vec3(at) + 0.5;
@@ -20,6 +20,6 @@ float scalar_at(int slot, ivec3 cell, vec3 beyond) {
     ivec3 at = spline_cell(cell, beyond);
     vec3 t = beyond - vec3(at - cell);
     float found = spline_at(slot, at, t);
-    // The unit spreads an invalid voxel over all fetches that weigh it; what it hides is decided voxel by voxel.
+    // The texture unit spreads an invalid voxel over all fetches around it, so validity is decided voxel by voxel.
     return MAY_BE_INVALID && !(abs(found) <= 3e38) ? spline_of_voxels(slot, at, t) : found;
 }

@@ -1,9 +1,9 @@
-// Isosurfaces in a slab of a mixture, front to back, with uniform absorption between them. Of two at one position the first volume's is in front.
+// Isosurfaces of several volumes in a slab, front to back, with uniform absorption between them. Of two at one position the first volume's is in front.
 float surface_place[MOST_SURFACES]; // from the slab's midpoint
 vec4 surface_light[MOST_SURFACES];  // premultiplied
 int surfaces = 0;
 
-// Of too many those behind are left out.
+// If there are too many, the farthest are left out.
 void meet(float place, vec4 light) {
     if (surfaces == MOST_SURFACES && place >= surface_place[MOST_SURFACES - 1]) return;
     int n = min(surfaces, MOST_SURFACES - 1);

@@ -16,26 +16,26 @@ float power(float x, float y) {
     return y == 0.0 ? 1.0 : pow(x, y);
 }
 
-// The unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes what arrives of it.
+// Unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes the light that arrives.
 vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);
 
-// What a surface reflects of a light to the eye: diffuse and specular shares.
+// Shares of a light that a surface reflects to the eye: diffuse and specular.
 vec2 reflected(vec3 normal, vec3 light) {
     float facing = dot(normal, light);
     float mirrored = max(2.0 * facing * dot(normal, toward_eye) - dot(light, toward_eye), 0.0);
     return vec2(abs(facing), facing != 0.0 ? power(mirrored, material.w) : 0.0);
 }
 
-// `capped`: what is next to a cut face is lit as the face is, by a share that falls with the way behind it, and with the gradient.
+// `capped`: the normal of a cut face is blended in, with a weight that falls with the depth behind the face and with the gradient.
 vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
     vec3 normal = normal_from_gradient * gradient;
-    // Scaled first: the square of a steep gradient would leave float32.
+    // Scaled first, as the square of a steep gradient would overflow float32.
     float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
     bool has_normal = largest > 0.0;
     normal /= has_normal ? largest : 1.0;
     float length = has_normal ? sqrt(dot(normal, normal)) : 1.0;
     normal /= length;
-    // lighting[3].w is the least of what gradients are multiplied by.
+    // lighting[3].w is the least factor of gradients.
     float steep = largest * length, share = 0.0;
     vec3 cap = vec3(0.0);
     for (int k = 0; capped && steep * lighting[3].w < 1.0 && k < CAPS; ++k) {

@@ -4,7 +4,7 @@ vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength) {
     if (direction.w < 2.0) return direction.w != 0.0 ? toward_eye : direction.xyz;
     vec3 offset = (whole.xyz - vec3(brick_begin + place.cell)) + (lighting[row + 3].xyz - beyond);
     vec3 toward = mat3(lighting[0].xyz, lighting[1].xyz, lighting[2].xyz) * offset;
-    // Scaled first: the square of a long way would leave float32. At the light itself there is no direction.
+    // Scaled first, as the square of a large distance would overflow float32. At the light itself there is no direction.
     float largest = max(max(abs(toward.x), abs(toward.y)), abs(toward.z));
     toward /= largest > 0.0 ? largest : 1.0;
     float length = sqrt(dot(toward, toward)), way = largest * length;

@@ -1,22 +1,22 @@
 // Ray marching loop: from brick to brick, and in a brick by runs of slabs with brick-local float positions.
-// `float scalar_at(int brick, ivec3 cell, vec3 beyond)` is the variant's: the field `beyond` the corner of a cell of the brick, NaN where a
-// voxel is invalid. Both are kept apart because their sum would lose as many digits as the cell's number has.
+// The variant defines `float scalar_at(int brick, ivec3 cell, vec3 beyond)`: the field at the offset `beyond` from the corner of a cell, NaN if a
+// voxel is invalid. Cell and offset are separate, as their sum would lose precision.
 float scalar_at(int brick, ivec3 cell, vec3 beyond);
 
-// In a brick, a ray is cut into windows of a fixed number of slabs, the first of which begins with its first slab there. Places in a window are
-// counted in float32 from its origin, a slab in its middle, and what it comes to is summed by itself before it is put behind what is kept: with
-// compensation, so that 10^6 faint slabs add up. So neither where runs begin nor how many there are changes a bit: pictures are the same with
-// or without leaping over what is empty. Runs end with windows at the latest; lanes that take turns wait for the one with the longest run.
+// In a brick, a ray is cut into batches of a fixed number of slabs, beginning with its first slab there. Positions in a batch are float32
+// offsets from its origin, the slab in its middle. Each batch is composited by itself, and then added to the pixel with compensated summation, so
+// that 10^6 faint slabs add up. So the begin and the number of runs change no bit: pictures are the same with and without empty-space skipping.
+// A run ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
 const int LONGEST_RUN = 16;
 const int LONGEST_LEAP = 1 << 20;
-const int NO_SLAB = 1 << 30; // a number that no slab has
-// llvmpipe silently leaves every loop after 65535 iterations in all, so a dispatch takes on less and the next one goes on. Sixteen lanes
-// that take turns could spend sixteen times what each of them counts.
+const int NO_SLAB = 1 << 30; // not the number of any slab
+// llvmpipe silently leaves all loops after 65535 iterations in total, so a dispatch does less, and the next one continues. Sixteen divergent
+// lanes may take sixteen times the iterations that each of them counts.
 const int ITERATIONS = 3600;
 
 struct Sum {
-    vec4 high; // what a pixel keeps: with most looks premultiplied colour and opacity
-    vec4 low;  // what rounding has taken from `high` (Kahan); kept, too, so that it is of no account where dispatches end
+    vec4 high; // value of the pixel: with most blend modes premultiplied colour and opacity
+    vec4 low;  // rounding error of `high` (Kahan); stored, too, so that the ends of dispatches do not matter
 };
 
 void add(inout Sum sum, vec4 more) {
@@ -26,9 +26,9 @@ void add(inout Sum sum, vec4 more) {
     sum.high = total;
 }
 
-// How many midpoints from `local` on lie in the box [0, size) for certain: at least this one, at most `limit`.
+// Number of midpoints from `local` on that lie in the box [0, size) for certain: from 1 to `limit`.
 int slabs_inside(vec3 local, vec3 size, vec3 slab, int limit) {
-    // Less than float32 has rounded away, so that no slab is taken that the neighbour, who decides exactly, takes too.
+    // Smaller by the rounding of float32, so that no slab is taken that the next brick, which decides exactly, takes too.
     vec3 ahead = mix(local, size - local, greaterThanEqual(slab, vec3(0.0))) - float(BRICK) * 3e-7;
     vec3 slabs = ahead / max(abs(slab), vec3(1e-30));
     float least = min(min(slabs.x, slabs.y), min(slabs.z, float(limit)));
@@ -36,28 +36,28 @@ int slabs_inside(vec3 local, vec3 size, vec3 slab, int limit) {
 }
 
 struct Place {
-    int brick;   // where its voxels begin; GAP where nothing is visible, OUTSIDE where another box owns the slab
+    int brick;   // offset of its voxels; GAP if nothing is visible, OUTSIDE if another box owns the slab
     ivec3 cell;  // in the brick
-    vec3 beyond; // the cell's corner
-    int slabs;   // how many slabs from here on share this answer
+    vec3 beyond; // offset from the cell's corner
+    int slabs;   // number of slabs from here on for which brick, GAP or OUTSIDE holds
 };
 const int GAP = -1, OUTSIDE = -2;
 
-// How often slabs are doubled: a sample stands for 1 << doublings slabs of the lattice. What a group of cells allows, and how many of the
-// next `slabs` are then taken at once; a stretch begins at a multiple of its length, wherever that is. And the slab from which windows are counted
-// in a brick that a ray enters with slab k.
+// Adaptive step: a sample replaces 1 << doublings slabs of the lattice. The functions give the doublings that a group of cells allows; the number
+// of the next `slabs` that are then taken at once, as a stretch begins at a multiple of its length; and the slab from which batches are counted in a
+// brick that a ray enters with slab k.
 int doublings_in(int words, int bit);
 int stretched(int k, int slabs);
 int window_from(int k);
 
-ivec3 brick_begin; // the first cell of the brick that was found last
+ivec3 brick_begin; // first cell of the brick that was found last
 
-// Where slab k is, and what is there: a run of a visible group of cells, a group of cells or a whole brick without anything visible.
+// Place of slab k: a run in a visible group of cells, or an invisible group or brick.
 Place place_of(Ray ray, int k, vec3 slab) {
     dvec3 position = midpoint(ray, k);
     ivec3 cell = cell_of(position);
     if (!owned(cell)) return Place(OUTSIDE, ivec3(0), vec3(0.0), 0);
-    // Integer division is slow where there is no hardware for it; this is exact.
+    // Instead of integer division, which is slow without hardware support; exact.
     ivec3 number = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
     ivec3 first = number * BRICK, at = number - bricks_begin;
     brick_begin = first;
@@ -69,7 +69,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
     int start = brick_offset[brick];
     int words = brick * GROUP_WORDS + (bit >> 5);
     bool visible = start >= 0 && (group_visible[words] >> (bit & 31) & 1u) != 0u;
-    // A visible run may go on to the brick's end, unless it is stretched; a gap ends with its group of cells, or with its brick.
+    // A visible run may extend to the brick's end, unless it is stretched; a gap ends with its group of cells, or with its brick.
     bool whole = visible ? doublings_in(words, bit & 31) == 0 : start < 0;
     vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
     // The last group along an axis may be cut by the brick's end.
@@ -77,47 +77,47 @@ Place place_of(Ray ray, int k, vec3 slab) {
     return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
 }
 
-// Where slab k is on the lattice, as the last one and one that the entry cuts are not; in whatever brick that is.
+// Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.
 dvec3 on_lattice(Ray ray, int k) {
     return fma(dvec3(k), ray.slab, ray.first);
 }
 
-// The same, as seen from a place's brick.
+// Place of slab k on the lattice, relative to the brick of another place.
 Place on_lattice(Ray ray, int k, Place place) {
     dvec3 position = on_lattice(ray, k);
     ivec3 cell = ivec3(floor(position));
     return Place(place.brick, cell - brick_begin, vec3(position - dvec3(cell)), place.slabs);
 }
 
-// The origin of a window by its first slab. Where rays enter the volume, rounding must not put the end of a slab behind its face.
+// Origin of a batch by its first slab. Where rays enter the volume, rounding must not put the end of a slab beyond its face.
 int origin_of(int first) {
     return first == 0 ? 0 : first + (slabs_in_window >> 1);
 }
 
-int run_iterations; // of loops, that a run has counted
+int run_iterations; // iterations of loops that a run has counted
 
-// Where rays may start behind their entry: the slab from which windows are counted in a brick that a ray comes to with slab k; how many of
-// the next slabs come before what would be a start, by the opacities of what is kept and of the window; that a window, or a slab alone, has
-// come to an opacity with slab k; and whether the ray has to begin again.
+// Frame coherence (starts.glsl): the slab from which batches are counted in a brick that a ray reaches with slab k; the number of the next slabs
+// before a predicted start, by the opacities of the pixel and of the batch; the note that a batch, or a single slab, has reached an opacity with
+// slab k; and whether the ray has to be drawn again.
 int windows_from(int k);
 int up_to_start(int k, int slabs, float kept, float window);
 void note(int k, float opacity);
 bool is_late();
 
-// The look's: a run of whole slabs is added to what came before it in its window, as if nothing were in front; what the last slab comes to, which
-// the exit may have cut to a share, or a first one that the entry has cut; how what windows come to is added behind what the ray has gathered;
-// and whether nothing behind can matter. A run's slabs, from `from` up to `to`, are counted from slab `origin` at `place`, its window's.
+// The blend mode: adds a run of whole slabs to its batch, as if nothing were in front; composites the last slab, or the first one, cut to a share
+// by the exit or the entry; adds a batch behind the pixel; and decides if anything behind can matter. A run's slabs, from `from` up to `to`, are
+// counted from slab `origin` at `place`, those of its batch.
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab);
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share);
 void add_run(inout Sum sum, vec4 run);
 bool is_done(Sum sum);
 
-// What a window has come to is put behind what is kept, unless that is nothing, which changes no bit.
+// Put a batch behind the pixel, unless it is empty, which changes no bit.
 void put_behind(inout Sum sum, vec4 window) {
     if (window.a > 0.0) add_run(sum, window);
 }
 
-// March on from slab `k`, or until this dispatch has done its share; k is then the slab to go on with, and the number of slabs at the end.
+// March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
@@ -133,7 +133,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     }
     vec4 window = vec4(0.0);
     ivec3 brick = ivec3(-1);
-    int entered = 0, first = -1; // the slabs with which the windows of the brick begin, and the one that is summed
+    int entered = 0, first = -1; // first slabs of the brick's batches, and of the current batch
     int until = last;
     while (k < until) {
         Place place;
@@ -152,11 +152,11 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             put_behind(sum, window);
             window = vec4(0.0);
             first = begin;
-            // A dispatch ends with windows only; where it ends in a gap, the next one begins with that one's window.
+            // A dispatch ends only with a batch; if it ends in a gap, the next one begins with the batch there.
             if (iterations >= ITERATIONS && k < last) until = k = begin;
         }
         if (is_done(sum)) k = ray.slabs;
-        else if (place.brick == OUTSIDE) k = last; // which may be this box's again, by rounding
+        else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again
         if (k >= until) break;
         int slabs = stretched(k, min(min(place.slabs, first + slabs_in_window - k), last - k));
         slabs = up_to_start(k, slabs, sum.high.a, window.a);

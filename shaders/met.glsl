@@ -1,4 +1,4 @@
-// Isosurfaces of one volume of a mixture in a slab: those that the ray meets in the slab's part in the volume (root.glsl).
+// Isosurfaces of one of several volumes in a slab: those that the ray meets in the slab's part in the volume (root.glsl).
 void meet_surfaces(int at, dvec2 span) {
     double middle = 0.5LF * (span.x + span.y);
     vec2 part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);
@@ -12,7 +12,7 @@ void meet_surfaces(int at, dvec2 span) {
         for (int n = 0; n < all; ++n) {
             int number;
             float t, along = met_in(course, walk, n, number, t), found = along - from;
-            // Those in front of the slab, and behind it, are other slabs'.
+            // Surfaces in front of the slab, and behind it, belong to other slabs.
             if (found < part.x || found >= part.y || middle + found < uncut.x || middle + found > uncut.y) continue;
             vec4 look = surface[2 * number + 1];
             meet(found, look.a * vec4(lit(look.rgb, gradient_in(course, walk, t), here, here.beyond + along * stride, false), 1.0));

@@ -1,2 +1,2 @@
-// Volume of a mixture without isosurfaces.
+// One of several volumes, without isosurfaces.
 void meet_surfaces(int at, dvec2 span) {}

@@ -5,9 +5,9 @@ void face(Ray ray) {
     face_all(ray);
 }
 
-// Premultiplied colour and opacity of slab k, `at` slabs behind the place with which all began, from where to where it goes.
+// Premultiplied colour and opacity of slab k, which is `at` slabs behind the begin, over the given range.
 vec4 mixed(int k, int at, dvec2 span) {
-    vec4 sum = vec4(0.0); // of the depths, with colours
+    vec4 sum = vec4(0.0); // sum of the optical depths, with colours
     take_all(sum, k, at, span);
     return in_order(sum, float(span.y - span.x));
 }
@@ -22,7 +22,7 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }
 
-// The last slab, or a first one that the entry has cut.
+// The last slab, or a first one cut by the entry.
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     begin_all(midpoint(ray, k), place.brick);
     double begin = double(k) - 0.5LF, end = begin + 1.0LF;

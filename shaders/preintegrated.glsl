@@ -11,10 +11,10 @@ void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
     sum += ((1.0 - sum.a) * opacity) * vec4(clamp(mean + leaning(depth, opacity) * change, 0.0, 1.0), 1.0);
 }
 
-// Where a ray enters and leaves the volume: rounding must not put its ends behind the faces, into cells that are none.
+// Entry and exit of a ray: rounding must not put its ends beyond the volume's faces, outside of all cells.
 const float WITHIN = 0.5 - 1e-6;
 
-// Where slabs meet is told by one number, whether a run ends or begins there.
+// The position between two slabs is one number, equal if a run ends there or begins there.
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
     float begin = origin + from == 0 ? -WITHIN : float(from) - 0.5;
     Class front = class_at(scalar_at(place.brick, place.cell, place.beyond + begin * slab));

@@ -18,21 +18,21 @@ Class class_at(float s) {
     return Class(s, segment, a.x, a.y, c.w, vec3(a.zw, b.x), b.yzw, c.xyz);
 }
 
-// What becomes of a part of a slab: its depth, the mean of its colour, and how far that changes with the depth.
+// Integral over a part of a slab: its optical depth, its mean colour, and the change of the colour with the depth.
 void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change);
 
-// A part of a slab, `units` long, in one segment of the transfer function.
+// Part of a slab, `units` long, in one segment of the transfer function.
 void absorb_within(inout vec4 sum, Class of, float from, float to, float units) {
     float x = (0.5 * (from + to) - of.start) * of.per_scalar, d = (to - from) * of.per_scalar;
     x = of.per_scalar == 0.0 ? 0.0 : x;
     float kappa = max(of.kappa.x + x * (of.kappa.y + x * of.kappa.z) + of.kappa.z * d * d / 12.0, 0.0);
-    // How much more absorbs behind than in front: it moves the mean colour.
+    // Difference of absorption between back and front, which shifts the mean colour.
     float tilt = kappa > 0.0 ? clamp((of.kappa.y + 2.0 * of.kappa.z * x) * d / kappa, -4.0, 4.0) : 0.0;
     vec3 change = of.change * d;
     absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt / 12.0), change * (1.0 - tilt * tilt / 20.0));
 }
 
-// The whole segments from `low` up to `high`; `per_scalar` is the slab's length over how far its scalar goes.
+// Whole segments from `low` up to `high`; `per_scalar` is the slab's length over the difference of its scalars.
 void absorb_between(inout vec4 sum, int low, int high, bool rises, float per_scalar) {
     dvec4 at_low = sums[2 * low], passed = sums[2 * high] - at_low;
     if (!(passed.x > 0.0LF)) return;
@@ -42,7 +42,7 @@ void absorb_between(inout vec4 sum, int low, int high, bool rises, float per_sca
     absorb(sum, float(min(passed.x * double(per_scalar), 1e30LF)), vec3(mean), rises ? change : -change);
 }
 
-// A slab from its front to its back, `units` opacity unit distances long.
+// Slab from its front to its back, `units` opacity unit distances long.
 vec4 integrated(Class front, Class back, float units) {
     vec4 sum = vec4(0.0);
     if (front.segment == back.segment) {

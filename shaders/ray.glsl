@@ -6,13 +6,13 @@ struct Ray {
     dvec3 last;       // midpoint of the last slab, which the exit may have cut short
     dvec3 entered;    // midpoint of slab 0 where the entry has cut it short (jitter.glsl)
     int slabs;        // 0 where the ray misses the volume
-    int begin, end;   // of these, what is not cut away
-    dvec2 kept;       // between which of them, midpoints at whole numbers, the ray itself is not cut away
+    int begin, end;   // those not clipped
+    dvec2 kept;       // unclipped part of the ray in slabs, with midpoints at integers
     float last_share; // length of the last slab over that of a full one, in (0, 1]
     float first_share; // the same of slab 0, where the entry cuts it
 };
 
-// Where a line is between two planes, for one axis: (entry, exit). A line within the planes' slab and parallel to it is always between.
+// Entry and exit of a line between two planes, for one axis. A line between the planes and parallel to them never leaves.
 dvec2 between(double origin, double direction, double high) {
     if (direction == 0.0) return origin >= 0.0 && origin <= high ? dvec2(-1e300LF, 1e300LF) : dvec2(1e300LF, -1e300LF);
     double a = -origin / direction, b = (high - origin) / direction;
@@ -52,7 +52,7 @@ Ray ray_through(ivec2 pixel) {
     return ray;
 }
 
-// The midpoint of slab k: the one expression by which every box decides what it owns.
+// Midpoint of slab k: the only expression by which boxes decide which slabs they own.
 dvec3 midpoint(Ray ray, int k) {
     if (k == ray.slabs - 1) return ray.last;
     return JITTERED && k == 0 ? ray.entered : fma(dvec3(k), ray.slab, ray.first);
@@ -74,8 +74,8 @@ bool is_before(Ray ray, ivec3 cell) {
     return false;
 }
 
-// The first slab that this box owns, or the number of slabs where it owns none. Midpoints run one way along each axis; the estimate is nearly
-// always within two of the truth, but where midpoints are closer than rounding, as those of rays that all but run along a face, it may be anywhere.
+// First slab that this box owns, or the number of slabs if it owns none. Midpoints are monotone along each axis. The estimate is nearly always off
+// by two at most, but if midpoints are closer than rounding, as with rays almost parallel to a face, it may be anywhere.
 int first_owned(Ray ray) {
     if (ray.slabs == 0) return 0;
     int last = ray.slabs - 1;

@@ -45,7 +45,7 @@ shared uint samples_of_group;
 void main() {
     if (gl_LocalInvocationIndex == 0u) samples_of_group = 0u;
     barrier();
-    // Neighbours in a SIMD unit are blocks of 4 x 2 pixels rather than rows, whose rays are more alike.
+    // Neighbours in a SIMD unit are blocks of 4 x 2 pixels rather than rows, as their rays are more similar.
     int lane = int(gl_LocalInvocationIndex);
     ivec2 inside = 8 * ivec2(gl_WorkGroupID.xy) + ivec2((lane & 3) + (lane >> 3 & 1) * 4, (lane >> 2 & 1) + (lane >> 4) * 2);
     if (all(lessThan(inside, frame.rect.zw))) {
@@ -65,7 +65,7 @@ void main() {
             go_on(ray, sum, slab, samples);
             end_at(ray, pixel, sum, slab);
             pixels[pixel] = sum.high;
-            // What finished rays have lost is of no account, unless another box adds to them.
+            // The rounding error of finished rays matters only if another box adds to them.
             if (slab < ray.slabs || frame.first_box != 2) pixels[lost] = sum.low;
         }
         progress[pixel] = slab < ray.slabs ? slab : NEVER;

@@ -3,16 +3,16 @@
 // once at most (G. Marmitt et al.: Fast and accurate ray-voxel intersection techniques for iso-surface ray tracing, VMV 2004, section 3).
 // Most cells hold no surface between their least and their largest scalar.
 const float FAR = 3.4e38;
-const float EARLIER = 1e-4; // slabs; where a way begins on a face, the cell before that face tells what is met at it
-const float STILL = 1e-30;  // voxels a slab; rays that are slower along an axis do not move
+const float EARLIER = 1e-4; // slabs; if a segment of a ray begins on a face, the cell before that face decides about surfaces on it
+const float STILL = 1e-30;  // voxels per slab, below which a ray does not move along an axis
 const int UNKNOWN = -1, REFINEMENTS = 10;
 
 struct Walk {
-    Place place;  // from which all is counted, along x, y, z and in slabs
+    Place place;  // origin of all positions, along x, y, z and in slabs
     vec3 slab, up, per_voxel, offset;
-    vec3 cell;    // in which the ray is
-    float enters; // there
-    // Surfaces whose value the field has reached there, which stand in the order of their values, and those between which it is.
+    vec3 cell;    // current cell
+    float enters; // entry of the ray
+    // Number of surfaces, by ascending value, that the field has reached there, and the values of the surfaces below and above the field.
     int reached;
     float low, high;
 };
@@ -26,13 +26,13 @@ Walk walk_from(Place place, vec3 slab, float begin) {
     return Walk(place, slab, up, per_voxel, mix(vec3(FAR), offset, moves), cell, max(max(met.x, met.y), met.z), UNKNOWN, FAR, -FAR);
 }
 
-// The field along a ray in a cell.
+// Field along a ray in a cell.
 struct Course {
     ivec3 cell;
-    vec3 begin, by; // in the cell
+    vec3 begin, by; // entry in the cell, and the way to the exit
     float enters, leaves;
     vec4 cubic;
-    vec4 t, field;  // where it begins, turns and ends, from 0 to 1
+    vec4 t, field;  // parameters from 0 to 1 of the entry, the extremes and the exit, and the field there
     ivec4 reached;
 };
 
@@ -56,7 +56,7 @@ int reached_by(float s) {
     return found;
 }
 
-// Where a polynomial of third degree turns, in order, from 0 to 1; 1 where it does not.
+// Positions of the extremes of a polynomial of third degree in ascending order, clamped to [0, 1]; 1 without an extreme.
 vec2 turns_of(vec4 cubic) {
     vec3 part = cubic.yzw * vec3(1.0, 1.0, 3.0);
     part /= max(max(abs(part.x), abs(part.y)), max(abs(part.z), 1e-30));
@@ -84,7 +84,7 @@ Course course_of(Walk walk, ivec3 cell, float leaves) {
     return Course(cell, begin, by, walk.enters, leaves, cubic, t, field, reached);
 }
 
-// How many surfaces are met before the first turn, the second one, and behind it.
+// Numbers of surfaces met before the first extreme, between both, and behind the second.
 ivec3 crossed(Course course) {
     return abs(course.reached.yzw - course.reached.xyz);
 }
@@ -103,8 +103,8 @@ void to_next_cell(inout Walk walk) {
     walk.cell += mix(vec3(0.0), 2.0 * walk.up - 1.0, lessThanEqual(faces, vec3(walk.enters)));
 }
 
-// Go to the next cell, up to `end`, in which surfaces are met, and behind it; whether there is one. First all lanes look for cells that may
-// hold one, then they look at those closer together.
+// Move behind the next cell, up to `end`, in which surfaces are met; true if there is one. First all SIMD lanes search for cells that
+// may hold a surface, then they examine these together.
 bool next_course(inout Walk walk, float end, inout Course course) {
     bool found = false;
     while (!found && walk.enters < end) {
@@ -126,7 +126,7 @@ bool next_course(inout Walk walk, float end, inout Course course) {
             walk.low = FAR;
         } else {
             take_level(walk, extent.x);
-            // Where nothing is known of the cells before, one that lies between two surfaces tells.
+            // If the state before is unknown, a cell between two surfaces gives it.
             if (before >= 0 || extent.y >= walk.high) {
                 walk.reached = before;
                 course = course_of(walk, cell, leaves_of(walk, faces_of(walk)));
@@ -139,7 +139,7 @@ bool next_course(inout Walk walk, float end, inout Course course) {
     return found;
 }
 
-// Where the n-th surface in a cell is met, in slabs, and which one it is; the Illinois method.
+// Position in slabs, and number, of the n-th surface that a ray meets in a cell, by the Illinois method.
 float met_in(Course course, Walk walk, int n, out int number, out float t) {
     ivec3 met = crossed(course);
     int part = n < met.x ? 0 : n < met.x + met.y ? 1 : 2;
@@ -148,7 +148,7 @@ float met_in(Course course, Walk walk, int n, out int number, out float t) {
     number = high > low ? low + nth : low - 1 - nth;
     float value = surface[2 * number].x, a = course.t[part], b = course.t[part + 1];
     float at_a = course.field[part] - value, at_b = course.field[part + 1] - value;
-    // Where it is on one side all the way, it has jumped from the cell before.
+    // If the field is on one side all the way, it has jumped from the cell before.
     bool jumps = (at_a < 0.0) == (at_b < 0.0);
     t = jumps ? a : b;
     int side = 0;
@@ -171,7 +171,7 @@ float met_in(Course course, Walk walk, int n, out int number, out float t) {
     return fma(t, course.leaves - course.enters, course.enters);
 }
 
-// The gradient there, of the cell itself.
+// Gradient there, of the cell itself.
 vec3 gradient_in(Course course, Walk walk, float t) {
     vec3 beyond = CELL_BEGINS.x < 0.0 ? vec3(0.0) : clamp(fma(vec3(t), course.by, course.begin), 0.0, 1.0 - 5.9604645e-8);
     return gradient_at(walk.place.brick, course.cell, beyond);

@@ -1,6 +1,6 @@
 // Runs of slabs that are sampled at their midpoints; the blend mode composites the samples.
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
-// A share of a slab: what the exit has left of the last one.
+// Part of a slab: the last one, cut by the exit.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);
 
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {

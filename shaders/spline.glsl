@@ -9,7 +9,7 @@ ivec3 spline_cell(ivec3 cell, vec3 beyond) {
     return clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);
 }
 
-// The four voxels along x around a cell whose corner is `at`, in the row (y, z) from it, each -1 … 2.
+// Four voxels along x around a cell whose corner is `at`, in the row (y, z) relative to it, each -1 … 2.
 vec4 spline_row(int brick, ivec3 at, int y, int z, float base) {
     vec4 row = row_at(brick, at + ivec3(-1, y, z));
     if (MAY_BE_INVALID) {
@@ -24,7 +24,7 @@ float spline_layer(int brick, ivec3 at, int z, vec4 along_x, vec4 along_y, float
                              dot(along_x, spline_row(brick, at, 1, z, base)), dot(along_x, spline_row(brick, at, 2, z, base))));
 }
 
-// The field `t` beyond the voxel `at`, from all 64 voxels.
+// Field at the offset `t` from the voxel `at`, from all 64 voxels.
 float spline_of_voxels(int brick, ivec3 at, vec3 t) {
     vec4 x = spline(t.x), y = spline(t.y);
     float base = voxel_at(brick, at);

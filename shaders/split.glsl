@@ -1,19 +1,19 @@
 // Slabs that are cut where they leave a brick, so that no brick samples the field beyond its own cells (M. Strengert, Parallel Visualization
 // and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.3). Along a ray, s counts slabs from where its lattice begins.
-// Where it meets the faces of bricks is found by one expression, which never falls from one face to the next: in every box the same pieces.
+// Intersections with faces of bricks come from one expression, which is monotone from face to face, so that all boxes find the same pieces.
 
 double met(Ray ray, int axis, int face) {
     return (double(face * BRICK) - ray.first[axis]) / ray.slab[axis] + 0.5LF;
 }
 
-// The brick at s along an axis, and where it ends; the volume's own faces are no ends.
+// Brick at s along an axis, and its end; the volume's own faces are not ends.
 int brick_along(Ray ray, int axis, double s, out double end) {
     double by = ray.slab[axis], position = fma(s - 0.5LF, by, ray.first[axis]);
     int last = last_cell[axis] / BRICK, brick = clamp(int(floor(position * BRICKS_PER_CELL)), 0, last);
     end = 1e300LF;
     if (by == 0.0LF) return brick;
     bool rises = by > 0.0LF;
-    // The guess is within one of the truth.
+    // The estimate is off by one at most.
     bool begins_inside = rises ? brick > 0 : brick < last, ends_inside = rises ? brick < last : brick > 0;
     if (begins_inside && met(ray, axis, rises ? brick : brick + 1) > s) brick += rises ? -1 : 1;
     else if (ends_inside && met(ray, axis, rises ? brick + 1 : brick) <= s) brick += rises ? 1 : -1;
@@ -21,7 +21,7 @@ int brick_along(Ray ray, int axis, double s, out double end) {
     return brick;
 }
 
-// The part of the ray in this box of bricks.
+// Part of the ray in this box of bricks.
 dvec2 in_box(Ray ray) {
     dvec2 found = dvec2(-1e300LF, 1e300LF);
     for (int axis = 0; axis < 3; ++axis) {
@@ -39,7 +39,7 @@ dvec2 in_box(Ray ray) {
     return found;
 }
 
-// Whether there may be something to see just behind s, in a brick that begins at brick_begin; and where its group of cells ends.
+// True if something may be visible just behind s, in the brick that begins at brick_begin; and the end of its group of cells.
 bool may_be_seen(Ray ray, int brick, double s, out double end) {
     dvec3 ahead = fma(dvec3(s - 0.5LF + 1e-6LF), ray.slab, ray.first) - dvec3(brick_begin);
     ivec3 group = clamp(ivec3(floor(ahead)) >> GROUP_SHIFT, ivec3(0), GROUPS - 1);
@@ -58,7 +58,7 @@ int first_slab(Ray ray) {
     return ray.begin;
 }
 
-// Where the part of a ray in this box begins, from slab k on.
+// Begin of the part of a ray in this box, from slab k on.
 double begin_in_box(Ray ray, int k, dvec2 box) {
     return max(max(double(k), JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
 }
@@ -68,7 +68,7 @@ int first_in_brick_of(Ray ray, int k, int entry) {
     for (int axis = 0; axis < 3; ++axis) {
         bool rises = ray.slab[axis] > 0.0LF;
         int face = brick_along(ray, axis, double(k), unused) + (rises ? 0 : 1);
-        // The volume's own faces are no begins.
+        // The volume's own faces are not begins.
         if (ray.slab[axis] != 0.0LF && (rises ? face > 0 : face <= last_cell[axis] / BRICK)) s = max(s, met(ray, axis, face));
     }
     return int(s);
@@ -80,20 +80,20 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     dvec2 box = in_box(ray);
     double s = begin_in_box(ray, k, box);
     double past = (ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), end = min(past, min(double(ray.end), box.y));
-    // Rounding must not put a ray's ends behind the volume's faces, into cells that are none.
+    // Rounding must not put a ray's ends beyond the volume's faces, outside of all cells.
     double near = shift + 1e-6LF, far = past - 1e-6LF;
     int iterations = 0;
     vec4 window = vec4(0.0);
-    int first = 0; // the slab with which it begins, in the brick that begins at `brick_begin`
+    int first = 0; // first slab of the batch, in the brick that begins at `brick_begin`
     brick_begin = ivec3(-1);
-    // A dispatch ends with windows only, and at a whole number.
+    // A dispatch ends only with a batch, and at an integer.
     while (s < end && !(iterations >= ITERATIONS && s >= double(first + slabs_in_window) && s == floor(s))) {
         dvec3 ends;
         ivec3 number = ivec3(brick_along(ray, 0, s, ends.x), brick_along(ray, 1, s, ends.y), brick_along(ray, 2, s, ends.z));
         double leave = min(end, min(ends.x, min(ends.y, ends.z)));
         ivec3 at = number - bricks_begin;
         iterations += 2;
-        // A slab that is cut lies in several bricks, of which a ray starts in the first.
+        // A slab that is cut lies in several bricks; a ray starts in the first of them.
         int begin = brick_begin == number * BRICK ? first : brick_begin.x < 0 ? windows_from(int(s)) : int(s);
         int later = (int(s) - begin) & -slabs_in_window;
         if (later > 0 || brick_begin != number * BRICK) {
@@ -109,7 +109,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             s = leave;
             continue;
         }
-        // Groups of cells without anything visible are passed, but what is left of the last slab: pieces do not depend on groups.
+        // Invisible groups of cells are skipped up to the begin of a slab, so that pieces do not depend on groups.
         double gap = s, group_end;
         while (gap < leave && !may_be_seen(ray, brick, gap, group_end)) {
             gap = min(max(group_end, gap + 1e-6LF), leave);
@@ -139,6 +139,6 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         if (is_late()) return;
     }
     put_behind(sum, window);
-    // Where a dispatch ends in a gap, the next one begins with that one's window.
+    // If a dispatch ends in a gap, the next one begins with the batch there.
     k = s < end && !is_done(sum) ? first + ((int(s) - first) & -slabs_in_window) : ray.slabs;
 }

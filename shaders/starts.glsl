@@ -1,18 +1,18 @@
-// Rays start where the last frame says (docs/concepts/frame-coherence.md), by the rules of the processor's caster (render/vectors/marching/starts.py). A ray goes
-// on from its start as if it had leapt over what is empty: where no start is too late, pictures are the same bit for bit. One whose very
-// first slab adds something may have started too late: it is drawn again, from its entry. Rays that are checked start at their entry and tell
-// what they gathered before what would have been their start. `progress` holds planes of floats behind the samples of work groups.
-const int START = 0; // read: the view depth of a start; negative where the ray is checked, NOTHING where it meets nothing
-const int TOLD = 1;  // what became of the ray: one of those below, or the opacity that a checked ray would have missed
-const int HIT = 2;   // three planes: the midpoint of the first slab that adds something, in index space; NaN where none does
+// Frame coherence: rays start by the hits of the last frame (docs/concepts/frame-coherence.md), as in the CPU ray caster. Space before the start
+// is skipped as if it were empty, so if no start is too late, pictures are the same bit for bit. A ray whose first slab adds something may have
+// started too late, so it is drawn again from its entry. Checked rays start at their entry and store the opacity that they gathered before their
+// predicted start. `progress` holds planes of floats behind the samples of work groups.
+const int START = 0; // read: view depth of the start; negative if the ray is checked, NOTHING if it meets nothing
+const int TOLD = 1;  // outcome of the ray: one of those below, or the opacity that a checked ray would have missed
+const int HIT = 2;   // three planes: midpoint of the first slab that adds something, in index space; NaN if none does
 const float NOTHING = 1e30;
-const int NOWHERE = 0x7fc00000; // NaN, as it is given
+const int NOWHERE = 0x7fc00000; // bits of NaN
 const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // as in render/starts.py
 
-int started = NO_SLAB;      // the slab with which the ray starts, or would start; and which its windows are counted from, there
+int started = NO_SLAB; // first slab of the ray, or its predicted start; then the slab from which its batches are counted there
 int windows_begin = 0, hit = NO_SLAB;
 bool is_checked = false;
-float told = AT_ENTRY, before_start = 0.0; // the opacity of the window before the start
+float told = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
 
 int place_in(int plane, int pixel) {
     int pixels_drawn = frame.rect.z * frame.rect.w;
@@ -27,7 +27,7 @@ void keep_in(int plane, int pixel, float number) {
     progress[place_in(plane, pixel)] = floatBitsToInt(number);
 }
 
-// The first slab of a ray, from slab `entry` on, in the brick that holds slab k.
+// First slab of a ray, from slab `entry` on, in the brick that holds slab k.
 int first_in_brick_of(Ray ray, int k, int entry);
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
@@ -40,14 +40,14 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     if (begins && ((meets_nothing && !is_checked) || again != (told == LATE))) slab = ray.slabs;
     if (slab >= ray.slabs || again) return;
     double slabs = (double(abs(depth)) - dot(starts.depth.xyz, ray.first) - starts.depth.w) / dot(starts.depth.xyz, ray.slab);
-    // The last slab is nobody's first: what is found there could not be looked at again.
+    // No ray starts with the last slab, as a hit in it could not be verified.
     int start = min(int(clamp(slabs, -1.0LF, 1073741823.0LF)) - starts.offset, ray.slabs - 2);
     if (meets_nothing) start = NO_SLAB;
     if (is_checked) {
         started = start;
         if (told == AT_ENTRY) told = start > entry ? NOT_YET : 0.0;
     } else if (begins && (start > entry || (start == entry && told == ESTIMATED))) {
-        // The first slab of this box is a start like any other where slabs of boxes in front of it have been left out.
+        // If slabs of boxes in front were skipped, the first slab of this box is a start like any other.
         told = ESTIMATED;
         slab = started = start;
         windows_begin = first_in_brick_of(ray, start, entry);
@@ -69,7 +69,7 @@ int up_to_start(int k, int slabs, float kept, float window) {
 
 void note(int k, float opacity) {
     if (opacity > 0.0) hit = min(hit, k);
-    if (is_checked && k == started && opacity > before_start) told = 0.0; // it would have noticed
+    if (is_checked && k == started && opacity > before_start) told = 0.0; // it would have been drawn again
 }
 
 bool is_late() {

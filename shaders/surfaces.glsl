@@ -1,20 +1,20 @@
-// Isosurfaces, found in cells (root.glsl), and slabs of the volume between them. A surface belongs to the slab that contains its position. It has
-// two rows of `surface`: value, 0, 0, 0; colour, opacity.
+// Isosurfaces, found in cells (root.glsl), and slabs of the volume between them. A surface belongs to the slab that contains its position. Each
+// has two rows of `surface`: value, 0, 0, 0; colour, opacity.
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond);
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);
 
-// The slab of the volume that comes next, counted from a place, and from where on it is left.
+// Next slab of the volume, counted from a place, and begin of the part of it that is left.
 struct Rest {
     int at;
     float begin;
 };
 
-// Take what is left of slabs, which end with `to`, up to a place.
+// Take the rest of the slabs, which end with `to`, up to a position.
 void take_volume(inout vec4 sum, Ray ray, int origin, int to, Place place, vec3 slab, inout Rest rest, float until) {
     if (!IN_VOLUME) return;
     while (rest.begin < until && rest.at < to) {
-        // The last slab of a ray is cut by its exit. Its midpoint is not on the lattice, but where it begins is.
+        // The last slab of a ray is cut by its exit. Its begin is on the lattice, its midpoint is not.
         bool is_last = origin + rest.at == ray.slabs - 1;
         float share = is_last ? ray.last_share : 1.0, first = float(rest.at) - 0.5, ends = first + share, end = min(until, ends);
         if (is_at_kept(ray, origin + rest.at, 0.0, 0.5 * share)) {
@@ -42,7 +42,7 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
         for (int n = 0; n < all; ++n) {
             int number;
             float t, along = met_in(course, walk, n, number, t);
-            // Those in front of these slabs, and behind them, are other slabs'.
+            // Surfaces in front of these slabs, and behind them, belong to other slabs.
             if (!(along >= begin && along < end)) continue;
             take_volume(sum, ray, origin, to, place, slab, rest, along);
             if (!is_at_kept(ray, origin, along, 0.5)) continue;
@@ -57,5 +57,5 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
 }
 
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
-    return vec4(0.0); // runs hold the last slab
+    return vec4(0.0); // runs include the last slab
 }

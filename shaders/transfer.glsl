@@ -1,10 +1,10 @@
 // Piecewise linear transfer function. Buckets of equal width give the first segment to test. Scalars are in units of clim.
 vec4 part_of(int segment, int part);
 
-// The segment of a scalar: the last one that starts at or below it, so that a repeated control point is a step to the later value.
+// Segment of a scalar: the last one that starts at or below it, so that a repeated control point is a step to the later value.
 int segment_of(float s) {
     float bucket = clamp((s - buckets.x) * buckets.y, 0.0, buckets.z);
-    // Two words in one: llvmpipe fetches 64 bits from a buffer at the price of 32.
+    // Two words in one, as llvmpipe fetches 64 bits from a buffer as fast as 32.
     uvec2 known = unpackDouble2x32(bucket_record[FIRST_BUCKET + int(bucket)]);
     int segment = int(known.y);
     if (s < uintBitsToFloat(known.x)) return segment;

@@ -1,19 +1,19 @@
-// One volume of a mixture. This file is included once for each volume, after the files that sample it. Names that belong to one volume are
+// One of several volumes. This file is included once for each volume, after the files that sample it. Names that belong to one volume are
 // macros; face_before, begin_before and take_before are the functions of the volumes included before, or empty.
-ivec2 seen;   // the slabs of the ray whose midpoints lie in the volume, decided for the whole ray: every box finds the same ones
-dvec2 within; // the part of the ray that lies in it, in slabs, whose midpoints lie at whole numbers
-dvec2 uncut;  // the part that no clipping plane cuts away
-Place here;   // the midpoint from which slabs are counted, as seen from the volume's own brick
+ivec2 seen;   // slabs of the ray whose midpoints lie in the volume, found for the whole ray, so that all boxes agree
+dvec2 within; // part of the ray in the volume, in slabs, with midpoints at integers
+dvec2 uncut;  // part that no clipping plane cuts away
+Place here;   // midpoint from which slabs are counted, in the volume's own brick
 vec3 stride;  // from one midpoint to the next, in voxels
-int met_at;   // the slab, counted from there, at whose begin the field is known
-float met;    // it
+int met_at;   // slab, counted from there, at whose begin the field is known
+float met;    // field there
 
 dvec3 in_volume(dvec3 position) {
     return dvec3(dot(frame.x.xyz, position) + frame.x.w, dot(frame.y.xyz, position) + frame.y.w, dot(frame.z.xyz, position) + frame.z.w);
 }
 
 void see(Ray ray, dvec4 low_side, double extent) {
-    // Wider than the volume by what rounding cannot exceed: a ray along a face sees it from everywhere.
+    // Wider than the volume by a bound on the rounding, so that a ray along a face meets it.
     double slack = 1e-9LF * extent;
     ivec2 above = kept_slabs(ray, low_side + dvec4(0.0LF, 0.0LF, 0.0LF, slack));
     ivec2 below = kept_slabs(ray, dvec4(0.0LF, 0.0LF, 0.0LF, extent + slack) - low_side);
@@ -46,7 +46,7 @@ void begin_all(dvec3 position, int brick) {
     met_at = NO_SLAB;
 }
 
-// What of a slab lies in the volume, in slabs from its midpoint, and the field at both ends. Where slabs meet it is sampled once for both.
+// Part of a slab in the volume, in slabs from its midpoint, and the field at both ends, sampled once for two adjacent slabs.
 bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
     double middle = 0.5LF * (span.x + span.y);
     part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);
@@ -60,7 +60,7 @@ bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
     return true;
 }
 
-// What absorbs light in a slab, and its colour times that; and the surfaces in it.
+// Optical depth of a slab, its colour times that, and the surfaces in it.
 vec4 absorbing(int k, int at, dvec2 span);
 void meet_surfaces(int at, dvec2 span);
 
