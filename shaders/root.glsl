@@ -29,7 +29,7 @@ Walk walk_from(Place place, vec3 slab, float begin) {
 // Field along a ray in a cell.
 struct Course {
     ivec3 cell;
-    vec3 begin, by; // entry in the cell, and the way to the exit
+    vec3 begin, by; // entry in the cell, and the vector to the exit
     float enters, leaves;
     vec4 cubic;
     vec4 t, field;  // parameters from 0 to 1 of the entry, the extremes and the exit, and the field there

@@ -23,7 +23,7 @@ def changed_settings(scene: Scene, ranks: int, no_processor: bool = False) -> tu
     """
     found = [*_of_quality(scene), *_of_light(scene), *_of_cluster(scene, ranks)] if scene.volumes else []
     if no_processor:
-        found.append(Change("device", "cpu", "OpenGL", "the processor's caster does not draw this scene"))
+        found.append(Change("device", "cpu", "OpenGL", "the CPU ray caster does not draw this scene"))
     return tuple(found)
 
 

@@ -125,7 +125,7 @@ class RendererCache:
                 "OpenGL draws bricks of one size only",
                 where="cluster.largest_brick",
                 found="bricks of several sizes",
-                allowed="null; or the processor, where it can draw the scene (--device cpu)",
+                allowed="null; or the CPU, if it can draw the scene (--device cpu)",
             )
         if self._context is None:
             raise ValueError("there is no context yet")

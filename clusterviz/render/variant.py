@@ -183,7 +183,7 @@ class Variant:
             lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
         if self.volumes:
             most = min(sum(MOST_MET * volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
-            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of a mixture")
+            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
