@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +24,28 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 pytest_addoption = beside.pytest_addoption
+MARKERS = ("mpi", "gl", "fresh")
+SLOWEST = 3
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print the seconds of each marker's tests, and its slowest tests."""
+    reports = [one for name in ("passed", "failed") for one in terminalreporter.stats.get(name, [])]
+    by_marker: dict[str, list[Any]] = {}
+    for report in reports:
+        if report.when == "call":
+            by_marker.setdefault(next((name for name in MARKERS if name in report.keywords), "unmarked"), []).append(
+                report
+            )
+    if len(reports) < 100:
+        return
+    terminalreporter.section("durations by marker")
+    for name, found in sorted(by_marker.items()):
+        found.sort(key=lambda report: -report.duration)
+        slowest = ", ".join(f"{report.nodeid.split('/')[-1]} {report.duration:.1f} s" for report in found[:SLOWEST])
+        terminalreporter.line(
+            f"{name}: {len(found)} tests, {sum(one.duration for one in found):.0f} s; slowest: {slowest}"
+        )
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -109,6 +110,8 @@ def main() -> None:
     # The search for pydantic's plugins reads the metadata of all installed packages; none is used here.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     end_on_signals()
+    if launched_rank() not in (None, 0):
+        warnings.simplefilter("ignore", FutureWarning)  # about former scene keys: rank 0 shows it
     # Garbage collection during imports finds nothing, and takes a tenth of their time.
     gc.disable()
     status = run(sys.argv[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from inspect import Parameter, Signature
 from textwrap import wrap
@@ -16,6 +17,7 @@ from pydantic import (
     Field,
     Tag,
     ValidationError,
+    model_validator,
 )
 
 from clusterviz.scene.background import check_background
@@ -136,7 +138,28 @@ else:
             cls.__signature__ = Signature([Parameter(name, kind, default=value) for name, value in defaults.items()])
 
 
+RENAMED_KEYS = {"leaping": "frame_coherence"}
+"""Former names of scene keys, which are still read."""
+
+
+def current_key(name: Any) -> Any:
+    """Return the current name of a key, with a FutureWarning if the name is a former one."""
+    if name not in RENAMED_KEYS:
+        return name
+    warnings.warn(f"the key {name} is called {RENAMED_KEYS[name]} now", FutureWarning, stacklevel=2)
+    return RENAMED_KEYS[name]
+
+
 class Section(_Model):
-    """Base class of scene sections: frozen, unknown keys are refused."""
+    """Base class of scene sections: frozen, unknown keys are refused, former names of keys are read."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rename_keys(cls, data: Any) -> Any:
+        """Replace former names of keys unless the current name is there, too."""
+        if not isinstance(data, dict) or RENAMED_KEYS.keys().isdisjoint(data):
+            return data
+        known = cls.model_fields.keys() - data.keys()
+        return {current_key(key) if RENAMED_KEYS.get(key) in known else key: value for key, value in data.items()}

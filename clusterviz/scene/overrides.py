@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.field_types import Section
+from clusterviz.scene.field_types import Section, current_key
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import SECTIONS, KeyPath, format_key, section_at, unknown_key
 from clusterviz.scene.values import Light, Scene
@@ -83,7 +83,7 @@ def parse_key(name: str, where: str) -> KeyPath:
         The key is unknown.
     """
     parts = re.sub(r"\[(\d+)\]", r".\1", name.strip()).split(".")
-    key: KeyPath = tuple(int(part) if part.isascii() and part.isdigit() else part for part in parts)
+    key: KeyPath = tuple(int(part) if part.isascii() and part.isdigit() else current_key(part) for part in parts)
     if not any(key[0] in section.model_fields for _, section in _sections({}, all_of_them=True)):
         _check_known(key, where)
     return key

@@ -130,3 +130,14 @@ def test_parsed_overrides_hold_key_value_and_text() -> None:
     assert override.key == ("volumes", 0, "clim")
     assert override.value == [1, 2]
     assert override.option == "-D volumes[0].clim=[1, 2]"
+
+
+def test_a_former_name_of_a_key_is_read_with_a_note() -> None:
+    makers = (
+        lambda: Scene.model_validate({"quality": {"leaping": True}}),
+        lambda: with_settings(Scene(), {"leaping": True}),
+        lambda: scene_of_data("field:gaussian:9", ["quality.leaping=true"]),
+    )
+    for make in makers:
+        with pytest.warns(FutureWarning, match="leaping is called frame_coherence now"):
+            assert make().quality.frame_coherence
