@@ -84,3 +84,17 @@ def test_no_module_imports_itself_round_a_circle() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as circle:
         pytest.fail(" imports ".join(reversed(circle.args[1])))
+
+
+def test_any_module_can_be_imported_first() -> None:
+    """Importing a.b.c imports a.b before; what is imported in functions, or for types only, waits."""
+    graph: dict[str, set[str]] = {}
+    for name, tree in modules().items():
+        at_once = ast.Module([node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))], [])
+        found = imports(at_once) & modules().keys()
+        packages = {".".join(each.split(".")[:n]) for each in found for n in range(2, each.count(".") + 1)}
+        graph[name] = {each for each in found | packages if not f"{name}.".startswith(f"{each}.")}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as circle:
+        pytest.fail(" imports ".join(reversed(circle.args[1])))
