@@ -266,7 +266,7 @@ def test_several_ranks_give_the_same_frames_and_a_failing_one_names_its_frame(cl
     events = json.loads((tmp_path / "t.json").read_text())["traceEvents"]
     assert {event["pid"] for event in events} == {0, 1, 2}
     (three / "f2.png").unlink()
-    ended = finish(failing(1, "clusterviz.render.renderer_cache:LastingCaster.draw", "raise", 3, *command))
+    ended = finish(failing(1, "clusterviz.render.renderer_cache:RendererCache.draw", "raise", 3, *command))
     assert ended.status == 1
     assert "rank 1, frame 2, render: ValueError: odd" in ended.err
     assert names(three) == ["f.animation.json", "f0.png", "f1.png"]

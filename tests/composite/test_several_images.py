@@ -33,7 +33,7 @@ def test_every_module_says_whether_it_takes_several_images() -> None:
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_every_manual_says_how_many_images(name: str) -> None:
     module = sys.modules[ALGORITHMS[name].__module__]
-    text = "Several partial images a rank" if module.SEVERAL_IMAGES else "One partial image a rank"
+    text = "any number of partial images a rank" if module.SEVERAL_IMAGES else "one partial image a rank"
     assert text in " ".join((module.__doc__ or "").split())
 
 

@@ -26,7 +26,7 @@ STAGES = [
     ("open", 1, "clusterviz.frame.opening:open_volume"),
     ("read", 1, "clusterviz.frame.opening:read_bricks"),
     ("summarise", 1, "clusterviz.frame.opening:summarise"),
-    ("plan", 1, "clusterviz.frame.work:make_plan"),
+    ("plan", 1, "clusterviz.frame.opening:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
@@ -58,7 +58,7 @@ MOVING = (
 @pytest.mark.parametrize("how", ["raise", "kill"])
 def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, how: str, tmp_path: Path) -> None:
     arguments = ("animate", FIELD, "-o", str(tmp_path / "f_%d.png"), *MOVING)
-    ended = finish(failing(1, f"clusterviz.migration.wire_format:Parcels.{place}", how, 3, *arguments), SECONDS)
+    ended = finish(failing(1, f"clusterviz.migration.wire_format:WireFormat.{place}", how, 3, *arguments), SECONDS)
     assert ended.status != 0
     assert "Traceback" not in ended.err + ended.out
     if how == "raise":
