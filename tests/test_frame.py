@@ -12,7 +12,7 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
-from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame, work
+from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame
 from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
@@ -218,7 +218,7 @@ def test_every_frame_of_a_loop_is_what_is_drawn_alone_over_mpi(mpi_ranks: int) -
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("caster", ["raycast:Raycaster", "vectors.caster:VectorCaster"])
+@pytest.mark.parametrize("caster", ["raycast:Raycaster", "cpu.caster:VectorCaster"])
 def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
     module, _, kind = caster.partition(":")
     drawing = getattr(import_module(f"clusterviz.render.{module}"), kind)
@@ -229,8 +229,7 @@ def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypa
         noted = lambda *a, name=name, right=right, **k: (done.append(name), right(*a, **k))[1]  # noqa: E731
         monkeypatch.setattr(drawing, name, noted)
     read = opening.read_bricks
-    for reader in (opening, work):
-        monkeypatch.setattr(reader, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
+    monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
     draw_all(scenes, LoopbackChannel())
     assert sorted(done) == ["__init__", "load", "read", "read"]
@@ -298,7 +297,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("device", "step"), [("cpu", 0.002), (0, 0.1)])
 def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A large picture is drawn in bands by OpenGL, which change nothing in it."""
-    raycast, caster = (import_module(f"clusterviz.render.{name}") for name in ("raycast", "vectors.caster"))
+    raycast, caster = (import_module(f"clusterviz.render.{name}") for name in ("raycast", "cpu.caster"))
     settings = ["image.size=[90, 70]", f"quality.step={step}", "cluster.brick=8"]
     scene = scene_of_data("field:marschner-lobb:20", settings)
     told: list[float] = []

@@ -112,6 +112,7 @@ class Settings(TypedDict, total=False):
     migration_bytes: int | None
     migration_share: float
     brick: int
+    largest_brick: int | None
     # Light
     type: LightType
     color: Numbers
