@@ -20,7 +20,7 @@ from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.summary import summarise
-from clusterviz.distribution.balancer import Policy, begin, land, learn, plan_moves
+from clusterviz.distribution.balancer import Policy, begin, complete, learn, plan_moves
 from clusterviz.distribution.expected_cost import expected_samples
 from clusterviz.distribution.flights import dispatch
 from clusterviz.image.replace import replacing
@@ -98,7 +98,7 @@ def dynamic(
         owners = balance.migration.owners
         look(row, owners, cost, eye, len(planned) * BRICK_BYTES)
         balance = replace(balance, migration=dispatch(balance.migration, planned))
-        balance = land(learn(balance, expected, owners.loads(cost), policy), planned)
+        balance = complete(learn(balance, expected, owners.loads(cost), policy), planned)
     return row
 
 
