@@ -103,9 +103,9 @@ class Cluster(Section):
     )
     largest_brick: Annotated[int, Field(strict=True, ge=8, le=1024), BeforeValidator(to_builtin)] | None = Field(
         default=None,
-        description="Voxels along the longest side of a brick: bricks are as small as `brick` where ranks' shares are "
-        "expected to meet, and grow away from there, which saves overlap; a multiple of `brick`, and that one of 8. "
-        "For one volume, and the processor's own ray caster; null: all are as small.",
+        description="Voxels along the longest side of a brick: bricks have the size `brick` near the expected borders "
+        "between ranks, and are larger elsewhere; a multiple of `brick`, which is a multiple of 8. For one volume and "
+        "the CPU ray caster; null: all bricks have the size `brick`.",
     )
 
     @model_validator(mode="after")

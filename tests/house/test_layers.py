@@ -1,4 +1,4 @@
-"""The house has one direction: a room imports from rooms before it, and two libraries stay in their own rooms."""
+"""Imports go one way: a package imports from packages of earlier levels, and two libraries stay in one package each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-# Rooms on one line do not know each other. `report` holds values; its pages, when there are any, are report.pages.
+# Packages on one line do not import each other. `report` holds values; its pages, when there are any, are report.pages.
 LEVELS = (
     ("errors",),
     ("image",),
@@ -33,8 +33,8 @@ LEVELS = (
     ("cli",),
     ("__main__",),
 )
-LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
-LIBRARY_ROOMS = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
+LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
+LIBRARY_PACKAGES = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
 REFERENCE_IMPORTS = {"scene", "data", "image", "errors", "reference"}
 
 
@@ -59,21 +59,21 @@ def imports(tree: ast.Module) -> set[str]:
     return found
 
 
-def room(module: str) -> str:
-    """The room that a module of the package lies in; "" for the package itself, its front door."""
+def entry(module: str) -> str:
+    """Return the entry of LEVELS that a module belongs to; "" for `clusterviz` itself."""
     parts = module.split(".")[1:]
     return next((name for name in (".".join(parts[:2]), ".".join(parts[:1])) if name in LEVEL), "")
 
 
 @pytest.mark.parametrize("name", [name for name in modules() if name != "clusterviz"])
-def test_imports_follow_the_order_of_the_rooms(name: str) -> None:
-    mine = room(name)
-    assert mine, f"{name} lies in no room of LEVELS"
+def test_imports_follow_the_order_of_levels(name: str) -> None:
+    mine = entry(name)
+    assert mine, f"{name} has no entry in LEVELS"
     for imported in imports(modules()[name]):
-        library, other = imported.split(".")[0], room(imported)
-        assert mine in LIBRARY_ROOMS.get(library, {mine}), f"{name} imports {imported}"
+        library, other = imported.split(".")[0], entry(imported)
+        assert mine in LIBRARY_PACKAGES.get(library, {mine}), f"{name} imports {imported}"
         if library == "clusterviz" and mine != other:
-            assert other or mine == "cli", f"{name} imports the front door"
+            assert other or mine == "cli", f"{name} imports the package itself"
             assert not other or LEVEL[other] < LEVEL[mine], f"{name} imports {imported}, against the order"
             assert mine != "reference" or other in REFERENCE_IMPORTS, f"the reference imports {imported}"
 
