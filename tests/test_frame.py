@@ -54,7 +54,7 @@ def test_statistics_name_every_stage_and_count_what_was_done() -> None:
     assert sum(rank["messages_sent"] for rank in told["per_rank"]) > 0
     assert told["imbalance"] >= 1
     for rank in told["per_rank"]:
-        assert all(seconds >= 0 for seconds in rank["seconds"].values())
+        assert rank["seconds"]["render"] > 0
         spent = sum(seconds for name, seconds in rank["seconds"].items() if name != "total")
         assert spent <= rank["seconds"]["total"]
 

@@ -12,6 +12,7 @@ from clusterviz.auto.forecast import compositing_seconds
 from clusterviz.auto.mode import PAUSE, AutoMode
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.distribution.coherent import Coherent
+from clusterviz.distribution.interleaved import Interleaved
 from clusterviz.distribution.select import candidates
 from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.errors import InputError
@@ -82,7 +83,7 @@ def test_what_the_scene_says_counts(
         if isinstance(auto_mode.distribution, SortFirst):
             assert bool(auto_mode.sharing.forecasts) == (settings == OPAQUE)
             return len(auto_mode.distribution.groups)
-        assert isinstance(auto_mode.distribution, Coherent) or "distribution" in settings
+        assert type(auto_mode.distribution) is (Interleaved if "distribution" in settings else Coherent)
         return None
 
     assert run_loopback(RANKS, chosen, ranks_per_node=1) == [shared] * RANKS
