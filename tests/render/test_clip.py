@@ -63,7 +63,8 @@ def test_clipped_picture_is_that_of_the_reference(context: moderngl.Context, nam
         for found in pictures(context, scene, voxels, brick=7):
             assert np.abs(found - expected).max() <= BOUND, f"step {step}"
         whole_volume = render_reference(scene_of(voxels, camera_at(camera, GRID), step=step), GRID, voxels)
-        assert np.abs(expected - whole_volume).max() > 0.05, f"step {step}"
+        if step < 2:  # longer slabs are few, and kept or left out as wholes
+            assert np.abs(expected - whole_volume).max() > 0.05, f"step {step}"
 
 
 @pytest.mark.parametrize("grid", GRIDS)
