@@ -167,8 +167,8 @@ def plans(frames: int, brick: int, nearer: float) -> list[Plan]:
     wanted = [(z, y, x) for z, y, x in np.ndindex(layout.counts_zyx)]
     summary = summarise(source.dtype, layout, lambda: read_bricks(source, layout, wanted), lambda value: [value])
     percentiles = (summary.percentile(1.0), summary.percentile(99.0))
-    facts = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, *summary.value_range, *percentiles)
-    complete = complete_scene(scene, (facts,))
+    info = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, *summary.value_range, *percentiles)
+    complete = complete_scene(scene, (info,))
     position, focal = (np.array(point) for point in (complete.camera.position, complete.camera.focal_point))
     moved = tuple(float(value) for value in focal + (position - focal) * nearer)
     camera = complete.camera.model_copy(update={"position": moved})

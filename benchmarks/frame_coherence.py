@@ -1,7 +1,9 @@
-"""What starting rays by the last frame saves, and errs: `python benchmarks/leaping.py [DATA] [--size N] [--device D]`.
+"""Samples and time that frame coherence saves, and its errors.
+
+    python benchmarks/frame_coherence.py [DATA] [--size N] [--device D]
 
 An orbit of a few frames on one rank, drawn twice frame by frame in turn: every ray from where it enters the volume, and
-each just before what the last frame's rays found there. Samples, processor time, the largest difference of a pixel,
+each just before what the last frame's rays found there. Samples, CPU time, the largest difference of a pixel,
 pixels that differ by more than 1/255, and what is told of both, by degrees from frame to frame; the first frame, which
 has no last one, is not counted.
 """
@@ -39,7 +41,7 @@ ENDS = {"early_termination": 1 / 255}
 
 
 def scene_with(volumes: list[dict[str, Any]], size: int, quality: dict[str, Any]) -> Scene:
-    """A scene without leaping."""
+    """A scene without frame coherence."""
     data = scene_of_data(volumes[0]["path"]).model_dump(exclude_unset=True)
     data |= {"volumes": volumes, "image": {"size": (size, size)}, "quality": quality}
     return Scene.model_validate(data)
@@ -90,7 +92,7 @@ def measure(scene: Scene, degrees: float, device: Device) -> dict[str, float]:
 
 
 def drawn(loop: FrameLoop, scene: Scene, number: int) -> dict[str, Any]:
-    """One frame, and the processor time of drawing it."""
+    """One frame, and the CPU time of drawing it."""
     found = loop.frame(scene, number)
     (rank,) = found.statistics.per_rank
     return {"image": found.image, "samples": rank.samples, "seconds": rank.cpu_seconds, "told": rank.frame_coherence}

@@ -2,7 +2,7 @@
 
 One rank, one picture, bricks in GPU memory already, the looks in turn so that a busy machine slows all alike; the
 median of each look's times over that of compositing. Looks differ in how many slabs they must sample (an average takes
-those that compositing leaps over), so the ratio for each sample is printed beside the one for the picture.
+those that compositing skips over), so the ratio for each sample is printed beside the one for the picture.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.choice import Device, egl_device, on_processor
+from clusterviz.render.choice import Device, egl_device, on_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
 from clusterviz.scene import Scene, VolumeInfo, complete_scene
@@ -97,14 +97,14 @@ def whole_pieces(plan: Plan) -> tuple[Piece, ...]:
 
 
 def measure(path: str, size: int, frames: int, names: list[str], device: Device) -> list[dict[str, Any]]:
-    """Time all looks, in turn; those that the processor cannot draw are left to OpenGL."""
+    """Time all looks, in turn; those that the CPU cannot draw are left to OpenGL."""
     source, context = open_source(path, None), open_context(device=egl_device(device))
     voxels = source.read((0, 0, 0), source.grid.shape_zyx)
     value_range = float(voxels.min()), float(voxels.max())
     casters: dict[str, tuple[Raycaster | VectorCaster, Plan]] = {}
     for name in names:
         plan, bricks = planned(path, source, value_range, size, LOOKS[name])
-        casters[name] = VectorCaster(plan) if on_processor(plan, device) else Raycaster(context, plan), plan
+        casters[name] = VectorCaster(plan) if on_cpu(plan, device) else Raycaster(context, plan), plan
         casters[name][0].load(plan, bricks)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     samples: dict[str, int] = {}

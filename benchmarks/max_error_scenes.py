@@ -38,7 +38,7 @@ KNOWN, FINEST = 1 / 20, 1 / 512
 
 @dataclass(frozen=True)
 class Tried:
-    """A scene, what was promised and what was kept; `seconds` are of processor time, pilots included, and without."""
+    """A scene, what was promised and what was kept; `seconds` are of CPU time, pilots included, and without."""
 
     number: int
     kind: str

@@ -3,7 +3,7 @@
 The MNI head from a camera that goes a little to and fro. In every other block of frames some bricks are sent from each
 rank to the next, are stored there, and are given up again: they are drawn where they were, so that frames differ in
 nothing but that bricks move. Blocks with and without follow each other, with the same cameras. Frames are compared by
-medians: wall time on rank 0, and processor time of all ranks, which counts what others on the same cores cannot hide.
+medians: wall time on rank 0, and CPU time of all ranks, which counts what others on the same cores cannot hide.
 `CLUSTERVIZ_RANKS_PER_NODE=1` pretends a network between ranks, for which bricks are packed.
 """
 

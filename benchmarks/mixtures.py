@@ -1,7 +1,7 @@
 """What several volumes in one picture cost: `python benchmarks/mixtures.py [DATA] [--size N] [--frames K] [--json F]`.
 
-One rank, bricks in memory already, the processor's caster and OpenGL in turn so that a busy machine slows both alike;
-of each the least processor time of some frames, over that of the first volume alone. Volumes beside the data are made
+One rank, bricks in memory already, the CPU ray caster and OpenGL in turn so that a busy machine slows both alike;
+of each the least CPU time of some frames, over that of the first volume alone. Volumes beside the data are made
 by formula: a ball of waves, and the same turned and finer.
 """
 

@@ -5,7 +5,7 @@
 A draw is a camera, a brick size, a number of ranks and a distribution, of one of three volumes that are faint
 everywhere: no slab is left out, so that a slab that two ranks draw, or none, changes the number of samples. One draw in
 four looks along an axis, with rays that lie in the faces of bricks, or all but do. Every draw is made in one piece and
-in the pieces of its distribution, by the processor and by OpenGL.
+in the pieces of its distribution, by the CPU and by OpenGL.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def random_draws(count: int, seed: int) -> list[Draw]:
 
 
 def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator[tuple[Draw, dict[str, int]]]:
-    """Of each draw the samples, by who took them; by the processor alone where there is no context."""
+    """Of each draw the samples, by who took them; by the CPU alone where there is no context."""
     casters: list[Any] = []
     of = None
     for draw in draws:

@@ -1,7 +1,7 @@
-"""What leaping over empty groups of cells saves: `python benchmarks/skipping.py [DATA] [--size N] [--json F]`.
+"""What skipping empty groups of cells saves: `python benchmarks/skipping.py [DATA] [--size N] [--json F]`.
 
 The same scenes drawn twice on one rank: as always, and with every group of cells of every brick called visible, so that
-each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what is leapt over
+each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what is skipped
 has no opacity at all, and places and sums are those of windows, wherever runs begin, so there is none.
 """
 
@@ -25,7 +25,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.image import compare
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render import brick_atlas
-from clusterviz.render.choice import Device, egl_device, on_processor
+from clusterviz.render.choice import Device, egl_device, on_cpu
 from clusterviz.render.cpu import caster as vectors
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
@@ -48,8 +48,8 @@ def every_group(ranges: Any, plan: Plan) -> NDArray[np.bool_]:
 
 def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> RenderResult:
     """One picture."""
-    on_cpu = on_processor(plan, device)
-    caster = VectorCaster(plan) if on_cpu else Raycaster(open_context(device=egl_device(device)), plan)
+    by_cpu = on_cpu(plan, device)
+    caster = VectorCaster(plan) if by_cpu else Raycaster(open_context(device=egl_device(device)), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, whole_pieces(plan))
     return found

@@ -4,7 +4,7 @@
     python benchmarks/sort_first.py orbit --scene sparse --ranks 8 --json F      by what one rank counts, frame by frame
     python benchmarks/sort_first.py plot F G -o docs/measurements/sort-first.svg   two files of `figure`
 
-Samples are exact and the same in every run; processor time is of drawing, all threads of a rank's process.
+Samples are exact and the same in every run; CPU time is of drawing, all threads of a rank's process.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Time and error against VTK's ray casters, on the GPU's interface and on the processor.
+"""Time and error against VTK's ray casters, on the GPU's interface and on the CPU.
 
     python benchmarks/vtk_raycast_ratio.py --peer vtk_raycast.py --python PYTHON_WITH_VTK [--pictures FOLDER] [--json F]
 

@@ -8,7 +8,7 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond);
 // that 10^6 faint slabs add up. So the begin and the number of runs change no bit: pictures are the same with and without empty-space skipping.
 // A run ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
 const int LONGEST_RUN = 16;
-const int LONGEST_LEAP = 1 << 20;
+const int LONGEST_SKIP = 1 << 20;
 const int NO_SLAB = 1 << 30; // not the number of any slab
 // llvmpipe silently leaves all loops after 65535 iterations in total, so a dispatch does less, and the next one continues. Sixteen divergent
 // lanes may take sixteen times the iterations that each of them counts.
@@ -74,7 +74,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
     vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
     // The last group along an axis may be cut by the brick's end.
     vec3 extent = whole ? vec3(BRICK) : vec3(min(ivec3(1 << GROUP_SHIFT), BRICK - (group << GROUP_SHIFT)));
-    return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_LEAP));
+    return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_SKIP));
 }
 
 // Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.

@@ -81,7 +81,7 @@ class AutoMode:
         from clusterviz.auto.forecast import choose, held_bytes
 
         with run.local("plan", "plan"):
-            scene = complete_scene(scene, opened.facts)
+            scene = complete_scene(scene, opened.infos)
             plan = plan_frame(opened, scene, last)
             fitting = [n for n in self._candidates if self._fits(held_bytes(plan, self._budget, run.channel.size, n))]
         found: tuple[Forecast, ...] = ()

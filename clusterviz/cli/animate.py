@@ -86,7 +86,7 @@ def command(
         seconds = time.perf_counter() - began
         print_info(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
         if movie.frame_coherence:
-            print_info(f"leaping: {movie.frame_coherence}")
+            print_info(f"frame coherence: {movie.frame_coherence}")
 
 
 def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:

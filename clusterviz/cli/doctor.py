@@ -19,7 +19,7 @@ from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError, InputError
 from clusterviz.image.replace import remove_leftovers
-from clusterviz.render.cpu.width import processor_name
+from clusterviz.render.cpu.width import cpu_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _examine_rank(channel: Channel) -> RankMachine:
         local_rank=place.local_rank,
         local_size=place.local_size,
         cores=place.cores,
-        processor=processor_name(),
+        processor=cpu_name(),
         threads=threads,
         egl_devices=labels,
         egl_device=chosen,

@@ -31,10 +31,10 @@ def command(
         opened_scene = open_scene(scene, overrides_of(define, size))
     run = Run(channel, Options())
     opened = open_volumes(run, opened_scene)
-    facts = opened.facts if opened else ()
-    completed = complete_scene(opened_scene, facts)
+    infos = opened.infos if opened else ()
+    completed = complete_scene(opened_scene, infos)
     if channel.rank == 0:
-        kinds = [classify_values(fact) for fact in facts] if opened_scene.automatic else []
+        kinds = [classify_values(info) for info in infos] if opened_scene.automatic else []
         print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
 
 

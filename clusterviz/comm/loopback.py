@@ -93,21 +93,11 @@ class LoopbackWindow:
         self, world: _World, members: tuple[int, ...], index: int, parts: Sequence[NDArray[np.uint8]], boards: Numbers
     ) -> None:
         self._world = world
-        self._members = members
-        self._index = index
+        self.members = members
+        self.index = index
         self._parts = list(parts)
         self._boards = boards
         self._round = 0
-
-    @property
-    def members(self) -> tuple[int, ...]:
-        """The channel's ranks on this node."""
-        return self._members
-
-    @property
-    def index(self) -> int:
-        """The index of this rank among the members."""
-        return self._index
 
     def part(self, index: int) -> NDArray[np.uint8]:
         """Return the part of a member."""
@@ -119,12 +109,12 @@ class LoopbackWindow:
         check_numbers(count)
         self._round = ticket = self._round + 1
         rows = self._boards[ticket % BOARDS]
-        rows[self._index, 1 : 1 + count] = numbers
+        rows[self.index, 1 : 1 + count] = numbers
         with self._world.changed:
-            rows[self._index, 0] = ticket
+            rows[self.index, 0] = ticket
             self._world.changed.notify_all()
             self._world.wait(
-                lambda: bool((rows[:, 0] == ticket).all()), f"rank {self._members[self._index]} waits in a window"
+                lambda: bool((rows[:, 0] == ticket).all()), f"rank {self.members[self.index]} waits in a window"
             )
         seen: Numbers = rows[:, 1 : 1 + count].copy()
         return seen

@@ -109,15 +109,15 @@ class MpiWindow:
 
     def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], part_bytes: Sequence[int]) -> None:
         self._comm = comm
-        self._members = members
-        self._index = int(comm.rank)
+        self.members = members
+        self.index = int(comm.rank)
         board_bytes = BOARDS * len(members) * ROW_NUMBERS * 8
         sizes = [
             _whole_pages(size) + (0 if index else _whole_pages(board_bytes)) for index, size in enumerate(part_bytes)
         ]
         # A library may begin segments within a page: one more page allows for alignment.
         info = mpi.Info.Create({"alloc_shared_noncontig": "true"})
-        self._window = mpi.Win.Allocate_shared(sizes[self._index] + mmap.PAGESIZE, 1, info, comm)
+        self._window = mpi.Win.Allocate_shared(sizes[self.index] + mmap.PAGESIZE, 1, info, comm)
         info.Free()
         # MPI_Win_sync needs an access epoch.
         self._window.Lock_all(mpi.MODE_NOCHECK)
@@ -129,7 +129,7 @@ class MpiWindow:
         self._spin_calls = _SPIN_CALLS if len(members) <= len(granted_cores()) else 0
         self._round = 0
         self._sync = self._window.Sync
-        self._mine = segments[self._index]
+        self._mine = segments[self.index]
 
     def touch(self) -> None:
         """Fill the own segment with zeros, before any member's first `exchange`.
@@ -147,16 +147,6 @@ class MpiWindow:
         data = np.frombuffer(memory, np.uint8)
         return data[-data.ctypes.data % mmap.PAGESIZE :]
 
-    @property
-    def members(self) -> tuple[int, ...]:
-        """The channel's ranks on this node."""
-        return self._members
-
-    @property
-    def index(self) -> int:
-        """The index of this rank among the members."""
-        return self._index
-
     def part(self, index: int) -> NDArray[np.uint8]:
         """Return the part of a member."""
         return self._parts[index]
@@ -167,9 +157,9 @@ class MpiWindow:
         check_numbers(count)
         self._round = ticket = self._round + 1
         rows, tickets = self._boards[ticket % BOARDS], self._tickets[ticket % BOARDS]
-        rows[self._index, 1 : 1 + count] = numbers
+        rows[self.index, 1 : 1 + count] = numbers
         self._sync()
-        tickets[self._index][0] = ticket
+        tickets[self.index][0] = ticket
         for raised in tickets:
             if raised[0] != ticket:
                 self._wait(raised, ticket)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from clusterviz.data.source import Index
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.distribution.static import StaticAssignment
+from clusterviz.frame.work import Mode
 from clusterviz.partition import BspTree, Piece, bricks_of, build_tree, leaf_pieces, owners_of
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
@@ -20,6 +21,8 @@ class Coherent:
     ranks : number of ranks
     budget : memory of a rank for bricks
     """
+
+    mode: Mode = "sort-last"
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
         self._tree = StaticAssignment[BspTree](

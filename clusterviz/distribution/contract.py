@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from clusterviz.data.source import Index
+from clusterviz.frame.work import Mode
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
@@ -17,6 +18,11 @@ from clusterviz.report.statistics import RankFrame
 
 class Distribution(Protocol):
     """Assignment of bricks to ranks, frame by frame."""
+
+    @property
+    def mode(self) -> Mode:
+        """How ranks share a frame: sort-last, unless groups of them share the screen."""
+        ...
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, front to back; at each pixel, each visible brick is in exactly one."""

@@ -21,6 +21,7 @@ from clusterviz.distribution.measured_cost import predict, rank_costs, unmeasure
 from clusterviz.distribution.memory_budget import MemoryBudget, check_memory
 from clusterviz.distribution.migration_rate import WHOLE, MigrationRate
 from clusterviz.errors import InputError
+from clusterviz.frame.work import Mode
 from clusterviz.partition import UNASSIGNED, Owners, Piece, RayOrigin, owner_pieces, ray_origin
 from clusterviz.plan.plan import Plan, shows_more
 from clusterviz.render.storage import slot_of
@@ -50,6 +51,8 @@ class Dynamic:
     planned_imbalance : expected cost of the busiest rank over the mean, of the last assignment
     planning_seconds : CPU time of planning fronts and moves for the last assignment
     """
+
+    mode: Mode = "sort-last"
 
     def __init__(self, ranks: int, budget: MemoryBudget, budget_bytes: int | None = None, share: float = WHOLE) -> None:
         self._ranks, self._budget, self._budget_bytes = ranks, budget, budget_bytes

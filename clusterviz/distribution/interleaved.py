@@ -9,6 +9,7 @@ import numpy as np
 from clusterviz.data.source import Index
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.distribution.static import StaticAssignment
+from clusterviz.frame.work import Mode
 from clusterviz.partition import Owners, Piece, interleave, owner_pieces
 from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan
@@ -25,6 +26,8 @@ class Interleaved:
     ranks : number of ranks
     budget : memory of a rank for bricks
     """
+
+    mode: Mode = "sort-last"
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
         self._owners = StaticAssignment[Owners](

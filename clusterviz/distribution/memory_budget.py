@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import prefers_processor
+from clusterviz.render.choice import prefers_cpu
 from clusterviz.render.storage import Slot, slot_of
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
@@ -126,7 +126,7 @@ def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryB
         limit = -run.channel.maximum(-int(mine))
     if limit is None:
         return MemoryBudget()
-    without = prefers_processor(run.options.device)
+    without = prefers_cpu(run.options.device)
     return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)))
 
 

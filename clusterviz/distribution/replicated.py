@@ -15,6 +15,7 @@ from clusterviz.distribution.expected_cost import expected_samples
 from clusterviz.distribution.measured_cost import measure, predict, rank_costs, unmeasured
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.distribution.static import StaticAssignment
+from clusterviz.frame.work import Mode
 from clusterviz.partition import Owners, Piece, Replicas, assign_replicas, build_tree, owner_pieces, replicate
 from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan
@@ -30,6 +31,8 @@ class Replicated:
     copies : ranks that hold each brick, at most `ranks`
     budget : memory of a rank for bricks
     """
+
+    mode: Mode = "sort-last"
 
     def __init__(self, ranks: int, copies: int, budget: MemoryBudget) -> None:
         def assign(cost: Costs, count: int) -> Replicas:

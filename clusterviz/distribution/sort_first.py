@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from clusterviz.distribution.expected_cost import expected_samples
 from clusterviz.distribution.measured_cost import Measured, measure, predict, unmeasured
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.errors import InputError
+from clusterviz.frame.work import Mode
 from clusterviz.image.region import Rect
 from clusterviz.partition import (
     UNASSIGNED,
@@ -57,6 +57,8 @@ from clusterviz.report.statistics import RankFrame
 
 STATIC = ("interleaved", "pattern", "scheduled")
 """Strategies by which any group may have to draw any brick, so that bricks need not follow the tiles."""
+UNEVEN = 1.02  # imbalance of a group, relative to the best possible, up to which its bricks stay
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -142,11 +144,6 @@ def expected_map(plan: Plan) -> CostMap:
     return cost_map_of_rects(plan.view.size, rects, expected_samples(plan)[tuple(bricks.T)])
 
 
-UNEVEN = 1.02  # imbalance of a group, relative to the best possible, up to which its bricks stay
-
-Bools = NDArray[np.bool_]
-
-
 class SortFirst:
     """Distribution of sort-first and hybrid.
 
@@ -173,7 +170,7 @@ class SortFirst:
         self._held: Bools | None = None
 
     @property
-    def mode(self) -> Literal["sort-first", "hybrid"]:
+    def mode(self) -> Mode:
         """Mode of compositing: sort-first if each group is a single rank."""
         return "sort-first" if max(map(len, self._groups)) == 1 else "hybrid"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from clusterviz.distribution.contract import Distribution
-from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
@@ -26,15 +25,14 @@ def assign_work(
     last : work of the last frame, whose scene may differ in camera and transfer function only
     """
     with run.local("plan", "plan"):
-        completed = complete_scene(scene, opened.facts if opened else ())
+        completed = complete_scene(scene, opened.infos if opened else ())
         if last:
             check_same_volume(last.scene, completed)
         if opened is None:
             return RankWork(completed, None, (), frozenset())
         plan = plan_frame(opened, completed, last)
         pieces = distribution.assign(plan)
-        mode = distribution.mode if isinstance(distribution, SortFirst) else "sort-last"
-        return RankWork(completed, plan, pieces, distribution.holds(run.channel.rank), mode)
+        return RankWork(completed, plan, pieces, distribution.holds(run.channel.rank), distribution.mode)
 
 
 def plan_frame(opened: Opened, scene: Scene, last: RankWork | None) -> Plan:

@@ -188,7 +188,7 @@ def gather_costs(run: Run, drawn: DrawnFrame, image: Image | None, counts: RankF
     counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
     gathered = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
     per_rank, is_blank, scene = tuple(counts for counts, _ in gathered), gathered[0][1], drawn.work.scene
-    reasons = visibility_warnings(scene, drawn.facts, is_blank)
+    reasons = visibility_warnings(scene, drawn.infos, is_blank)
     for topic in [topic for topic in reasons if topic not in run.warned]:
         run.warned.add(topic)
         if run.channel.rank == 0:

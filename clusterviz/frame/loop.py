@@ -31,7 +31,7 @@ from clusterviz.frame.opening import Bricks, Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
 from clusterviz.frame.work import DrawnFrame, RankWork
 from clusterviz.plan.changes import changed_settings
-from clusterviz.render.choice import on_processor
+from clusterviz.render.choice import on_cpu
 from clusterviz.report.decisions import Accuracy, Change
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.complete import complete_scene
@@ -118,7 +118,7 @@ class FrameLoop:
         with run.clock.stage("total", "open"):
             self._opened = open_volumes(run, scene, source)
             with run.local("plan", "plan"):
-                self.scene = complete_scene(scene, self._opened.facts if self._opened else ())
+                self.scene = complete_scene(scene, self._opened.infos if self._opened else ())
         self._auto_mode = AutoMode(run, self._drawing, self._opened, self.scene, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
@@ -183,14 +183,14 @@ class FrameLoop:
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        facts = self._opened.facts if self._opened else ()
-        return DrawnFrame(number, work, partials, counts, facts, accuracy, sharing, self._changes(work))
+        infos = self._opened.infos if self._opened else ()
+        return DrawnFrame(number, work, partials, counts, infos, accuracy, sharing, self._changes(work))
 
     def _changes(self, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         run = self._run
-        no_processor = work.plan is not None and run.options.device == "cpu" and not on_processor(work.plan, "cpu")
-        changes = changed_settings(work.scene, run.channel.size, no_processor)
+        no_cpu = work.plan is not None and run.options.device == "cpu" and not on_cpu(work.plan, "cpu")
+        changes = changed_settings(work.scene, run.channel.size, no_cpu)
         for change in changes:
             if run.channel.rank == 0 and change not in self._warned:
                 warnings.warn(str(change), stacklevel=4)
@@ -209,7 +209,7 @@ class FrameLoop:
         if scene.quality.max_error is None or self._opened is None:
             return scene, None
         with self._run.local("plan", "plan"):
-            scene = complete_scene(scene, self._opened.facts)
+            scene = complete_scene(scene, self._opened.infos)
         if self._error_bound is None:
             from clusterviz.auto.error_bound import ErrorBoundController
 
@@ -228,7 +228,7 @@ class FrameLoop:
         seconds = run.clock.seconds.get("render", 0.0) - before
         image, counts = Compositing(run, several=False).picture(work, partials, counts)
         assert plan is not None, "only what shows a volume has settings to choose"
-        textured = not on_processor(plan, run.options.device)
+        textured = not on_cpu(plan, run.options.device)
         every = run.channel.allgather((counts.samples, seconds, textured))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
         return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))

@@ -56,7 +56,7 @@ class OpenedVolume:
         return self.source.grid
 
     @property
-    def facts(self) -> tuple[VolumeInfo, ...]:
+    def infos(self) -> tuple[VolumeInfo, ...]:
         """Volume info, which completes a scene."""
         grid, summary, known = self.source.grid, self.summary, self.summary.categories
         low, high = summary.value_range
@@ -67,7 +67,7 @@ class OpenedVolume:
             more = {"values": known.values, "counts": known.counts}
             more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
             more["jump_share"] = known.jumps / max(1, known.pairs - equal)
-        facts = VolumeInfo(
+        info = VolumeInfo(
             grid.shape_zyx,
             grid.spacing,
             grid.corners,
@@ -80,7 +80,7 @@ class OpenedVolume:
             block_sides=block_sides(grid.shape_zyx),
             **more,
         )
-        return (facts,)
+        return (info,)
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -119,9 +119,9 @@ class OpenedVolumes:
         return make_domain([volume.grid for volume in self.volumes]).grid
 
     @property
-    def facts(self) -> tuple[VolumeInfo, ...]:
+    def infos(self) -> tuple[VolumeInfo, ...]:
         """Volume info of each volume, which completes a scene."""
-        return tuple(fact for volume in self.volumes for fact in volume.facts)
+        return tuple(info for volume in self.volumes for info in volume.infos)
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -217,7 +217,7 @@ def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opene
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
     if largest is None or largest == brick:
         return opened
-    tree = build_tree(opened.plan(complete_scene(scene, opened.facts)).cost, ranks)
+    tree = build_tree(opened.plan(complete_scene(scene, opened.infos)).cost, ranks)
     edges, summary = refined_edges(tree, largest // brick), opened.summary
 
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:

@@ -64,7 +64,7 @@ class DrawnFrame:
     work : that was drawn
     partials : partial images of this rank, front to back
     counts : costs of drawing on this rank
-    facts : info of each volume
+    infos : info of each volume
     accuracy : of the settings chosen for `quality.max_error`; None without it
     sharing : chosen mode; None if none was chosen
     changes : settings that are not used as given
@@ -74,7 +74,7 @@ class DrawnFrame:
     work: RankWork
     partials: list[PartialImage]
     counts: RankFrame
-    facts: tuple[VolumeInfo, ...] = ()
+    infos: tuple[VolumeInfo, ...] = ()
     accuracy: Accuracy | None = None
     sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()

@@ -12,7 +12,7 @@ from clusterviz.report.decisions import Change
 from clusterviz.scene.values import Scene
 
 
-def changed_settings(scene: Scene, ranks: int, no_processor: bool = False) -> tuple[Change, ...]:
+def changed_settings(scene: Scene, ranks: int, no_cpu: bool = False) -> tuple[Change, ...]:
     """Return all settings of a scene that are not used as given.
 
     Parameters
@@ -22,7 +22,7 @@ def changed_settings(scene: Scene, ranks: int, no_processor: bool = False) -> tu
     no_processor : the CPU ray caster was asked for and cannot draw the scene
     """
     found = [*_of_quality(scene), *_of_light(scene), *_of_cluster(scene, ranks)] if scene.volumes else []
-    if no_processor:
+    if no_cpu:
         found.append(Change("device", "cpu", "OpenGL", "the CPU ray caster does not draw this scene"))
     return tuple(found)
 

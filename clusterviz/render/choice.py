@@ -22,7 +22,7 @@ Device = int | Literal["cpu"] | None
 """Device to draw on, as a user sets it: an EGL device by its index, the CPU, or None for the best one."""
 
 
-def prefers_processor(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
+def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
     """Return True if a rank prefers the CPU ray caster to OpenGL.
 
     Parameters
@@ -36,11 +36,11 @@ def prefers_processor(device: Device = None, environment: Mapping[str, str] | No
     return device == "cpu" or not has_gpu()
 
 
-def on_processor(plan: Plan, device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
+def on_cpu(plan: Plan, device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
     """Return True if the CPU ray caster draws a plan."""
     from clusterviz.render.cpu.kernel import can_draw
 
-    return can_draw(plan) and prefers_processor(device, environment)
+    return can_draw(plan) and prefers_cpu(device, environment)
 
 
 def has_gpu() -> bool:
@@ -60,7 +60,7 @@ def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Rayca
     """Return a ray caster for one plan."""
     from clusterviz.render.cpu.caster import VectorCaster
 
-    if on_processor(plan, device):
+    if on_cpu(plan, device):
         return VectorCaster(plan)
     from clusterviz.gl.context import open_context
     from clusterviz.render.raycast import Raycaster

@@ -178,8 +178,8 @@ class Raycaster:
                 if not layers or not rect.pixels:
                     drawn.append(RenderResult(blank()))
                     continue
-                skips = plan.march.frame_coherence is not None
-                starts = Starts.of(self._last_frame, plan, piece, rect) if skips else None
+                coherent = plan.march.frame_coherence is not None
+                starts = Starts.of(self._last_frame, plan, piece, rect) if coherent else None
                 if len(layers) > 1:
                     drawn.append(self._draw_layers(plan, rect, layers, started, starts))
                 else:

@@ -14,7 +14,7 @@ from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import Device, egl_device, prefers_processor
+from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.render_result import RenderResult, Tell, untold
@@ -41,7 +41,7 @@ class RendererCache:
         self._limit_bytes = limit_bytes
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
-        self._prefers_processor: bool | None = None
+        self._prefers_cpu: bool | None = None
         self._encodings: tuple[Encoding | None, ...] = ()
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
@@ -56,9 +56,9 @@ class RendererCache:
 
     def open(self, plan: Plan, local_rank: int, device: Device) -> None:
         """Choose the ray caster, and make its context unless there is one or none is needed."""
-        if self._prefers_processor is None:
-            self._prefers_processor = prefers_processor(device)
-        if self._context is None and not self._on_processor(plan):
+        if self._prefers_cpu is None:
+            self._prefers_cpu = prefers_cpu(device)
+        if self._context is None and not self._on_cpu(plan):
             from clusterviz.gl.context import open_context
 
             self._context = open_context(local_rank, egl_device(device))
@@ -118,7 +118,7 @@ class RendererCache:
             self._context = None
 
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
-        if self._on_processor(plan):
+        if self._on_cpu(plan):
             return VectorCaster(plan)
         if plan.layout.edges_zyx is not None:
             raise InputError(
@@ -133,13 +133,13 @@ class RendererCache:
 
         return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
 
-    def _on_processor(self, plan: Plan) -> bool:
-        return bool(self._prefers_processor) and can_draw(plan)
+    def _on_cpu(self, plan: Plan) -> bool:
+        return bool(self._prefers_cpu) and can_draw(plan)
 
     def _suits(self, plan: Plan) -> bool:
         """Return True if the caster's bricks suit the plan."""
         caster = self._caster
-        same_kind = isinstance(caster, VectorCaster) == self._on_processor(plan)
+        same_kind = isinstance(caster, VectorCaster) == self._on_cpu(plan)
         return caster is not None and same_kind and caster.slot == slot_of(plan)
 
     def _drop(self) -> None:

@@ -75,7 +75,7 @@ class RankFrame:
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
     peak_memory_bytes : peak resident size of the process
     renderer : name of the renderer, as in OpenGL
-    leaping : statistics of frame coherence; None if quality.frame_coherence is false
+    frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """

@@ -95,8 +95,8 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
     """
     with guard(SceneError, f"{where}: {path}"):
         try:
-            facts = os.stat(path)
-            table = _loaded(path, facts.st_mtime_ns, facts.st_size)
+            status = os.stat(path)
+            table = _loaded(path, status.st_mtime_ns, status.st_size)
         except OSError as error:
             raise SceneError(f"cannot read the table: {error.strerror}", where=where, found=path) from None
         except (ValueError, EOFError) as error:

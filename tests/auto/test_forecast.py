@@ -49,7 +49,7 @@ def probe_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
         run = Run(channel, CPU)
         opened = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.facts)
+        scene = complete_scene(scene_of(settings), opened.infos)
         return opened.plan(scene), probe_cost(run, Drawing(run), opened, scene, opened.plan(scene))
 
     told = run_loopback(RANKS, job)

@@ -42,7 +42,7 @@ def test_the_pixels_of_the_frame_are_those_that_are_weighed(
         run = Run(channel, CPU)
         opened = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.facts)
+        scene = complete_scene(scene_of(settings), opened.infos)
         auto_mode = AutoMode(run, Drawing(run), opened, scene, True)
         auto_mode.update(scene, accuracy=accuracy)
         found, plan = auto_mode.sharing.forecasts, opened.plan(scene)
@@ -77,7 +77,7 @@ def test_what_the_scene_says_counts(
         run = Run(channel, CPU)
         opened = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.facts)
+        scene = complete_scene(scene_of(settings), opened.infos)
         auto_mode = AutoMode(run, Drawing(run), opened, scene, several)
         auto_mode.update(scene)
         if isinstance(auto_mode.distribution, SortFirst):

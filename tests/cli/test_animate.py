@@ -65,7 +65,9 @@ def test_rays_that_start_by_the_last_frame_end_with_what_was_missed(cli: Run, tm
     first, second = (frame["frame_coherence"] for frame in json.loads((tmp_path / "s.json").read_text())["frames"])
     assert not any(first.values())
     assert second["estimated"] + second["left_out"] + second["checked"] > 0
-    assert f"leaping: {second['estimated']} rays started later, {second['left_out']} were left out" in outcome.out
+    assert (
+        f"frame coherence: {second['estimated']} rays started later, {second['left_out']} were left out" in outcome.out
+    )
 
 
 @pytest.mark.gl

@@ -112,7 +112,7 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
 
 
 def test_nobody_asks_what_draws_where_nothing_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clusterviz.distribution.memory_budget.prefers_processor", lambda device: pytest.fail("asked"))
+    monkeypatch.setattr("clusterviz.distribution.memory_budget.prefers_cpu", lambda device: pytest.fail("asked"))
 
     def job(channel: Channel) -> MemoryBudget:
         return memory_budget_of(Run(channel, Options()), scene_of().cluster, shares_screen=False)

@@ -43,5 +43,5 @@ def test_shaders_are_files() -> None:
     assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if SHADER.search(path.read_text())] == []
 
 
-def test_no_room_is_a_drawer() -> None:
+def test_no_package_is_a_drawer() -> None:
     assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if DRAWERS & {path.stem, path.parent.name}] == []

@@ -160,7 +160,7 @@ def draw(
     return drawn
 
 
-def draw_on_processor(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> RenderResult:
+def draw_on_cpu(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> RenderResult:
     """The same without OpenGL; `width` is that of the vectors."""
     plan = prepared.plan
     caster = VectorCaster(plan, width)
@@ -204,7 +204,7 @@ def pictures(
 
 def drawn_by_each(context: moderngl.Context, prepared: Prepared) -> list[RenderResult]:
     """A scene by OpenGL, and by the processor where it can."""
-    return [draw(context, prepared), *([draw_on_processor(prepared)] if can_draw(prepared.plan) else [])]
+    return [draw(context, prepared), *([draw_on_cpu(prepared)] if can_draw(prepared.plan) else [])]
 
 
 def error(

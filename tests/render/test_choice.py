@@ -12,7 +12,7 @@ from clusterviz.data.grid import Grid
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.plan.plan import Plan
 from clusterviz.render import choice
-from clusterviz.render.choice import on_processor
+from clusterviz.render.choice import on_cpu
 
 SHAPE = (5, 6, 7)
 ASKED = {"CLUSTERVIZ_EGL_DEVICE": "0"}
@@ -38,7 +38,7 @@ def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
     gpu: bool, device: Any, environment: dict[str, str], processor: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(choice, "has_gpu", lambda: gpu)
-    assert on_processor(plan_of(), device, environment) is processor
+    assert on_cpu(plan_of(), device, environment) is processor
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def test_what_the_processor_cannot_draw_is_left_to_opengl(
     keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(choice, "has_gpu", lambda: False)
-    assert not on_processor(plan_of(**keys), None, {})
-    assert not on_processor(plan_of(**keys), "cpu", {})
+    assert not on_cpu(plan_of(**keys), None, {})
+    assert not on_cpu(plan_of(**keys), "cpu", {})
 
 
 def test_no_egl_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:

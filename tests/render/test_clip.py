@@ -12,7 +12,7 @@ from render.scenes import (
     SHAPE,
     camera_at,
     draw,
-    draw_on_processor,
+    draw_on_cpu,
     noise,
     picture,
     pictures,
@@ -96,7 +96,7 @@ def test_parts_drawn_apart_keep_the_same_slabs(context: moderngl.Context, name: 
     for camera in ("outside", "inside", "parallel-along-an-axis"):
         scene = scene_of(voxels, camera_at(camera, GRID), opacity=FAINT, step=0.3, parts={"clip": clip_of(GRID, name)})
         prepared = prepare(scene, voxels, brick=7)
-        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_cpu(prepared))):
             for parts in (2, 5):
                 found, samples = in_parts(where, scene, prepared, parts)
                 assert samples == drawn.samples

@@ -7,7 +7,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw, draw_on_processor, noise, picture, pictures, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, draw, draw_on_cpu, noise, picture, pictures, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
@@ -172,7 +172,7 @@ def test_no_ray_is_cut_short_by_the_drivers_limit_of_loop_iterations(context: mo
     opacity = ((0.0, 0.5), *((float(value), 0.5) for value in close), (1.0, 0.5))
     scene = scene_of(voxels, camera, clim=(0.0, 1.0), opacity=opacity, unit=16.0, step=1e-4, size=(3, 3))
     prepared = prepare(scene, voxels)
-    for drawn in (draw(context, prepared), draw_on_processor(prepared)):
+    for drawn in (draw(context, prepared), draw_on_cpu(prepared)):
         assert drawn.samples == 9 * 160_000
         assert np.abs(whole(drawn.partial, (3, 3))[..., 3] - 0.5).max() <= 1e-6
 

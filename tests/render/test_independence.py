@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, draw_on_processor, noise, prepare, scene_of, whole
+from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, draw_on_cpu, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.partition import build_tree, front_to_back
@@ -31,7 +31,7 @@ def in_parts(context: moderngl.Context | None, scene: Scene, prepared: Prepared,
     eye = None if plan.view.parallel else plan.view.eye
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
     boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
-    drawn = [draw(context, prepared, box) if context else draw_on_processor(prepared, box) for box in boxes]
+    drawn = [draw(context, prepared, box) if context else draw_on_cpu(prepared, box) for box in boxes]
     layers = [whole(part.partial, scene.image.size) for part in drawn]
     return over(layers), sum(part.samples for part in drawn)
 
@@ -42,7 +42,7 @@ def test_parts_drawn_apart_make_the_whole_and_take_each_sample_once(context: mod
     for step in (1.0, 0.3):
         scene = scene_of(voxels, camera_at(camera, GRID), opacity=FAINT, step=step)
         prepared = prepare(scene, voxels, brick=7)
-        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+        for where, drawn in ((context, draw(context, prepared)), (None, draw_on_cpu(prepared))):
             picture = whole(drawn.partial, scene.image.size)
             assert picture[..., 3].max() > 0.01
             for parts in (2, 3, 5):
@@ -67,7 +67,7 @@ def test_short_slabs_at_the_faces_of_bricks_are_taken_once(context: moderngl.Con
     grid = Grid(voxels.shape)
     scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT, step=step, size=(5, 4))
     prepared = prepare(scene, voxels, brick=29)
-    for where, drawn in ((context, draw(context, prepared)), (None, draw_on_processor(prepared))):
+    for where, drawn in ((context, draw(context, prepared)), (None, draw_on_cpu(prepared))):
         for parts in (2, 3):
             found, samples = in_parts(where, scene, prepared, parts)
             assert samples == drawn.samples
@@ -81,7 +81,7 @@ def test_brick_size_changes_neither_picture_nor_samples(context: moderngl.Contex
     scene = scene_of(voxels, camera_at("outside", grid), opacity=FAINT)
     one, other = (prepare(scene, voxels, grid, side) for side in (70, brick))
     first = draw(context, one)
-    for drawn in (draw(context, other), draw_on_processor(one), draw_on_processor(other)):
+    for drawn in (draw(context, other), draw_on_cpu(one), draw_on_cpu(other)):
         assert drawn.samples == first.samples
         assert np.abs(whole(drawn.partial, (24, 20)) - whole(first.partial, (24, 20))).max() <= BOUND
 

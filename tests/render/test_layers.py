@@ -32,8 +32,8 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     layout = BrickLayout(source.grid.shape_zyx, 8)
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    facts = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
-    return make_plan(complete_scene(scene, facts), source.grid, source.dtype, layout, summary), bricks
+    info = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
+    return make_plan(complete_scene(scene, info), source.grid, source.dtype, layout, summary), bricks
 
 
 def whole(plan: Plan) -> Piece:

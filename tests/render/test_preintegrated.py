@@ -13,7 +13,7 @@ from render.scenes import (
     SHAPE,
     camera_at,
     draw,
-    draw_on_processor,
+    draw_on_cpu,
     noise,
     picture,
     pictures,
@@ -126,7 +126,7 @@ def test_skipping_leaves_out_nothing(context: moderngl.Context, step: float) -> 
     lit_up = replace(skipped, plan=replace(skipped.plan, transfer=_opaque(skipped.plan.transfer)))
     for found, all_of_it in (
         (draw(context, skipped), draw(context, lit_up)),
-        (draw_on_processor(skipped), draw_on_processor(lit_up)),
+        (draw_on_cpu(skipped), draw_on_cpu(lit_up)),
     ):
         # Runs of slabs begin elsewhere, so sums are rounded elsewhere.
         assert np.abs(whole(found.partial, (24, 20)) - whole(all_of_it.partial, (24, 20))).max() <= 1e-7

@@ -9,7 +9,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, Prepared, camera_at, draw, draw_on_processor, noise, prepare, scene_of, whole
+from render.scenes import SHAPE, Prepared, camera_at, draw, draw_on_cpu, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.image.merge import merge_partials
@@ -39,7 +39,7 @@ def projected(
     eye = None if plan.view.parallel else plan.view.eye
     order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
     boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
-    drawn = [draw(context, prepared, box) if context else draw_on_processor(prepared, box) for box in boxes]
+    drawn = [draw(context, prepared, box) if context else draw_on_cpu(prepared, box) for box in boxes]
     merged = merge_partials([part.partial for part in drawn], plan.view.size, plan.blend_mode.operator)
     return finish_projection(plan, merged), sum(part.samples for part in drawn)
 

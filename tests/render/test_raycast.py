@@ -14,7 +14,7 @@ from render.scenes import (
     SHAPE,
     camera_at,
     draw,
-    draw_on_processor,
+    draw_on_cpu,
     noise,
     pictures,
     prepare,
@@ -120,7 +120,7 @@ def test_footprint_holds_all_that_is_drawn_and_little_more(context: moderngl.Con
     scene = scene_of(voxels, camera_at("outside", GRID), size=(64, 48), opacity=0.5)
     prepared = prepare(scene, voxels)
     rect = draw(context, prepared).partial.rect
-    assert draw_on_processor(prepared).partial.rect == rect
+    assert draw_on_cpu(prepared).partial.rect == rect
     rows, columns = np.nonzero(render_reference(scene, GRID, voxels)[..., 3])
     spare = (columns.min() - rect.x_begin, rows.min() - rect.y_begin)
     spare += (rect.x_end - columns.max() - 1, rect.y_end - rows.max() - 1)
@@ -136,4 +136,4 @@ def test_samples_are_counted_once_each(context: moderngl.Context) -> None:
     rays = np.count_nonzero(whole(drawn.partial, (12, 10))[..., 3])
     assert rays > 0
     assert drawn.samples == rays * 50
-    assert draw_on_processor(prepare(scene, voxels)).samples == rays * 50
+    assert draw_on_cpu(prepare(scene, voxels)).samples == rays * 50

@@ -40,7 +40,7 @@ def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeInfo:
     scene = scene_of_data("array", [f"cluster.brick={brick}"])
     opened = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
     assert opened is not None
-    return opened.facts[0]
+    return opened.infos[0]
 
 
 def completed(voxels: np.ndarray, *options: str) -> Scene:

@@ -22,7 +22,7 @@ from clusterviz.scene.complete import default_clim, default_unit_distance
 NAN = math.nan
 
 
-def facts(
+def volume_info(
     shape: tuple[int, int, int] = (11, 21, 31),
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -38,15 +38,15 @@ def scene(camera: dict[str, object] | None = None, size: tuple[int, int] = (400,
 
 
 def test_everything_open_is_filled_and_everything_given_is_kept() -> None:
-    done = complete_scene(scene(), facts())
+    done = complete_scene(scene(), volume_info())
     volume = done.volumes[0]
     assert volume.clim == (2, 200)
     assert volume.cmap is not None
     assert volume.opacity_unit_distance is not None
     assert None not in (done.camera.position, done.camera.focal_point, done.camera.view_up)
-    assert complete_scene(done, facts()) == done
+    assert complete_scene(done, volume_info()) == done
     given = scene(clim=[5, 6], cmap="jet", opacity=0.5, opacity_unit_distance=3)
-    assert complete_scene(given, facts()).volumes == given.volumes
+    assert complete_scene(given, volume_info()).volumes == given.volumes
 
 
 def test_an_empty_scene_gets_a_camera() -> None:
@@ -55,7 +55,7 @@ def test_an_empty_scene_gets_a_camera() -> None:
 
 def test_the_background_of_a_bare_file_is_transparent() -> None:
     """Air and noise, the lowest part of the range, must not veil the picture; the rest must be seen."""
-    function = transfer_function(complete_scene(scene(), facts()).volumes[0])
+    function = transfer_function(complete_scene(scene(), volume_info()).volumes[0])
     assert bool(function.is_transparent(-math.inf, 2 + 0.25 * 198))
     assert function.opacity(200.0) > 0.3
 
@@ -63,7 +63,7 @@ def test_the_background_of_a_bare_file_is_transparent() -> None:
 def test_the_opacity_of_a_preset_file_is_used(tmp_path: Path) -> None:
     path = tmp_path / "p.json"
     path.write_text(json.dumps([{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1], "Points": [0, 1, 0.5, 0, 1, 0.25, 0.5, 0]}]))
-    volume = complete_scene(scene(cmap=str(path), clim=[10, 20]), facts()).volumes[0]
+    volume = complete_scene(scene(cmap=str(path), clim=[10, 20]), volume_info()).volumes[0]
     assert volume.opacity == ((10, 1), (20, 0.25))
 
 
@@ -82,19 +82,19 @@ def test_the_opacity_of_a_preset_file_is_used(tmp_path: Path) -> None:
     ],
 )
 def test_the_default_range(values: tuple[float, float, float, float], expected: tuple[float, float]) -> None:
-    assert default_clim(facts(values=values)) == expected
+    assert default_clim(volume_info(values=values)) == expected
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_a_constant_volume_has_a_range_around_it(value: float) -> None:
-    low, high = default_clim(facts(values=(value,) * 4))
+    low, high = default_clim(volume_info(values=(value,) * 4))
     assert low < high
     assert low <= value <= high
     assert math.isfinite(low)
     assert math.isfinite(high)
     if abs(value) > 1e307:  # the range cannot reach past the end of float64 on both sides
         return
-    volume = complete_scene(scene(), facts(values=(value,) * 4)).volumes[0]
+    volume = complete_scene(scene(), volume_info(values=(value,) * 4)).volumes[0]
     assert 0 < float(transfer_function(volume).opacity(value)) <= 1
 
 
@@ -106,7 +106,7 @@ def test_the_unit_distance_is_pyvistas() -> None:
 
 
 def test_a_clim_of_equal_ends_is_a_step() -> None:
-    volume = complete_scene(scene(clim=[5, 5], opacity="linear", cmap="gray"), facts()).volumes[0]
+    volume = complete_scene(scene(clim=[5, 5], opacity="linear", cmap="gray"), volume_info()).volumes[0]
     function = transfer_function(volume)
     assert function.opacity([4.9, 5, 6]).tolist() == [0, 1, 1]
     assert function.colour([4.9, 5])[:, 0].tolist() == [0, 1]
@@ -128,7 +128,7 @@ def test_the_box_just_fits(
     size: tuple[int, int], angle: float, unit: float, view: str | None, more: dict[str, object]
 ) -> None:
     """All corners are in the picture, and one of them lies on its margin unless the eye would be too near."""
-    fact = facts(spacing=(unit, unit, unit))
+    fact = volume_info(spacing=(unit, unit, unit))
     camera = complete_scene(scene({"view_angle": angle, "view": view, **more}, size), fact).camera
     pixels, ahead = project_points(camera, fact.corners, size)
     from_centre = np.abs(2 * pixels / size - 1).max()
@@ -159,7 +159,7 @@ def test_the_box_just_fits(
     ],
 )
 def test_a_view_by_a_word(orientation: str, word: str | None, eye: Vector, up: Vector) -> None:
-    fact = replace(facts(), orientation=orientation)
+    fact = replace(volume_info(), orientation=orientation)
     camera = complete_scene(scene({"view": word}), fact).camera
     offset = np.subtract(camera.position, camera.focal_point)
     np.testing.assert_allclose(offset / np.linalg.norm(offset), np.array(eye) / np.linalg.norm(eye), atol=1e-12)
@@ -181,14 +181,14 @@ def test_a_view_by_a_word(orientation: str, word: str | None, eye: Vector, up: V
 )
 def test_a_camera_is_turned_as_in_vtk(keys: dict[str, float], expected: dict[str, object]) -> None:
     start: dict[str, object] = {"position": [0, -10, 0], "focal_point": [0, 0, 0], "view_up": [0, 0, 1]}
-    camera = complete_scene(scene({**start, **keys}), facts()).camera
+    camera = complete_scene(scene({**start, **keys}), volume_info()).camera
     for name, value in {**start, "view_angle": 30.0, **expected}.items():
         np.testing.assert_allclose(getattr(camera, name), value, atol=1e-12)
 
 
 @pytest.mark.parametrize(("distance", "least"), [(20.0, 30.5), (500.0, 30.0), (0.0, 90.0)])
 def test_a_lone_position_crops_nothing(distance: float, least: float) -> None:
-    fact = facts()
+    fact = volume_info()
     centre = np.array([15, 10, 5])
     position = centre + distance * np.array([0.0, -1.0, 0.01])
     camera = complete_scene(scene({"position": position.tolist()}), fact).camera
@@ -204,7 +204,7 @@ def test_a_lone_position_crops_nothing(distance: float, least: float) -> None:
 
 def test_fit_keeps_the_direction_and_orbits_have_room() -> None:
     towards: dict[str, object] = {"position": [15, 10, 900], "view_up": [0, 1, 0]}
-    fact = facts()
+    fact = volume_info()
     fitted, orbit = (complete_scene(scene({**towards, "fit": fit}), fact).camera for fit in (True, "orbit"))
     for camera in (fitted, orbit):
         assert camera.focal_point == (15, 10, 5)
@@ -217,7 +217,7 @@ def test_fit_keeps_the_direction_and_orbits_have_room() -> None:
 
 
 def test_the_default_view_is_isometric() -> None:
-    done = complete_scene(scene(), facts()).camera
+    done = complete_scene(scene(), volume_info()).camera
     assert done.view_up == (0, 0, 1)
     assert done.focal_point == (15, 10, 5)
     offset = np.subtract(done.position, done.focal_point)
@@ -230,7 +230,7 @@ def test_the_default_view_is_isometric() -> None:
 def test_flat_and_tiny_boxes_give_a_valid_camera(
     shape: tuple[int, int, int], spacing: float, origin: tuple[float, float, float]
 ) -> None:
-    done = complete_scene(scene(), facts(shape, (spacing,) * 3, origin)).camera
+    done = complete_scene(scene(), volume_info(shape, (spacing,) * 3, origin)).camera
     assert done.position is not None
     assert np.isfinite(done.position).all()
     assert done.position != done.focal_point
@@ -251,7 +251,7 @@ def test_a_camera_given_in_part_keeps_that_part_and_is_never_degenerate(
         start = scene(given_keys)
     except ValueError:
         return
-    fact = facts((3, 3, 3), origin=(-1.0, -1.0, -1.0))  # centred, so that an eye can sit in the centre
+    fact = volume_info((3, 3, 3), origin=(-1.0, -1.0, -1.0))  # centred, so that an eye can sit in the centre
     try:
         done = complete_scene(start, fact).camera
     except SceneError:

@@ -57,8 +57,8 @@ def by_opengl(scene: Scene, source: ArraySource) -> Picture:
 def by_reference(scene: Scene, source: ArraySource) -> Picture:
     """float64 (h, w, 4): the float64 reference."""
     grid = source.grid
-    facts = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0)
-    return render_reference(complete_scene(scene, facts), grid, source.read((0, 0, 0), grid.shape_zyx))
+    info = VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0)
+    return render_reference(complete_scene(scene, info), grid, source.read((0, 0, 0), grid.shape_zyx))
 
 
 WAYS = [pytest.param(by_reference, id="reference"), pytest.param(by_renderer, id="renderer", marks=pytest.mark.gl)]

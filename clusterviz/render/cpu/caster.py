@@ -1,4 +1,4 @@
-"""Ray casting of one rank's bricks on the processor: no OpenGL, and no upload.
+"""Ray casting of one rank's bricks on the CPU: no OpenGL, and no upload.
 
 Threads take tiles of the picture from a counter. As many are used as the rank has cores.
 
@@ -38,7 +38,7 @@ from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.multi_volume_job import VolumeJobs, volume_jobs
 from clusterviz.render.cpu.multi_volume_memory import MixedMemory
 from clusterviz.render.cpu.transfer.pieces import Pieces, pieces_of
-from clusterviz.render.cpu.width import Width, host_width, processor_name
+from clusterviz.render.cpu.width import Width, cpu_name, host_width
 from clusterviz.render.empty_space import visible_groups
 from clusterviz.render.field_curvature import group_doublings
 from clusterviz.render.multi_volume_bricks import store_multi_volume
@@ -49,7 +49,7 @@ from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
 BLOCK = 4  # the output's sides are multiples of it, so that every packet's pixels have a place
-MOST_LEAPS = 64  # tables that are kept
+MAX_SKIP_TABLES = 64  # tables that are kept
 Transfers = list[tuple[TransferFunction, float]]
 """Of each volume, and the length of what its pieces give the opacity of, in opacity unit distances."""
 
@@ -75,12 +75,12 @@ class _Shown:
 
 
 class VectorCaster:
-    """One rank's ray caster on the processor: its kernel, its bricks.
+    """One rank's ray caster on the CPU: its kernel, its bricks.
 
     Parameters
     ----------
     plan : decides the kernel, and how bricks are kept
-    width : of the vectors; by default the processor's own
+    width : of the vectors; by default the CPU's own
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class VectorCaster:
         self._width, self._threads = width or host_width(), kernel_threads()
         self.slot = slot_of(plan)
         self.pool = self._empty_pool()
-        self._leaps: dict[Any, NDArray[np.int32]] = {}
+        self._skips: dict[Any, NDArray[np.int32]] = {}
         self._pieces: tuple[Transfers, tuple[Pieces | None, ...]] = [], ()
         self._shown: tuple[Any, ...] | None = None
         self._last_frame = LastFrame()
@@ -101,7 +101,7 @@ class VectorCaster:
     @property
     def renderer(self) -> str:
         """What draws, in words."""
-        return processor_name(self._width)
+        return cpu_name(self._width)
 
     @property
     def voxel_bytes(self) -> int:
@@ -128,7 +128,7 @@ class VectorCaster:
         ----------
         bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
         """
-        self._leaps = {}
+        self._skips = {}
         if bricks:
             self._last_frame.forget()
         multi_volume = plan.multi_volume
@@ -171,7 +171,7 @@ class VectorCaster:
 
     def release(self) -> None:
         """Forget the bricks."""
-        self._leaps, self.pool = {}, self._empty_pool()
+        self._skips, self.pool = {}, self._empty_pool()
 
     def _empty_pool(self) -> Memory | MixedMemory:
         return MixedMemory(self.slot) if self.slot.parts else Memory(self.slot)
@@ -246,17 +246,17 @@ class VectorCaster:
             *(one for p in parts for one in (p.blend_mode, p.transfer)),
         )
         if self._shown is None or any(a is not b for a, b in zip(self._shown, shown, strict=True)):
-            self._leaps, self._shown = {}, shown
-        if (found := self._leaps.get((box, bricks.tobytes()))) is not None:
+            self._skips, self._shown = {}, shown
+        if (found := self._skips.get((box, bricks.tobytes()))) is not None:
             return found
-        if len(self._leaps) >= MOST_LEAPS:
-            self._leaps = {}
+        if len(self._skips) >= MAX_SKIP_TABLES:
+            self._skips = {}
         ranges, (begin, end) = self.pool.ranges(bricks), plan.layout.unit_box(box.begin_zyx, box.end_zyx)
         visible, places = visible_groups(ranges, plan), plan.layout.units(bricks) - begin
         found = skips_of(visible, places, BrickBox(begin, end).shape_zyx, plan.layout.brick)
         if plan.march.stretching is not None and isinstance(self.pool, Memory):
             found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
-        self._leaps[box, bricks.tobytes()] = found
+        self._skips[box, bricks.tobytes()] = found
         return found
 
 

@@ -49,7 +49,7 @@ JOB = np.dtype(
             "pitches",
             "i8",
         ),  # int32 (bricks of the box, 2), where they differ: voxels from row to row, and layer to layer
-        ("skips", "i8"),  # int32, one a group: see leaps.py
+        ("skips", "i8"),  # int32, one a group: see empty_space.py
         ("bucket_rows", "i8"),  # float32 (BUCKETS, 4): the next start, the first one, the first segment
         ("colour_rows", "i8"),  # float32 (segments, 8): a slab's opacity, its slope, colour, its slope
         ("pieces", "i8"),  # float32 (ROWS, MOST) as in pieces.py

@@ -37,7 +37,7 @@ def tables_of(
     Parameters
     ----------
     numbered : as of `Memory.numbered`
-    leaps : as of `skips_of`
+    skips : as of `skips_of`
     pieces : of the transfer function, where they are few
     """
     voxels = {"voxels": numbered[0], "bricks": numbered[1]}

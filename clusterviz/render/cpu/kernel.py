@@ -42,7 +42,7 @@ class Kernel:
     stretched : slabs are longer where groups of cells allow it
     split : slabs are cut where they leave a brick
     surfaces : isosurfaces are shown, alone or in the volume
-    leaping : rays start where the last frame says
+    frame_coherence : rays start where the last frame says
     pitched : bricks are of several sizes
     wide : the numbers of voxels take 64 bits
     volumes : of several volumes what each needs; what the kernel says of one volume is then of no account
@@ -187,8 +187,8 @@ def _graded_of(blend_mode: BlendMode) -> Graded:
 def can_draw(plan: Plan) -> bool:
     """Whether there is a kernel for a plan."""
     march = plan.march
-    leaps_in_parts = march.split and march.frame_coherence is not None
+    coherent_in_parts = march.split and march.frame_coherence is not None
     parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
     # Of several volumes none may have surfaces, or nothing but surfaces.
     has_surfaces = any(part.blend_mode.surfaces or part.blend_mode.blending != "composite" for part in parts)
-    return not (has_surfaces or leaps_in_parts) and march.filter in ("linear", "nearest", "cubic")
+    return not (has_surfaces or coherent_in_parts) and march.filter in ("linear", "nearest", "cubic")

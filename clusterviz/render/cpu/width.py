@@ -1,4 +1,4 @@
-"""How wide the processor's vectors are."""
+"""How wide the CPU's vectors are."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _FEATURES = {16: ("avx512f", "avx512dq", "avx512bw", "avx512vl"), 8: ("avx2", "f
 
 @cache
 def host_width() -> Width:
-    """The widest vectors of this processor."""
+    """The widest vectors of this CPU."""
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
     features = llvm.get_host_cpu_features()
     return next(width for width in WIDTHS if all(features.get(name) for name in _FEATURES[width.lanes]))
 
 
-def processor_name(width: Width | None = None) -> str:
+def cpu_name(width: Width | None = None) -> str:
     """What draws, in words: "CPU, AVX-512, 2 threads"."""
     threads = kernel_threads()
     return f"CPU, {(width or host_width()).name}, {threads} thread{'s' * (threads > 1)}"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw_on_processor, noise, prepare, scene_of, shown, whole
+from render.scenes import SHAPE, camera_at, draw_on_cpu, noise, prepare, scene_of, shown, whole
 from render.test_shading import LIT
 
 from clusterviz.data.grid import Grid
@@ -35,7 +35,7 @@ def test_narrower_vectors_give_the_same_picture(width: Width, dtype: str, interp
         keys: dict[str, Any] = {"interpolation": interpolation, "look": look}
         scene = scene_of(voxels, camera_at(camera, GRID), step=0.7, size=(23, 19), **keys)
         prepared = prepare(scene, voxels, brick=7)
-        found = whole(draw_on_processor(prepared, width=width).partial, scene.image.size)
+        found = whole(draw_on_cpu(prepared, width=width).partial, scene.image.size)
         assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
 
 
@@ -58,7 +58,7 @@ def test_bricks_of_several_sizes_change_no_bit(dtype: str, keys: dict[str, Any])
         drawn = []
         for edges in (None, ((1,), (1, 2, 4), (3, 4, 6))):
             prepared = prepare(scene, voxels, grid, 8, edges)
-            drawn.append(draw_on_processor(prepared, build_tree(prepared.plan.cost, 1).leaves[0].box))
+            drawn.append(draw_on_cpu(prepared, build_tree(prepared.plan.cost, 1).leaves[0].box))
         uniform, larger = drawn
         assert uniform.partial.rgba.any()
         assert np.array_equal(uniform.partial.rgba, larger.partial.rgba)
@@ -73,7 +73,7 @@ def test_threads_change_nothing(look: Any, monkeypatch: pytest.MonkeyPatch) -> N
     drawn = []
     for threads in ("1", "2", "5"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        drawn.append(draw_on_processor(prepare(scene, voxels)))
+        drawn.append(draw_on_cpu(prepare(scene, voxels)))
     for other in drawn[1:]:
         assert np.array_equal(other.partial.rgba, drawn[0].partial.rgba)
         assert other.samples == drawn[0].samples
@@ -87,7 +87,7 @@ def test_gaps_between_visible_bricks_are_leapt_over_and_their_ends_are_not() -> 
     scene = scene_of(voxels, camera_at("outside", grid), clim=(0.0, 255.0), opacity=((0.3, 0.0), (1.0, 0.9)), step=0.4)
     expected = render_reference(scene, grid, voxels)
     for brick in (64, 33, 12, 8, 5):
-        drawn = draw_on_processor(prepare(scene, voxels, grid, brick))
+        drawn = draw_on_cpu(prepare(scene, voxels, grid, brick))
         assert np.abs(whole(drawn.partial, scene.image.size) - expected).max() <= BOUND, brick
 
 
@@ -116,7 +116,7 @@ def test_bricks_come_and_go() -> None:
         assert caster.pool.bricks == set(here)
         samples += caster.draw(plan, [Piece(0, box, mine)])[0].samples
         size.append(caster.voxel_bytes)
-    assert samples == draw_on_processor(prepared).samples
+    assert samples == draw_on_cpu(prepared).samples
     assert max(size) <= 4 * len(bricks) * (8**3 + 1)
 
 
@@ -130,9 +130,9 @@ def test_numbers_of_64_bits_change_nothing(dtype: str, look: Any, monkeypatch: p
     voxels = noise(dtype=dtype)
     keys = look if "interpolation" in look else {"look": look}
     prepared = prepare(scene_of(voxels, camera_at("outside", GRID), **keys), voxels, brick=7)
-    narrow = draw_on_processor(prepared)
+    narrow = draw_on_cpu(prepared)
     monkeypatch.setattr(memory, "NARROW", 0)
-    wide = draw_on_processor(prepared)
+    wide = draw_on_cpu(prepared)
     assert np.array_equal(wide.partial.rgba, narrow.partial.rgba)
     assert wide.samples == narrow.samples > 0
 
@@ -154,7 +154,7 @@ def test_windows_cut_the_picture() -> None:
     voxels = noise(dtype="uint8")
     scene = scene_of(voxels, camera_at("outside", GRID))
     prepared = prepare(scene, voxels)
-    picture = whole(draw_on_processor(prepared).partial, (24, 20))
+    picture = whole(draw_on_cpu(prepared).partial, (24, 20))
     caster, box = VectorCaster(prepared.plan), build_tree(prepared.plan.cost, 1).leaves[0].trimmed
     caster.load(prepared.plan, shown(prepared))
     window = Rect(5, 3, 18, 14)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw_on_processor, noise, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, draw_on_cpu, noise, prepare, scene_of, whole
 
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
@@ -30,7 +30,7 @@ def test_all_widths_give_the_picture_of_the_reference(width: Width | None) -> No
     voxels[np.random.default_rng(3).random(SHAPE) < 0.01] = np.nan
     for opacity in (STRIPES, OPAQUE):
         scene = scene_between(voxels, opacity=opacity, step=0.9, clim=(-0.9, 0.9), size=(23, 19))
-        found = whole(draw_on_processor(prepare(scene, voxels, brick=7), width=width).partial, (23, 19))
+        found = whole(draw_on_cpu(prepare(scene, voxels, brick=7), width=width).partial, (23, 19))
         expected = render_reference(scene, GRID, voxels)
         assert expected[..., 3].max() > 0.5
         assert np.abs(found - expected).max() <= BOUND
@@ -41,7 +41,7 @@ def test_a_ray_ends_with_the_slab_that_leaves_too_little_light() -> None:
     drawn = []
     for residual in (0.0, 0.01):
         scene = scene_between(voxels, opacity=0.9, unit=1.0, step=0.4, early_termination=residual)
-        drawn.append(draw_on_processor(prepare(scene, voxels, brick=64)))
+        drawn.append(draw_on_cpu(prepare(scene, voxels, brick=64)))
     difference = np.abs(whole(drawn[0].partial, (24, 20)) - whole(drawn[1].partial, (24, 20)))
     assert 0 < difference.max() <= 0.01
     assert drawn[1].samples < 0.3 * drawn[0].samples
@@ -53,6 +53,6 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
     for threads in ("1", "3"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        drawn.append(draw_on_processor(prepare(scene, voxels)))
+        drawn.append(draw_on_cpu(prepare(scene, voxels)))
     assert np.array_equal(drawn[0].partial.rgba, drawn[1].partial.rgba)
     assert drawn[0].samples == drawn[1].samples

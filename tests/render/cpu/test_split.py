@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import draw_on_processor, prepare, whole
+from render.scenes import draw_on_cpu, prepare, whole
 from render.test_independence import in_parts
 from render.test_split import split_scene
 
@@ -22,7 +22,7 @@ def test_leaps_end_before_what_is_visible(brick: int) -> None:
     keys: dict[str, Any] = {"clim": (0.0, 200.0), "opacity": ((0.0, 0.0), (0.02, 0.3)), "step": 1.7, "size": size}
     scene = split_scene(voxels, "outside", brick, grid=grid, **keys)
     prepared = prepare(scene, voxels, grid, brick)
-    drawn = draw_on_processor(prepared)
+    drawn = draw_on_cpu(prepared)
     picture, expected = whole(drawn.partial, size), render_reference(scene, grid, voxels)
     assert expected[..., 3].max() > 0.1
     assert np.abs(picture - expected).max() <= 1e-5

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw_on_processor, prepare, scene_of, whole
+from render.scenes import SHAPE, camera_at, draw_on_cpu, prepare, scene_of, whole
 from render.test_independence import in_parts
 from render.test_shading import LIT, smooth
 from render.test_surfaces import FEW, SIZE, surfaces, wrong
@@ -21,7 +21,7 @@ GRID = Grid(SHAPE)
 
 def drawn(scene: Scene, voxels: np.ndarray, grid: Grid = GRID, brick: int = 7, width: Width | None = None) -> Any:
     """The processor's picture."""
-    return whole(draw_on_processor(prepare(scene, voxels, grid, brick), width=width).partial, scene.image.size)
+    return whole(draw_on_cpu(prepare(scene, voxels, grid, brick), width=width).partial, scene.image.size)
 
 
 @pytest.mark.parametrize("width", [None, WIDTHS[-1]], ids=["own", "narrowest"])
@@ -47,7 +47,7 @@ def test_parts_drawn_apart_make_the_whole(camera: str) -> None:
     for blending in ("isosurface", "composite"):
         look = surfaces(voxels, 0.7, 0.55, **(LIT if blending == "composite" else {})) | {"blending": blending}
         prepared = prepare(scene := scene_of(voxels, camera_at(camera, GRID), look=look, step=0.93), voxels, brick=7)
-        found = whole(draw_on_processor(prepared).partial, SIZE)
+        found = whole(draw_on_cpu(prepared).partial, SIZE)
         for count in (2, 5):
             assert wrong(in_parts(None, scene, prepared, count)[0], found, 1e-5) <= FEW
 
@@ -58,7 +58,7 @@ def test_a_ray_ends_with_the_surface_that_leaves_too_little_light() -> None:
     for residual in (0.0, 1e-3):
         keys: dict[str, Any] = {"look": surfaces(voxels, 0.4), "early_termination": residual, "step": 0.3}
         scene = scene_of(voxels, camera_at("outside", grid), **keys)
-        counted.append(draw_on_processor(prepare(scene, voxels, grid, 64)))
+        counted.append(draw_on_cpu(prepare(scene, voxels, grid, 64)))
     assert counted[1].samples < 0.7 * counted[0].samples
     assert np.abs(counted[0].partial.rgba - counted[1].partial.rgba).max() <= 1e-3
 
@@ -69,5 +69,5 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     pictures = []
     for threads in ("1", "3"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        pictures.append(draw_on_processor(prepare(scene, voxels)).partial.rgba)
+        pictures.append(draw_on_cpu(prepare(scene, voxels)).partial.rgba)
     assert np.array_equal(*pictures)

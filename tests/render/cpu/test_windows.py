@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import Prepared, camera_at, draw_on_processor, prepare, scene_of, whole
+from render.scenes import Prepared, camera_at, draw_on_cpu, prepare, scene_of, whole
 from render.test_shading import LIT
 
 from clusterviz.data.grid import Grid
@@ -74,13 +74,13 @@ def draw_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> RenderResul
 
     with monkeypatch.context() as patched:
         patched.setattr(caster, "visible_groups", visible)
-        return draw_on_processor(replace(prepared, plan=every))
+        return draw_on_cpu(replace(prepared, plan=every))
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_leaping_over_what_is_empty_changes_no_bit(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     prepared, size = sparse(*CASES[case])
-    skipped, every = draw_on_processor(prepared), draw_all(prepared, monkeypatch)
+    skipped, every = draw_on_cpu(prepared), draw_all(prepared, monkeypatch)
     assert skipped.samples < every.samples
     found, expected = (whole(drawn.partial, size) for drawn in (skipped, every))
     assert expected.max() > 0.1

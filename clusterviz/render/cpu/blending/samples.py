@@ -14,7 +14,7 @@ from clusterviz.render.cpu.marching.march import Four, Variables
 from clusterviz.render.cpu.marching.starts import Starts
 
 AHEAD = 4.0  # slabs; what is asked for now should be there by then
-ABREAST = 2  # slabs that are sampled at once, so that the processor need not wait for one of them
+ABREAST = 2  # slabs that are sampled at once, so that the CPU need not wait for one of them
 Sample = tuple[Value, Value, Spot]
 
 
@@ -71,7 +71,7 @@ class Samples:
         return replace(spot, beyond=(x, y, z), begin=None)
 
     def ask_ahead(self, spot: Spot, slab: Vector, along: Value) -> None:
-        """Let the processor bring the voxels of later samples nearer, of rays that are so many slabs on."""
+        """Let the CPU bring the voxels of later samples nearer, of rays that are so many slabs on."""
         with self._code.when(self._far):
             self._field.ask_for(self.moved(spot, slab, along + AHEAD))
 

@@ -149,7 +149,7 @@ class Field:
         return self._kind == "f32"
 
     def ask_for(self, spot: Spot) -> None:
-        """Let the processor bring the voxels of a later sample nearer; some of the lanes tell of all."""
+        """Let the CPU bring the voxels of a later sample nearer; some of the lanes tell of all."""
         voxel = self._cell(spot)[1]
         self._code.prefetch(self._address(voxel, lane) for lane in PREFETCHED[self._code.lanes])
 

@@ -6,7 +6,7 @@
 - jitter.py   where lattices begin that are other in every pixel
 - clip.py     which slabs clipping planes keep
 - place.py    where slabs are
-- leaps.py    how far rays may leap over what is empty
+- empty_space.py    how far rays may skip over what is empty
 - stretch.py  slabs that are longer where groups of cells allow it
 - starts.py   where rays start by what the last frame found
 - march.py    from run to run

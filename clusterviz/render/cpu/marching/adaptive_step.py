@@ -1,7 +1,7 @@
 """Slabs that are longer where a group of cells allows it (plan/adaptive_step.py): the twin of stretched.glsl.
 
 A run of longer slabs is one of ordinary slabs to a look: its midpoints lie farther apart, and a sample's opacity is
-that of several. How long they may be stands in the table of leaps, which knows every group.
+that of several. How long they may be stands in the table of skips, which knows every group.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from clusterviz.render.cpu.fields.field import Spot
 from clusterviz.render.cpu.transfer.classify import Class
 
 ONCE = -2
-"""In a table of leaps: slabs may be doubled once; a number lower, once more."""
+"""In a table of skips: slabs may be doubled once; a number lower, once more."""
 
 
 def with_doublings(
     skips: NDArray[np.int32], places: NDArray[np.intp], visible: NDArray[np.bool_], doublings: NDArray[np.uint8]
 ) -> NDArray[np.int32]:
-    """A table of leaps that says of visible groups how often their slabs may be doubled.
+    """A table of skips that says of visible groups how often their slabs may be doubled.
 
     Parameters
     ----------
-    leaps, places, visible : as of `skips.py`
+    skips, places, visible : as of `skips.py`
     doublings : of the groups of stored bricks, (n, gz, gy, gx)
     """
     found, at = skips.copy(), tuple(places.T)

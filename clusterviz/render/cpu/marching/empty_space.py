@@ -1,7 +1,7 @@
-"""How far rays may leap over groups of cells that have nothing to show.
+"""How far rays may skip over groups of cells that have nothing to show.
 
 A group that is c groups away from the nearest visible one, along the axis where it is farthest, lies in the middle of a
-cube of 2c − 1 groups a side without anything visible. Rays leap to the end of that cube.
+cube of 2c − 1 groups a side without anything visible. Rays skip to the end of that cube.
 
 References
 ----------
@@ -32,8 +32,8 @@ def skips_of(visible: NDArray[np.bool_], places: NDArray[np.intp], shape_zyx: In
 
     Returns
     -------
-    leaps : int32 (*shape_zyx, gz, gy, gx): 0 where something may be visible; else how many groups from here, along
-        every axis, rays may leap, or WHOLE_BRICK
+    skips : int32 (*shape_zyx, gz, gy, gx): 0 where something may be visible; else how many groups from here, along
+        every axis, rays may skip, or WHOLE_BRICK
     """
     groups = visible.shape[1:]
     if brick % GROUP:

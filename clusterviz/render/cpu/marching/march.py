@@ -5,7 +5,7 @@ is the look's (`BlendMode`).
 
 Rays are cut into windows of a fixed number of slabs. Places in a window are counted in float32 from its first midpoint,
 and what its runs come to is summed by itself before it is put behind what is kept. So neither where runs begin nor how
-many there are changes a bit: pictures are the same with or without leaping over what is empty.
+many there are changes a bit: pictures are the same with or without skipping what is empty.
 """
 
 from __future__ import annotations

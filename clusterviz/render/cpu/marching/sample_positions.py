@@ -15,7 +15,7 @@ from clusterviz.render.cpu.marching.adaptive_step import Stretch
 from clusterviz.render.cpu.marching.rays import cell_of
 
 GROUP_SHIFT = 3  # groups of 8 cells a side, as in storage.py
-WHOLE_BRICK = -1  # a leap over what is left of the brick
+WHOLE_BRICK = -1  # a skip over what is left of the brick
 LONGEST_SKIP = 1 << 20  # slabs
 FARTHEST = 1 << 30
 
@@ -75,7 +75,7 @@ class Places:
         self._first = job["first_cell"]
         self._last = [job.part("last_cell", axis) + int(nearest) for axis in range(3)]
         self._side, self._per_brick = code.splat(self._brick.to(F32)), code.splat(job["per_brick"].to(F32))
-        # Where groups are of one size, leaps go on into other bricks.
+        # Where groups are of one size, skips go on into other bricks.
         self._farthest = code.select((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0), FARTHEST, self._brick)
         self._slack = code.splat(job["slack"])
         self._ends = [(job.part("box_begin", k).to(F64), (job.part("box_end", k) - 1).to(F64)) for k in range(3)]
@@ -144,7 +144,7 @@ class Places:
     def _slabs(self, at: Vector, group: Vector, skip: Value, slab: tuple[Vector, Vector]) -> Value:
         """How many midpoints from here on lie in the box that shares the answer, for certain: at least one.
 
-        That box is the brick, or the groups that a leap crosses. It is taken to be smaller by more than float32 has
+        That box is the brick, or the groups that a skip crosses. It is taken to be smaller by more than float32 has
         rounded away, so that no slab is taken that a neighbour, who decides exactly, takes too.
         """
         code, whole, least = self._code, skip <= 0, self._code.same(F32, float(LONGEST_SKIP))

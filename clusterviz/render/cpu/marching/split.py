@@ -181,7 +181,7 @@ class BrickPlaces(Places):
         )
 
     def _empty_until(self, faces: Faces, rays: Rays, brick: tuple[Value, Vector], ahead: Value, leave: Value) -> Value:
-        """Where rays leave the groups that a leap from a place crosses; the place itself where something is visible."""
+        """Where rays leave the groups that a skip from a place crosses; the place itself where something is visible."""
         code, (number, first), group, found = self._code, brick, [], self._code.same(F64, FAR)
         for axis, at in enumerate(faces.position(rays, ahead + JUST_BEHIND)):
             inside = code.within(code.call("floor", at - first[axis].to(F64)), 0.0, FARTHEST_CELL)
@@ -192,7 +192,7 @@ class BrickPlaces(Places):
             past = code.select(by > 0.0, group[axis] + skip, group[axis] - skip + 1)
             end = faces.met(rays, axis, first[axis] + (past << GROUP_SHIFT))
             found = code.select(by.equals(0.0), found, code.least(end, found))
-        # Where groups are of one size, leaps go on into other bricks.
+        # Where groups are of one size, skips go on into other bricks.
         even = code.splat((self._brick & ((1 << GROUP_SHIFT) - 1)).equals(0).to(I32)) > 0
         found = code.select(skip.equals(WHOLE_BRICK), leave, code.select(even, found, code.least(found, leave)))
         found = code.most(found, ahead + JUST_BEHIND)

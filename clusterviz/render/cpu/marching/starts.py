@@ -1,6 +1,6 @@
-"""Where rays start by what the last frame found: coherence leaping, as a kernel does it.
+"""Where rays start by what the last frame found: frame coherence, as a kernel does it.
 
-A ray goes on from its start as if it had come to it by leaping over what is empty: its slabs are where they would be
+A ray goes on from its start as if it had come to it by skipping what is empty: its slabs are where they would be
 anyway, and where no start is too late, pictures are the same bit for bit. A ray whose very first slab adds something
 may have started too late: it begins again at its entry. What is left to go wrong is a start behind something thin:
 some rays are checked. They start at their entry, stop at what would have been their start, and tell what they

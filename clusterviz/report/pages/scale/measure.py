@@ -24,7 +24,7 @@ from clusterviz.frame.work import DrawnFrame
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.region import EMPTY
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import on_processor
+from clusterviz.render.choice import on_cpu
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.values import Scene
@@ -173,7 +173,7 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
 def _resources(channel: Channel, drawn: DrawnFrame, plan: Plan) -> RankResources:
     """Return the node, cores and GPU of this rank."""
     place, gpu = channel.placement(), None
-    if drawn.counts.bricks and not on_processor(plan):
+    if drawn.counts.bricks and not on_cpu(plan):
         devices = egl_devices()
         chosen = choose_device(devices, place.local_rank)
         gpu = None if devices[chosen].software else chosen
