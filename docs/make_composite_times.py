@@ -42,11 +42,6 @@ STYLES = {
     "pipeline": ("#8c564b", "-"),
     "serial": ("#7f7f7f", "-"),
 }
-OVERTAKEN = (
-    ("dense", "direct-send", "radix-k"),
-    ("cubes", "direct-send", "radix-k"),
-    ("cubes", "direct-send", "2-3-swap"),
-)
 # Seconds by number of ranks.
 Curve = dict[int, float]
 
@@ -60,11 +55,11 @@ picture; in the lower row each has a brick of a cube. SLIC of sparse images is s
 model](../concepts/time-model.md) assumes that all links are used at once at full speed; a crowded network is slower.
 """
 
-LESSON = """Dense images take about as long with every algorithm in which all ranks work, since all send the same bytes.
-The number of messages makes the difference: n² are too many on many ranks. For sparse images, algorithms that move no
-pixel twice (direct send, SLIC) get faster with more ranks, until their messages count. At 3·2^k ranks the fold makes
-binary swap up to {fold:.1f} times as slow as 2-3 swap. Serial and tree work on whole images; they suit two or three
-ranks.
+LESSON = """\
+For dense images all algorithms in which all ranks work send the same bytes, and the number of messages makes the
+difference: direct send has n². For sparse images, algorithms that move no pixel twice (direct send, SLIC) get faster
+with more ranks until their messages count. At 3·2^k ranks the fold makes binary swap up to {fold:.1f} times as slow as
+2-3 swap. Serial and tree work on whole images and suit two or three ranks.
 
 ## Networks
 
@@ -168,8 +163,6 @@ def text(loads: Loads) -> str:
         network = open_network(name)
         best = {kind: "; ".join(winners(curves(kind, network, loads))) for kind in KINDS}
         rows += [f"| {network.name} | {kind} | {found} |" for kind, found in best.items()]
-    rows += ["", "The number of ranks from which the first is slower than the second by more than a tenth:", ""]
-    rows += [f"- {KINDS[kind]}, {a} against {b}: {crossings(kind, a, b, loads)}" for kind, a, b in OVERTAKEN]
     folds = [curves("dense", open_network(name), loads) for name in shipped_networks()]
     worst = max(found["binary-swap"][n] / seconds for found in folds for n, seconds in found["2-3-swap"].items())
     return "\n".join([head, *rows, "", LESSON.format(fold=worst), *networks()])
@@ -183,17 +176,6 @@ def networks() -> list[str]:
         constants = (n.latency_seconds, n.overhead_seconds, n.seconds_per_byte, n.seconds_per_pixel)
         rows.append(f"| `{name}` | {' | '.join(f'{constant:g}' for constant in constants)} | {n.source} |")
     return [*rows, ""]
-
-
-def crossings(kind: str, slower: str, faster: str, loads: Loads) -> str:
-    """Return the number of ranks for each network."""
-    found = []
-    for network in map(open_network, shipped_networks()):
-        both = curves(kind, network, loads)
-        ahead = [n for n in both[faster] if n in both[slower] and both[slower][n] < both[faster][n] * TIE]
-        later = [n for n in both[faster] if n in both[slower] and n > max(ahead, default=0)]
-        found.append(f"{network.name} {f'{later[0]:,}' if later else 'never'}")
-    return ", ".join(found)
 
 
 def winners(found: Mapping[str, Curve]) -> list[str]:

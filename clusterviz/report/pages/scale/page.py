@@ -78,7 +78,7 @@ def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """Return the report as JSON values; docs/how-to/measure-scaling.md describes the keys."""
+    """Return the report as JSON values; docs/reference/reports.md describes the keys."""
     machine = report.machine
     return {
         "clusterviz": version("clusterviz"),

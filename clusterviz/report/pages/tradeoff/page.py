@@ -85,7 +85,7 @@ def write_report(folder: Path, report: Report) -> None:
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """Return the report without pictures as JSON values; docs/how-to/choose-quality.md describes the keys."""
+    """Return the report without pictures as JSON values; docs/reference/reports.md describes the keys."""
     truth = asdict(report.truth)
     del truth["picture"]
     return {
