@@ -56,7 +56,7 @@ OWN_NAMES = (
         "REFINEMENTS",
         "Walk",
         "walk_from",
-        "CubicAlongRay",
+        "Course",
         "take_level",
         "reached_by",
     ),

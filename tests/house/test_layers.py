@@ -17,7 +17,7 @@ LEVELS = (
     ("image",),
     ("scene", "codec", "kernels", "report"),
     ("data", "gl", "comm"),
-    ("plan",),
+    ("plan", "spmd"),
     ("partition",),
     ("render", "composite", "reference"),
     ("frame.work",),

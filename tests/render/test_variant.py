@@ -6,82 +6,18 @@ import moderngl
 import numpy as np
 import pytest
 from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
+from render.variants import VARIANTS
 
 from clusterviz.data.grid import Grid
 from clusterviz.gl.context import compile_compute
 from clusterviz.render.storage import Slot
-from clusterviz.render.variant import BLENDING_FILES, Variant, variant_of
+from clusterviz.render.variant import Variant, variant_of
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("block_bytes", [0, 16384], ids=["records-in-storage", "records-in-a-block"])
-@pytest.mark.parametrize("further_starts", [0, 1, 512])
-@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
-@pytest.mark.parametrize("filter", ["linear", "nearest", "hardware"])
-def test_every_variant_compiles(
-    context: moderngl.Context, filter: str, kind: str, further_starts: int, block_bytes: int
-) -> None:
-    slot = Slot((15, 16, 33), kind, filter == "hardware")
-    compile_compute(context, Variant(filter, slot, 33, further_starts, block_bytes).source).release()
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("lights", [0, 1, 16])
-@pytest.mark.parametrize("surfaces", [0, 1, 16])
-@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
-@pytest.mark.parametrize("filter", ["linear", "nearest", "cubic", "hardware"])
-def test_every_look_compiles(context: moderngl.Context, filter: str, kind: str, surfaces: int, lights: int) -> None:
-    slot = Slot((15, 16, 33), kind, filter == "hardware", 2, min(surfaces, 1), 2)
-    for blending in ("composite", "isosurface") if surfaces else ("composite",):
-        variant = Variant(filter, slot, 33, 0, 16384, blending, lights, 2, surfaces)
-        compile_compute(context, variant.source).release()
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("lights", [0, 16])
-@pytest.mark.parametrize("kind", ["u8", "u16", "f32"])
-@pytest.mark.parametrize("filter", ["linear", "cubic-hardware", "hardware"])
-def test_every_preintegrated_variant_compiles(context: moderngl.Context, filter: str, kind: str, lights: int) -> None:
-    slot = Slot((15, 16, 33), kind, "hardware" in filter, 2, 1, 2)
-    for planes, block_bytes in ((0, 0), (2, 16384)):
-        variant = Variant(filter, slot, 33, 1, block_bytes, "composite", lights, planes, preintegrated=True)
-        compile_compute(context, variant.source).release()
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize(("fading", "table"), [(1, ""), (63, ""), (0, "opacity"), (0, "colour and opacity")])
-@pytest.mark.parametrize("surfaces", [0, 1])
-@pytest.mark.parametrize("filter", ["linear", "nearest", "cubic", "cubic-hardware"])
-def test_every_grading_compiles(context: moderngl.Context, filter: str, surfaces: int, fading: int, table: str) -> None:
-    slot = Slot((15, 16, 33), "u8", "hardware" in filter, 2, surfaces, 2)
-    variant = Variant(
-        filter,
-        slot,
-        33,
-        0,
-        16384,
-        "composite",
-        1,
-        0,
-        surfaces,
-        fading=fading,
-        table=table,
-        near=True,
-        smooth=filter != "nearest",
-    )
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
+def test_every_variant_compiles(context: moderngl.Context, variant: Variant) -> None:
     compile_compute(context, variant.source).release()
-    if fading and filter != "nearest" and not surfaces:
-        variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
-        compile_compute(context, variant.source).release()
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("kind", ["u8", "f32"])
-@pytest.mark.parametrize("blending", [name for name in BLENDING_FILES if name != "isosurface"])
-def test_every_projection_compiles(context: moderngl.Context, blending: str, kind: str) -> None:
-    for planes in (0, 16):
-        variant = Variant("linear", Slot((15, 16, 33), kind, False), 33, 1, 0, blending, 0, planes)
-        compile_compute(context, variant.source).release()
 
 
 @pytest.mark.parametrize(

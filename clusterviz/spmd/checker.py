@@ -1,0 +1,332 @@
+"""Names and types: makes the typed program of what the parser reads, or says what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from clusterviz.spmd.ir import (
+    Assign,
+    BuiltIn,
+    Call,
+    Constant,
+    Construct,
+    Either,
+    Element,
+    Expression,
+    Function,
+    Memory,
+    Name,
+    Number,
+    Operation,
+    Pick,
+    Variable,
+)
+from clusterviz.spmd.tokens import Places, Token
+from clusterviz.spmd.types import (
+    BOOL,
+    BUILT_IN,
+    INT,
+    MAT3,
+    NAMED,
+    NUMBERS,
+    SAMPLERS,
+    UINT,
+    VOID,
+    Type,
+    array_of,
+    built_in,
+    common,
+    converts,
+)
+
+COORDINATES = ("xyzw", "rgba", "stpq")
+SYSTEM = {
+    "gl_LocalInvocationIndex": UINT,
+    "gl_LocalInvocationID": NUMBERS["u", 3],
+    "gl_WorkGroupID": NUMBERS["u", 3],
+    "gl_NumWorkGroups": NUMBERS["u", 3],
+    "gl_GlobalInvocationID": NUMBERS["u", 3],
+}
+FOLDED: dict[str, Callable[[int, int], int]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1),
+    "%": lambda a, b: a - b * (abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)),
+    "<<": lambda a, b: a << (b & 31),
+    ">>": lambda a, b: a >> (b & 31),
+    "&": lambda a, b: a & b,
+    "|": lambda a, b: a | b,
+    "^": lambda a, b: a ^ b,
+    "<": lambda a, b: a < b,
+    ">": lambda a, b: a > b,
+    "<=": lambda a, b: a <= b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+}
+
+
+class Checker:
+    """Scopes of names, and the typed expressions of operators, calls and members."""
+
+    def __init__(self, places: Places) -> None:
+        self.error = places.error
+        self.types: dict[str, Type] = dict(NAMED)
+        self.functions: dict[str, list[Function]] = {}
+        self._scopes: list[dict[str, Variable | Memory]] = [
+            {name: Variable(name, kind, "system", 0) for name, kind in SYSTEM.items()}
+        ]
+        self.function: Function | None = None
+
+    def open(self) -> None:
+        """Begin a scope."""
+        self._scopes.append({})
+
+    def close(self) -> None:
+        """End the innermost scope."""
+        self._scopes.pop()
+
+    def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
+        """Give a name its meaning in the innermost scope."""
+        if name in self._scopes[-1] or (len(self._scopes) == 1 and name in self.functions):
+            raise self.error(f"{name} is declared twice", at)
+        self._scopes[-1][name] = meaning
+
+    def function_of(self, name: str, result: Type, parameters: list[Variable], at: int) -> Function:
+        """Return the function with these parameters, which may have been declared before."""
+        kinds = [one.type for one in parameters]
+        for known in self.functions.get(name, []):
+            if [one.type for one in known.parameters] == kinds:
+                same_ways = [one.kind for one in known.parameters] == [one.kind for one in parameters]
+                if known.result is not result or not same_ways:
+                    raise self.error(f"{name} was declared with another result, or other directions of parameters", at)
+                return known
+        function = Function(name, result, parameters, at)
+        self.functions.setdefault(name, []).append(function)
+        return function
+
+    def value_of(self, token: Token) -> Expression:
+        """Return what a name stands for."""
+        for scope in reversed(self._scopes):
+            if (found := scope.get(token.text)) is not None:
+                if isinstance(found, Memory):
+                    return replace(found, at=token.at)
+                if found.constant is not None:
+                    return Constant(found.type, token.at, found.constant)
+                return Name(found.type, token.at, found)
+        raise self.error(f"{token.text} is not declared", token.at)
+
+    def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:
+        """Return a value as one of another type, where GLSL converts without being told."""
+        if value.type is kind:
+            return value
+        if not converts(value.type, kind):
+            raise self.error(f"{what} has another type", at, value.type.name, kind.name)
+        if isinstance(value, Constant):
+            return Constant(kind, value.at, float(value.value) if kind.element in "fd" else value.value)
+        return Construct(kind, value.at, (value,))
+
+    def unary(self, operator: str, value: Expression, at: int) -> Expression:
+        """Return `-x`, `+x`, `!x` or `~x`."""
+        allowed = {"!": "b", "~": "iu"}.get(operator, "iufd")
+        if value.type.element not in tuple(allowed) or value.type.of or (operator == "!" and not value.type.is_scalar):
+            raise self.error(f"operator {operator} has no such operand", at, value.type.name)
+        if operator == "+":
+            return value
+        if isinstance(value, Constant) and operator == "-" and value.type is not UINT:
+            return Constant(value.type, at, -value.value)
+        if isinstance(value, Constant) and operator != "-":
+            return Constant(value.type, at, not value.value if operator == "!" else ~int(value.value))
+        return Operation(value.type, at, {"-": "neg"}.get(operator, operator), (value,))
+
+    def binary(self, operator: str, a: Expression, b: Expression, at: int) -> Expression:
+        """Return an operator's value."""
+        found = self._binary(operator, a, b, at)
+        if found is None:
+            raise self.error(f"operator {operator} has no such operands", at, f"{a.type.name} and {b.type.name}")
+        return found
+
+    def _binary(self, operator: str, a: Expression, b: Expression, at: int) -> Expression | None:
+        if operator in ("&&", "||"):
+            return Either(BOOL, at, operator, a, b) if a.type is BOOL is b.type else None
+        if operator == "^^":
+            return Operation(BOOL, at, "!=", (a, b)) if a.type is BOOL is b.type else None
+        if operator == "*" and a.type is MAT3 and b.type is NUMBERS["f", 3]:
+            return Operation(b.type, at, "transform", (a, b))
+        if operator in ("<<", ">>"):
+            whole = a.type.element in ("i", "u") and b.type.element in ("i", "u") and b.type.size in (1, a.type.size)
+            kind = NUMBERS[a.type.element, b.type.size] if whole else None
+            result = a.type
+        else:
+            kind = common(a.type, b.type)
+            result = kind or a.type
+            if operator in ("==", "!=") and a.type is b.type and a.type.parts and not a.type.is_array:
+                return self._operation(operator, BOOL, a, b, at)
+        if kind is None or (kind.element == "b") or (operator in ("%", "&", "|", "^") and kind.element not in "iu"):
+            return None
+        if operator in ("<", ">", "<=", ">=", "==", "!="):
+            if not kind.is_scalar and (operator not in ("==", "!=") or a.type.size != b.type.size):
+                return None
+            result = BOOL
+        a = a if operator in ("<<", ">>") else self.converted(a, NUMBERS[kind.element, a.type.size], at)
+        b = b if operator in ("<<", ">>") else self.converted(b, NUMBERS[kind.element, b.type.size], at)
+        return self._operation(operator, result, a, b, at)
+
+    def _operation(self, operator: str, result: Type, a: Expression, b: Expression, at: int) -> Expression:
+        if isinstance(a, Constant) and isinstance(b, Constant) and a.type.element in "iub" and operator in FOLDED:
+            if operator in "/%" and not b.value:
+                raise self.error("division of a constant by 0", at)
+            found: Number = FOLDED[operator](int(a.value), int(b.value))
+            if result.element != "b":
+                low = 0 if result.element == "u" else -(1 << 31)
+                found = (found - low) % (1 << 32) + low
+            return Constant(result, at, bool(found) if result is BOOL else found)
+        return Operation(result, at, operator, (a, b))
+
+    def choice(self, condition: Expression, a: Expression, b: Expression, at: int) -> Expression:
+        """Return `condition ? a : b`."""
+        condition = self.converted(condition, BOOL, at, "the condition")
+        if a.type is not b.type:
+            wanted = b.type if converts(a.type, b.type) else a.type
+            a, b = self.converted(a, wanted, at), self.converted(b, wanted, at)
+        if isinstance(condition, Constant):
+            return a if condition.value else b
+        return Either(a.type, at, "?", condition, a, b)
+
+    def member(self, base: Expression, name: Token) -> Expression:
+        """Return a member of a struct or block, or a swizzle."""
+        kind = base.type
+        if kind.fields:
+            begin = 0
+            for field, of in kind.fields:
+                if field == name.text:
+                    if isinstance(base, Memory):
+                        offset = base.offset + kind.offset(field, base.block.kind == "uniform")
+                        return replace(base, type=of, at=name.at, offset=offset)
+                    return Pick(of, name.at, base, tuple(range(begin, begin + of.parts)))
+                begin += of.parts
+            raise self.error(
+                f"{kind.name} has no member {name.text}", name.at, None, ", ".join(n for n, _ in kind.fields)
+            )
+        letters = next((all_ for all_ in COORDINATES if set(name.text) <= set(all_[: kind.size])), "")
+        if not (kind.is_scalar or kind.is_vector) or not letters or len(name.text) > 4:
+            raise self.error(f"{kind.name} has no component {name.text}", name.at)
+        numbers = tuple(letters.index(letter) for letter in name.text)
+        return Pick(NUMBERS[kind.element, len(numbers)], name.at, base, numbers)
+
+    def element(self, base: Expression, index: Expression, at: int) -> Expression:
+        """Return an element of an array, vector or matrix."""
+        kind = base.type
+        of = kind.of or (NUMBERS[kind.element, 1] if kind.is_vector else None)
+        if of is None or index.type not in (INT, UINT):
+            raise self.error("no such index", at, f"{kind.name}[{index.type.name}]")
+        if isinstance(index, Constant) and not 0 <= index.value < (kind.size or 1 << 31):
+            raise self.error("an index outside of the array", at, index.value, f"0 to {kind.size - 1}")
+        if isinstance(base, Memory):
+            stride = of.stride(base.block.kind == "uniform") if kind.of else NUMBERS[kind.element, 1].parts * 4
+            if isinstance(index, Constant):
+                return replace(base, type=of, at=at, offset=base.offset + int(index.value) * stride)
+            return replace(base, type=of, at=at, terms=(*base.terms, (index, stride)))
+        if isinstance(index, Constant) and not kind.is_array:
+            begin = int(index.value) * of.parts
+            return Pick(of, at, base, tuple(range(begin, begin + of.parts)))
+        return Element(of, at, base, index)
+
+    def construct(self, kind: Type, arguments: list[Expression], at: int) -> Expression:
+        """Return the value of a constructor."""
+        if kind.fields:
+            if len(arguments) != len(kind.fields):
+                raise self.error(f"{kind.name} has {len(kind.fields)} members", at, len(arguments))
+            given = [self.converted(a, of, at, name) for a, (name, of) in zip(arguments, kind.fields, strict=True)]
+            return Construct(kind, at, tuple(given))
+        parts = [one.type.parts for one in arguments]
+        known = kind.element and all(one.type.element for one in arguments)
+        splat = parts == [1] and not kind.of
+        if not known or not arguments or not (splat or sum(parts[:-1]) < kind.parts <= sum(parts)):
+            raise self.error(f"no such constructor of {kind.name}", at, ", ".join(one.type.name for one in arguments))
+        (first, *others) = arguments
+        if isinstance(first, Constant) and not others and kind.is_scalar:
+            value = first.value
+            convert = {"b": bool, "i": int, "u": int}.get(kind.element, float)
+            return Constant(kind, at, convert(value))
+        return first if not others and first.type is kind else Construct(kind, at, tuple(arguments))
+
+    def call(self, name: Token, arguments: list[Expression]) -> Expression:
+        """Return the call of a function, a built-in function, or a constructor."""
+        if (kind := self.types.get(name.text)) is not None:
+            return self.construct(kind, arguments, name.at)
+        given = [one.type for one in arguments]
+        if name.text in self.functions:
+            return self._call(name, arguments, given)
+        if name.text in BUILT_IN or name.text == "unpackDouble2x32":
+            if (found := built_in(name.text, given)) is not None:
+                result, kinds = found
+                taken = [self.converted(a, k, name.at) for a, k in zip(arguments, kinds, strict=True)]
+                return BuiltIn(result, name.at, name.text, tuple(taken))
+        elif name.text in ("texture", "texelFetch", "textureSize"):
+            if (texel := self._texture(name.text, given)) is not None:
+                return BuiltIn(texel, name.at, name.text, tuple(arguments))
+        elif name.text == "barrier":
+            return BuiltIn(VOID, name.at, name.text, ())
+        elif name.text == "atomicAdd":
+            if len(given) == 2 and given[0] is given[1] and given[0] in (INT, UINT):
+                self.target(arguments[0])
+                return BuiltIn(given[0], name.at, name.text, tuple(arguments))
+        else:
+            raise self.error(f"{name.text} is not declared, or outside of the subset", name.at)
+        raise self.error(f"{name.text} has no such parameters", name.at, ", ".join(kind.name for kind in given))
+
+    def _texture(self, name: str, given: list[Type]) -> Type | None:
+        size = next((n for n, kind in SAMPLERS.items() if given[:1] == [kind]), 0)
+        lod = [INT] if name != "texture" else []
+        at = {"texture": NUMBERS.get(("f", size)), "texelFetch": NUMBERS.get(("i", size))}.get(name)
+        if not size or given[1:] != [*([at] if at else []), *lod]:
+            return None
+        return NUMBERS["i", size] if name == "textureSize" else NUMBERS["f", 4]
+
+    def _call(self, name: Token, arguments: list[Expression], given: list[Type]) -> Expression:
+        def fits(function: Function) -> bool:
+            same = zip(given, function.parameters, strict=True)
+            return all(kind is p.type if p.kind != "in" else converts(kind, p.type) for kind, p in same)
+
+        known = [f for f in self.functions[name.text] if len(f.parameters) == len(given)]
+        exact = [f for f in known if [p.type for p in f.parameters] == given]
+        for function in exact or [f for f in known if fits(f)]:
+            for argument, parameter in zip(arguments, function.parameters, strict=True):
+                if parameter.kind != "in":
+                    self.target(argument)
+            taken = [
+                self.converted(a, p.type, name.at) if p.kind == "in" else a
+                for a, p in zip(arguments, function.parameters, strict=True)
+            ]
+            if self.function:
+                self.function.calls.append((function, name.at))
+            return Call(function.result, name.at, function, tuple(taken))
+        raise self.error(f"{name.text} has no such parameters", name.at, ", ".join(kind.name for kind in given))
+
+    def target(self, value: Expression) -> None:
+        """Note that a variable is assigned, or say that it cannot be."""
+        root = value
+        while isinstance(root, Pick | Element):
+            if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):
+                raise self.error("a component is assigned twice", value.at)
+            root = root.base
+        variable = root.variable if isinstance(root, Name) else root.block if isinstance(root, Memory) else None
+        if variable is None or variable.kind in ("const", "uniform", "sampler", "system") or variable.is_read_only:
+            raise self.error("this cannot be assigned", value.at, variable.name if variable else "an expression")
+        variable.is_assigned = True
+
+    def assign(self, target: Expression, operator: str, value: Expression, at: int, gives_old: bool = False) -> Assign:
+        """Return `target = value` or `target op= value`."""
+        self.target(target)
+        if operator != "=":
+            value = self.binary(operator[:-1], target, value, at)
+        return Assign(target.type, at, target, self.converted(value, target.type, at), gives_old)
+
+    def array(self, kind: Type, size: Expression, at: int) -> Type:
+        """Return the type of an array whose size is a constant."""
+        if not isinstance(size, Constant) or size.type not in (INT, UINT) or size.value < 1:
+            raise self.error("the size of an array is not a positive constant", at)
+        return array_of(kind, int(size.value))

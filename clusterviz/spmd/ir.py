@@ -1,0 +1,219 @@
+"""Typed program: what the checker makes of a shader, and the code generators read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from clusterviz.spmd.types import Type
+
+Number = float | int | bool
+
+
+@dataclass(eq=False, slots=True)
+class Variable:
+    """Variable, parameter, constant, or block of a shader.
+
+    Attributes
+    ----------
+    kind : "local", "in", "out", "inout", "const", "global", "shared", "uniform", "buffer" or "sampler"
+    binding : of a block or sampler
+    is_assigned : it changes after its declaration
+    is_read_only : a buffer that the shader does not write
+    constant : the value of a scalar constant
+    """
+
+    name: str
+    type: Type
+    kind: str
+    at: int
+    binding: int = 0
+    is_assigned: bool = False
+    is_read_only: bool = False
+    constant: Number | None = None
+
+
+@dataclass(eq=False, slots=True)
+class Expression:
+    """Part of an expression; `at` is its position in the assembled text."""
+
+    type: Type
+    at: int
+
+
+@dataclass(eq=False, slots=True)
+class Constant(Expression):
+    """Number."""
+
+    value: Number
+
+
+@dataclass(eq=False, slots=True)
+class Name(Expression):
+    """Value of a variable."""
+
+    variable: Variable
+
+
+@dataclass(eq=False, slots=True)
+class Pick(Expression):
+    """Some of the scalars of a value: a swizzle, a member of a struct, or an element at a constant index."""
+
+    base: Expression
+    numbers: tuple[int, ...]
+
+
+@dataclass(eq=False, slots=True)
+class Element(Expression):
+    """Element of a vector, matrix or array at an index."""
+
+    base: Expression
+    index: Expression
+
+
+@dataclass(eq=False, slots=True)
+class Memory(Expression):
+    """Value in a block: `offset` bytes from its begin, plus indices times bytes."""
+
+    block: Variable
+    offset: int
+    terms: tuple[tuple[Expression, int], ...]
+
+
+@dataclass(eq=False, slots=True)
+class Operation(Expression):
+    """Operator of one or two operands of one element type; a scalar operand counts for every component.
+
+    Operators are those of GLSL, "neg" for a sign, and "transform" for a matrix times a vector. "==" and "!=" compare
+    whole values.
+    """
+
+    operator: str
+    operands: tuple[Expression, ...]
+
+
+@dataclass(eq=False, slots=True)
+class Either(Expression):
+    """`a && b`, `a || b` or `condition ? a : b`: what is not needed is not evaluated."""
+
+    operator: str
+    condition: Expression
+    a: Expression
+    b: Expression | None = None
+
+
+@dataclass(eq=False, slots=True)
+class Construct(Expression):
+    """Constructor: scalars one after the other, converted; one scalar counts for every component of a vector."""
+
+    arguments: tuple[Expression, ...]
+
+
+@dataclass(eq=False, slots=True)
+class BuiltIn(Expression):
+    """Call of a built-in function."""
+
+    name: str
+    arguments: tuple[Expression, ...]
+
+
+@dataclass(eq=False, slots=True)
+class Call(Expression):
+    """Call of a function."""
+
+    function: Function
+    arguments: tuple[Expression, ...]
+
+
+@dataclass(eq=False, slots=True)
+class Assign(Expression):
+    """Assignment; `gives_old`: its value is that before it (`x++`)."""
+
+    target: Expression
+    value: Expression
+    gives_old: bool = False
+
+
+@dataclass(eq=False, slots=True)
+class Statement:
+    """Statement; `at` is its position in the assembled text."""
+
+    at: int
+
+
+@dataclass(eq=False, slots=True)
+class Declare(Statement):
+    """Declaration of a variable, with or without a value."""
+
+    variable: Variable
+    value: Expression | None
+
+
+@dataclass(eq=False, slots=True)
+class Evaluate(Statement):
+    """Expression for its effects."""
+
+    expression: Expression
+
+
+@dataclass(eq=False, slots=True)
+class Block(Statement):
+    """Several statements."""
+
+    statements: list[Statement]
+
+
+@dataclass(eq=False, slots=True)
+class If(Statement):
+    """Branch."""
+
+    condition: Expression
+    then: Statement
+    otherwise: Statement | None
+
+
+@dataclass(eq=False, slots=True)
+class Loop(Statement):
+    """`for` or `while`: no condition is one that always holds."""
+
+    begin: Statement | None
+    condition: Expression | None
+    step: Expression | None
+    body: Statement
+
+
+@dataclass(eq=False, slots=True)
+class Leave(Statement):
+    """`break`, `continue` or `return`."""
+
+    kind: str
+    value: Expression | None = None
+
+
+@dataclass(eq=False, slots=True)
+class Function:
+    """Function; one without a body has only been declared."""
+
+    name: str
+    result: Type
+    parameters: list[Variable]
+    at: int
+    body: Block | None = None
+    calls: list[tuple[Function, int]] = field(default_factory=list)
+
+
+@dataclass(eq=False, slots=True)
+class Program:
+    """Shader.
+
+    Attributes
+    ----------
+    globals : variables of each invocation with their values, in order
+    blocks : uniform blocks, storage buffers and samplers
+    functions : by name, those of one name with different parameters
+    local_size : invocations of a work group along x, y, z
+    """
+
+    globals: list[Declare]
+    blocks: list[Variable]
+    functions: dict[str, list[Function]]
+    local_size: tuple[int, int, int] = (1, 1, 1)

@@ -1,0 +1,431 @@
+"""Syntax of the GLSL subset: recursive descent, with binary operators by precedence.
+
+A parser generator (lark) was measured: importing it and building its tables took longer than all else that is done to
+compile a shader for the first time, and its tree had to be read again to be checked.
+"""
+
+from __future__ import annotations
+
+from clusterviz.errors import InputError
+from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.checker import Checker
+from clusterviz.spmd.ir import (
+    Assign,
+    Block,
+    Constant,
+    Declare,
+    Evaluate,
+    Expression,
+    Function,
+    If,
+    Leave,
+    Loop,
+    Memory,
+    Program,
+    Statement,
+    Variable,
+)
+from clusterviz.spmd.tokens import Token, tokens_of
+from clusterviz.spmd.types import BOOL, DOUBLE, FLOAT, INT, SAMPLERS, UINT, VOID, Type, array_of
+
+LEVELS = ("||", "^^", "&&", "|", "^", "&", "== !=", "< > <= >=", "<< >>", "+ -", "* / %")
+PRECEDENCE = {sign: level for level, signs in enumerate(LEVELS, start=1) for sign in signs.split()}
+ASSIGNMENTS = {"=", *(sign + "=" for sign in ["+", "-", "*", "/", "%", "&", "|", "^", "<<", ">>"])}
+DIRECTIONS = ("in", "out", "inout", "const", "precise")
+
+
+def parse(source: ShaderSource) -> Program:
+    """Return the typed program of an assembled shader.
+
+    Raises
+    ------
+    InputError
+        The first mistake, with file, line and column; also for what GLSL has and the subset does not.
+    """
+    return _Parser(source).program()
+
+
+class _Parser:
+    def __init__(self, source: ShaderSource) -> None:
+        self._tokens, places = tokens_of(source)
+        self._error, self._checker, self._next = places.error, Checker(places), 0
+        self._program = Program([], [], self._checker.functions)
+        self._loops = 0
+
+    def program(self) -> Program:
+        while self._token.kind != "end":
+            self._global()
+        for functions in self._program.functions.values():
+            for function in functions:
+                self._check_calls(function, [])
+        return self._program
+
+    def _check_calls(self, function: Function, path: list[Function]) -> None:
+        for called, at in function.calls:
+            if called.body is None:
+                raise self._error(f"{called.name} is called, but has no body", at)
+            if called in path or called is function:
+                raise self._error(f"{called.name} calls itself: recursion is outside of the subset", at)
+            self._check_calls(called, [*path, function])
+
+    # Tokens
+
+    @property
+    def _token(self) -> Token:
+        return self._tokens[self._next]
+
+    def _take(self) -> Token:
+        self._next += 1
+        return self._tokens[self._next - 1]
+
+    def _accept(self, text: str) -> bool:
+        if self._tokens[self._next][1] == text:
+            self._next += 1
+            return True
+        return False
+
+    def _expect(self, text: str) -> Token:
+        token = self._tokens[self._next]
+        if token.text != text:
+            raise self._fail(f"expected {text}")
+        self._next += 1
+        return token
+
+    def _name(self) -> Token:
+        if self._token.kind != "name":
+            raise self._fail("expected a name")
+        return self._take()
+
+    def _fail(self, what: str) -> InputError:
+        return self._error(what, self._token.at, self._token.text)
+
+    # Declarations
+
+    def _global(self) -> None:
+        token = self._token
+        if token.text == "layout":
+            return self._layout()
+        if token.text == "struct":
+            return self._struct()
+        if token.text == ";":
+            self._take()
+            return None
+        qualifier = self._take().text if token.text in ("const", "shared", "precise") else ""
+        kind, name = self._type(), self._name()
+        if self._token.text == "(" and not qualifier:
+            return self._function(kind, name)
+        self._program.globals += self._declared(kind, name, qualifier if qualifier in ("const", "shared") else "global")
+        self._expect(";")
+        return None
+
+    def _layout(self) -> None:
+        self._expect("layout")
+        settings = self._settings()
+        words = list[str]()
+        while self._token.text not in ("{", ";") and not (words and words[-1] in ("uniform", "buffer")):
+            words.append(self._name().text)
+        if words == ["in"]:
+            self._expect(";")
+            x, y, z = (settings.get(f"local_size_{axis}", 1) for axis in "xyz")
+            self._program.local_size = (x, y, z)
+            return
+        name, binding = self._name(), settings.get("binding", 0)
+        if (kind := self._checker.types.get(name.text)) in SAMPLERS.values() and kind is not None:
+            name = self._name()
+            block = Variable(name.text, kind, "sampler", name.at, binding)
+            self._checker.declare(name.text, name.at, block)
+        elif words[-1:] in (["uniform"], ["buffer"]) and ("std140" if words[-1] == "uniform" else "std430") in settings:
+            kind = Type(name.text, fields=self._members())
+            block = Variable(name.text, kind, words[-1], name.at, binding, is_read_only="readonly" in words)
+            whole = Memory(kind, name.at, block, 0, ())
+            if self._token.kind == "name":
+                instance = self._take()
+                self._checker.declare(instance.text, instance.at, whole)
+            else:
+                for field, _ in kind.fields:
+                    member = self._checker.member(whole, Token("name", field, name.at))
+                    assert isinstance(member, Memory)
+                    self._checker.declare(field, name.at, member)
+        else:
+            raise self._error("a layout outside of the subset", name.at, " ".join([*settings, *words]))
+        self._program.blocks.append(block)
+        self._expect(";")
+
+    def _settings(self) -> dict[str, int]:
+        found = {}
+        self._expect("(")
+        while True:
+            name = self._name()
+            value = self._constant_size() if self._accept("=") else 0
+            found[name.text] = value
+            if not self._accept(","):
+                self._expect(")")
+                return found
+
+    def _constant_size(self) -> int:
+        at, value = self._token.at, self._expression()
+        if not isinstance(value, Constant):
+            raise self._error("this is not a constant", at)
+        return int(value.value)
+
+    def _struct(self) -> None:
+        self._expect("struct")
+        name = self._name()
+        if name.text in self._checker.types:
+            raise self._error(f"{name.text} is declared twice", name.at)
+        self._checker.types[name.text] = Type(name.text, fields=self._members())
+        self._expect(";")
+
+    def _members(self) -> tuple[tuple[str, Type], ...]:
+        found: list[tuple[str, Type]] = []
+        self._expect("{")
+        while not self._accept("}"):
+            kind = self._type()
+            while True:
+                name = self._name()
+                found.append((name.text, self._array(kind)))
+                if not self._accept(","):
+                    break
+            self._expect(";")
+        return tuple(found)
+
+    def _type(self) -> Type:
+        token = self._take()
+        kind = self._checker.types.get(token.text)
+        if kind is None:
+            raise self._error("expected a type", token.at, token.text)
+        return kind
+
+    def _array(self, kind: Type) -> Type:
+        if not self._accept("["):
+            return kind
+        if self._accept("]"):
+            return array_of(kind, 0)
+        at, size = self._token.at, self._expression()
+        self._expect("]")
+        return self._checker.array(kind, size, at)
+
+    def _function(self, result: Type, name: Token) -> None:
+        checker, parameters = self._checker, list[Variable]()
+        self._expect("(")
+        while not self._accept(")"):
+            words = list[str]()
+            while self._token.text in DIRECTIONS:
+                words.append(self._take().text)
+            if self._accept("void"):
+                continue
+            kind, parameter = self._type(), self._name()
+            direction = next((word for word in words if word in ("in", "out", "inout")), "in")
+            parameters.append(Variable(parameter.text, self._array(kind), direction, parameter.at))
+            if self._token.text != ")":
+                self._expect(",")
+        function = checker.function_of(name.text, result, parameters, name.at)
+        if self._accept(";"):
+            return
+        if function.body is not None:
+            raise self._error(f"{name.text} is defined twice", name.at)
+        function.parameters, checker.function = parameters, function
+        checker.open()
+        for variable in parameters:
+            checker.declare(variable.name, variable.at, variable)
+        function.body = self._block()
+        checker.close()
+        checker.function = None
+
+    def _declared(self, kind: Type, name: Token, where: str) -> list[Declare]:
+        """Variables of one declaration; the first name is read already."""
+        checker, found = self._checker, list[Declare]()
+        while True:
+            of, value = self._array(kind), None
+            if of is VOID or of in SAMPLERS.values():
+                raise self._error(f"a variable of type {of.name}", name.at)
+            variable = Variable(name.text, of, where, name.at)
+            if self._accept("="):
+                value = checker.converted(self._expression(), of, name.at)
+            elif where == "const":
+                raise self._error("a constant without a value", name.at, name.text)
+            if where == "const" and isinstance(value, Constant):
+                variable.constant = value.value
+            checker.declare(name.text, name.at, variable)
+            found.append(Declare(name.at, variable, value))
+            if not self._accept(","):
+                return found
+            name = self._name()
+
+    # Statements
+
+    def _block(self) -> Block:
+        at, statements = self._expect("{").at, list[Statement]()
+        self._checker.open()
+        while not self._accept("}"):
+            statements.append(self._statement())
+        self._checker.close()
+        return Block(at, statements)
+
+    def _statement(self) -> Statement:
+        token = self._token
+        match token.text:
+            case "{":
+                return self._block()
+            case ";":
+                self._take()
+                return Block(token.at, [])
+            case "if":
+                self._take()
+                condition = self._condition()
+                then = self._scoped()
+                return If(token.at, condition, then, self._scoped() if self._accept("else") else None)
+            case "for" | "while":
+                return self._loop(self._take())
+            case "break" | "continue" | "return":
+                return self._leave(self._take())
+        statement = self._simple()
+        self._expect(";")
+        return statement
+
+    def _scoped(self) -> Statement:
+        self._checker.open()
+        statement = self._statement()
+        self._checker.close()
+        return statement
+
+    def _simple(self) -> Statement:
+        """Declaration or expression, without the semicolon."""
+        token = self._token
+        is_type = token.text in self._checker.types and self._tokens[self._next + 1].text != "("
+        if token.text not in ("const", "precise") and not is_type:
+            return Evaluate(token.at, self._expression(True))
+        where = "local"
+        while self._token.text in ("const", "precise"):
+            where = "const" if self._take().text == "const" else where
+        found = self._declared(self._type(), self._name(), where)
+        return found[0] if len(found) == 1 else Block(token.at, list(found))
+
+    def _condition(self) -> Expression:
+        at = self._expect("(").at
+        condition = self._checker.converted(self._expression(True), BOOL, at, "the condition")
+        self._expect(")")
+        return condition
+
+    def _loop(self, word: Token) -> Loop:
+        self._checker.open()
+        begin = condition = step = None
+        if word.text == "while":
+            condition = self._condition()
+        else:
+            self._expect("(")
+            begin = None if self._token.text == ";" else self._simple()
+            at = self._expect(";").at
+            if self._token.text != ";":
+                condition = self._checker.converted(self._expression(True), BOOL, at, "the condition")
+            self._expect(";")
+            step = None if self._token.text == ")" else self._expression(True)
+            self._expect(")")
+        self._loops += 1
+        body = self._scoped()
+        self._loops -= 1
+        self._checker.close()
+        return Loop(word.at, begin, condition, step, body)
+
+    def _leave(self, word: Token) -> Leave:
+        value = None
+        if word.text != "return" and not self._loops:
+            raise self._error(f"{word.text} outside of a loop", word.at)
+        if word.text == "return" and self._token.text != ";":
+            value = self._expression()
+        self._expect(";")
+        assert self._checker.function is not None
+        result = self._checker.function.result
+        if word.text == "return" and (value is None) != (result is VOID):
+            raise self._error(
+                "return with a value of another type", word.at, "no value" if value is None else "a value"
+            )
+        if value is not None:
+            value = self._checker.converted(value, result, word.at)
+        return Leave(word.at, word.text, value)
+
+    # Expressions
+
+    def _expression(self, may_assign: bool = False) -> Expression:
+        left = self._binary(1)
+        token = self._token
+        if token.text == "?":
+            self._take()
+            a = self._expression()
+            self._expect(":")
+            left = self._checker.choice(left, a, self._expression(), token.at)
+        if token.text in ASSIGNMENTS:
+            if not may_assign:
+                raise self._error("an assignment inside of an expression", token.at)
+            self._take()
+            return self._checker.assign(left, token.text, self._expression(True), token.at)
+        return left
+
+    def _binary(self, level: int) -> Expression:
+        left = self._unary()
+        while (found := PRECEDENCE.get(self._tokens[self._next].text, 0)) >= level:
+            sign = self._take()
+            left = self._checker.binary(sign.text, left, self._binary(found + 1), sign.at)
+        return left
+
+    def _unary(self) -> Expression:
+        token = self._token
+        if token.kind == "sign":
+            if token.text in ("-", "+", "!", "~"):
+                self._take()
+                return self._checker.unary(token.text, self._unary(), token.at)
+            if token.text in ("++", "--"):
+                self._take()
+                return self._counted(self._unary(), token, False)
+        return self._postfix()
+
+    def _counted(self, target: Expression, sign: Token, gives_old: bool) -> Assign:
+        one = Constant(INT, sign.at, 1) if target.type.element in ("i", "u") else Constant(FLOAT, sign.at, 1.0)
+        return self._checker.assign(target, sign.text[0] + "=", one, sign.at, gives_old)
+
+    def _postfix(self) -> Expression:
+        value = self._primary()
+        while True:
+            token = self._token
+            if token.text == ".":
+                self._take()
+                value = self._checker.member(value, self._name())
+            elif token.text == "[":
+                self._take()
+                index = self._expression()
+                self._expect("]")
+                value = self._checker.element(value, index, token.at)
+            elif token.text in ("++", "--"):
+                value = self._counted(value, self._take(), True)
+            else:
+                return value
+
+    def _primary(self) -> Expression:
+        token = self._take()
+        if token.kind == "number":
+            return _number(token)
+        if token.text == "(":
+            value = self._expression()
+            self._expect(")")
+            return value
+        if token.text in ("true", "false"):
+            return Constant(BOOL, token.at, token.text == "true")
+        if token.kind != "name":
+            raise self._error("expected an expression", token.at, token.text)
+        if self._token.text != "(":
+            return self._checker.value_of(token)
+        self._take()
+        arguments: list[Expression] = []
+        while not self._accept(")"):
+            arguments.append(self._expression())
+            if self._token.text != ")":
+                self._expect(",")
+        return self._checker.call(token, arguments)
+
+
+def _number(token: Token) -> Constant:
+    text = token.text.lower()
+    if text.startswith("0x") or text.rstrip("u").isdigit():
+        value = int(text.rstrip("u"), 0)
+        return Constant(UINT if text.endswith("u") else INT, token.at, value)
+    return Constant(DOUBLE if text.endswith("lf") else FLOAT, token.at, float(text.rstrip("lf")))

@@ -1,0 +1,65 @@
+"""Variants of the ray caster's shader, by name: every file of `shaders/` is in one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+from clusterviz.render.storage import Slot
+from clusterviz.render.variant import BLENDING_FILES, Variant
+from clusterviz.render.volume_layers import VolumeVariant
+
+KINDS = "u8", "u16", "f32"
+CELLS = 15, 16, 33
+
+
+def _looks() -> Iterator[tuple[str, Variant]]:
+    for filter, kind, further, block in product(("linear", "nearest", "hardware"), KINDS, (0, 1, 512), (0, 16384)):
+        slot = Slot(CELLS, kind, filter == "hardware")
+        yield f"{filter} {kind}, {further} further, {block} bytes", Variant(filter, slot, 33, further, block)
+    for filter, kind, n, lights in product(("linear", "nearest", "cubic", "hardware"), KINDS, (0, 1, 16), (0, 1, 16)):
+        slot = Slot(CELLS, kind, filter == "hardware", 2, min(n, 1), 2)
+        for blending in ("composite", "isosurface") if n else ("composite",):
+            name = f"{filter} {kind}, {blending}, {n} surfaces, {lights} lights"
+            yield name, Variant(filter, slot, 33, 0, 16384, blending, lights, 2, n)
+    for filter, kind, lights in product(("linear", "cubic-hardware", "hardware"), KINDS, (0, 16)):
+        slot = Slot(CELLS, kind, "hardware" in filter, 2, 1, 2)
+        for planes, block in ((0, 0), (2, 16384)):
+            variant = Variant(filter, slot, 33, 1, block, "composite", lights, planes, preintegrated=True)
+            yield f"{filter} {kind}, pre-integrated, {planes} planes, {lights} lights", variant
+    gradings = (1, ""), (63, ""), (0, "opacity"), (0, "colour and opacity")
+    for filter, n, (fading, table) in product(("linear", "nearest", "cubic", "cubic-hardware"), (0, 1), gradings):
+        slot, smooth = Slot(CELLS, "u8", "hardware" in filter, 2, n, 2), filter != "nearest"
+        look = {"fading": fading, "table": table, "smooth": smooth}
+        name = f"{filter}, {n} surfaces, {fading} pieces of gradient opacity, table of {table or 'nothing'}"
+        yield name, Variant(filter, slot, 33, 0, 16384, "composite", 1, 0, n, near=True, **look)
+        if fading and smooth and not n:
+            variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
+            yield f"{name}, pre-integrated", variant
+    for blending, kind, planes in product(
+        [name for name in BLENDING_FILES if name != "isosurface"], ("u8", "f32"), (0, 16)
+    ):
+        variant = Variant("linear", Slot(CELLS, kind, False), 33, 1, 0, blending, 0, planes)
+        yield f"{blending}, {kind}, {planes} planes", variant
+
+
+def _rays() -> Iterator[tuple[str, Variant]]:
+    """Variants of where samples lie, and of several volumes."""
+    slot = Slot(CELLS, "u8", False, 2, 1, 2)
+    for jittered, split, coherent in product((False, True), repeat=3):
+        ways = {"jittered": jittered, "split": split, "preintegrated": split, "frame_coherence": coherent}
+        yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
+    stretched = Slot(CELLS, "u8", False, stretched=True)
+    yield "adaptive step", Variant("linear", stretched, 33, 0, 0)
+    parts = (
+        VolumeVariant("linear", slot, 1, lights=2, caps=3),
+        VolumeVariant("cubic", slot, 0, preintegrated=True),
+        VolumeVariant("nearest", slot, 0, surfaces=2, fading=3),
+        VolumeVariant("linear", slot, 0, surfaces=1, in_volume=False, lights=1, near=True, table="opacity"),
+    )
+    for name, volumes in (("two volumes", parts[:2]), ("four volumes", parts)):
+        whole = Slot(CELLS, "f32", False, parts=tuple(volume.slot for volume in volumes))
+        yield name, Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2)
+
+
+VARIANTS = {**dict(_looks()), **dict(_rays())}

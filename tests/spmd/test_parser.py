@@ -1,0 +1,60 @@
+"""The front end of the compiler for CPUs: it reads what the product draws with, and says where a mistake is."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from render.variants import VARIANTS
+
+from clusterviz.errors import InputError
+from clusterviz.gl.shader import ShaderSource
+from clusterviz.render.variant import Variant
+from clusterviz.spmd.parser import parse
+
+DISTINCT = {variant.source.names: (name, variant) for name, variant in VARIANTS.items()}
+
+
+@pytest.mark.parametrize(("name", "variant"), DISTINCT.values(), ids=[name for name, _ in DISTINCT.values()])
+def test_every_combination_of_files_is_understood(name: str, variant: Variant) -> None:
+    program = parse(variant.source)
+    assert program.functions["main"][0].body is not None
+    assert program.local_size == (8, 8, 1)
+    assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0
+
+
+MISTAKES = {
+    "float x = 1.0": "look.glsl:1:14: expected ;; found the end",
+    "void main() { x = 1.0; }": "look.glsl:1:15: x is not declared",
+    "void main() { int x = 1.5; }": "look.glsl:1:19: the value has another type; found float; allowed int",
+    "void main() {\n  float x = 1;\n  vec3 y = x * vec2(1.0);\n}": "look.glsl:3:8: the value has another type",
+    "void main() { vec3 y = vec2(1.0) + vec3(1.0); }": "operator + has no such operands; found vec2 and vec3",
+    "struct A { float b; };\nfloat f(A a) { return a.c; }": "look.glsl:2:25: A has no member c; allowed b",
+    "float f(vec2 a) { return a.z; }": "vec2 has no component z",
+    "float f(float a[3]) { return a[3]; }": "an index outside of the array; found 3; allowed 0 to 2",
+    "float f(float a) { return f(a); }\nvoid main() { f(1.0); }": "f calls itself: recursion is outside of the subset",
+    "float f(float a);\nvoid main() { f(1.0); }": "look.glsl:2:15: f is called, but has no body",
+    "float f(float a) { return 1.0; }\nvoid main() { f(1.0, 2.0); }": "f has no such parameters; found float, float",
+    "void f(out int a) {}\nvoid main() { f(3); }": "this cannot be assigned; found an expression",
+    "const int N = 3;\nvoid main() { N = 4; }": "look.glsl:2:15: this cannot be assigned",
+    "layout(std140, binding = 0) uniform A { vec4 b; };\nvoid main() { b.x = 1.0; }": "cannot be assigned; found A",
+    "void main() { float x = clamp(1.0); }": "clamp has no such parameters; found float",
+    "void main() { float x = imageLoad(1.0); }": "imageLoad is not declared, or outside of the subset",
+    "void main() { do {} while (true); }": "look.glsl:1:15: do is not declared",
+    "void main() { if (1) return; }": "the condition has another type; found int; allowed bool",
+    "float f() { return; }": "return with a value of another type; found no value",
+    "#if 1\n#endif": "look.glsl:1:1: a preprocessor directive outside of the subset; found if",
+    "void main() { float x = 1.0 @ 2.0; }": "look.glsl:1:29: this character has no meaning; found @",
+    "#line 7 1\nint x = y;": "part.glsl:7:9: y is not declared",
+    "void main() { break; }": "break outside of a loop",
+    "const int N = 1 / 0;": "division of a constant by 0",
+    "int a, a;": "a is declared twice",
+}
+
+
+@pytest.mark.parametrize(("text", "message"), MISTAKES.items(), ids=MISTAKES.values())
+def test_a_mistake_is_one_message_with_its_place(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)) as error:
+        parse(ShaderSource(text, ("look.glsl", "part.glsl")))
+    assert re.match(r"(look|part)\.glsl:\d+:\d+: ", str(error.value))
+    assert "\n" not in str(error.value)
