@@ -12,12 +12,12 @@ from pathlib import Path
 
 from clusterviz.composite import ALGORITHMS
 from clusterviz.composite.model.network import open_network
-from clusterviz.composite.simulation.simulate import Options, count_load, simulate
+from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
+from clusterviz.composite.simulation.simulate import simulate
 
 PAGE = Path(__file__).with_name("concepts") / "compositing.md"
-RANKS = (3, 5, 8, 31, 64)
+RANKS = (3, 8, 31, 64)
 MANY = (64, 1000, 4096)
-BALANCED = (2, 8, 64)
 SIZE = (4096, 4096)
 
 HEAD = """# Compositing
@@ -27,9 +27,15 @@ algorithm is a schedule: transfers of pixels between ranks, in rounds. The [time
 unless `cluster.compositing` names it. The [compositor](compositor.md) sends the pixels.
 
 Below, n is the number of ranks and P the number of pixels. All algorithms work for any number of ranks and pixels.
-Dense images cover the whole picture; for them, all algorithms send (n − 1)·P pixels in total, because each pixel needs
-n − 1 merges. Counts do not include the final gather. This page is written by `python docs/make_compositing.py`, from
-the docstrings of the algorithms and counts of their schedules.
+{several} take any number of partial images a rank, in any order of depth; the others take one, or several that are
+adjacent in depth. `python docs/make_compositing.py` writes this page from the docstrings of the algorithms, which also
+have the costs as formulas, and from counts of their schedules without the final gather.
+"""
+
+COUNTS = """## Messages
+
+Dense images cover the whole picture. For them all algorithms send (n − 1)·P pixels in total, because each pixel needs
+n − 1 merges. Messages of all ranks, with the number of rounds in brackets:
 """
 
 FOOTPRINTS = """## Sparse images
@@ -38,18 +44,18 @@ If each rank has a brick of a cube, seen along its diagonal, its image covers a 
 bounding rectangle of its pixels is sent. Pixels sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
 """
 
-BALANCE = """Direct send chooses the borders of its pieces by the footprints. For these borders and others, the pixels
-that the busiest rank receives, divided by P, with the messages of all ranks in brackets:
-"""
+ITEMS = ("What", "When", "When not", "Reference")
 
 
 def text() -> str:
     """The whole page."""
-    return "\n".join([HEAD, *_counts(), *_sparse(), *_manuals()])
+    names = [f"`{name}`" for name in ALGORITHMS if name in SEVERAL_IMAGES]
+    several = f"{', '.join(names[:-1])} and {names[-1]}"
+    return "\n".join([HEAD.format(several=several), *_counts(), *_sparse(), *_manuals()])
 
 
 def _counts() -> Iterator[str]:
-    yield "## Messages\n\nMessages of all ranks for dense images, with the number of rounds in brackets:\n"
+    yield COUNTS
     yield _row("algorithm", *(f"n = {ranks}" for ranks in RANKS))
     yield "|---" * (len(RANKS) + 1) + "|"
     for name, schedule in ALGORITHMS.items():
@@ -69,13 +75,6 @@ def _sparse() -> Iterator[str]:
         found = [simulate(name, ranks, SIZE, network, footprints="cubes") for ranks in MANY]
         yield _row(f"`{name}`", *(f"{made.pixels_sent / canvas / made.ranks ** (1 / 3):.2f}" for made in found))
     yield ""
-    yield BALANCE
-    yield _row("pieces", *(f"n = {ranks}" for ranks in BALANCED))
-    yield "|---" * (len(BALANCED) + 1) + "|"
-    for cut, bands in (("equal cover", None), ("equal size", 1), ("four bands each", 4)):
-        loads = [count_load("direct-send", ranks, SIZE, "cubes", Options(bands=bands))[0] for ranks in BALANCED]
-        yield _row(cut, *(f"{load.pixels_received.max() / canvas:.3f} ({load.messages_sent.sum()})" for load in loads))
-    yield ""
 
 
 def _manuals() -> Iterator[str]:
@@ -86,8 +85,8 @@ def _manuals() -> Iterator[str]:
         # Each item of a manual starts a line: "When: …".
         for item in re.split(r"\n(?=(?:When not|When|Cost|Limits|Reference)\b)", body):
             label, _, rest = item.partition(":")
-            label, comma, case = label.partition(",")
-            yield f"- **{label}**{comma}{case}: {' '.join(rest.split())}"
+            if label in ITEMS:
+                yield f"- **{label}**: {' '.join(rest.split())}"
         yield ""
 
 
