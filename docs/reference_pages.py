@@ -1,4 +1,4 @@
-"""Reference pages that are made from the code: commands, scene keys and the Python API.
+"""Reference pages that are made from the code: commands, scene keys, blend modes and the Python API.
 
 `conf.py` writes them before Sphinx reads the pages.
 """
@@ -14,6 +14,7 @@ import typer.main
 import clusterviz
 from clusterviz.cli import COMMANDS, command_line
 from clusterviz.scene import scene_schema
+from clusterviz.scene.blend_modes import BLEND_MODES
 
 Schema = dict[str, Any]
 
@@ -106,6 +107,18 @@ def kind(part: Schema) -> str:
     return {"null": "", "string": "text", "object": "mapping"}.get(part.get("type", ""), part.get("type", ""))
 
 
+def blend_modes() -> Iterator[str]:
+    """The table of blend modes."""
+    yield "# Blend modes\n\n`volumes[].blending` says how the samples along a ray become a pixel."
+    yield "Formulas and limits are in the [conventions](../conventions.md#blend-modes)."
+    head = ("mode", "pixel", "partial images are merged by", "skipped samples", "isosurfaces", "light")
+    rows = [
+        (f"`{name}`", mode.pixel, mode.operator, mode.skip, mode.surfaces, "yes" if mode.lit else "no")
+        for name, mode in BLEND_MODES.items()
+    ]
+    yield from table(head, list[tuple[object, ...]](rows))
+
+
 def api() -> Iterator[str]:
     """The names of `clusterviz`, which autodoc writes out."""
     yield "# Python API\n"
@@ -120,7 +133,8 @@ def api() -> Iterator[str]:
 def write_pages(folder: Path) -> None:
     """Write the pages into a folder."""
     folder.mkdir(exist_ok=True)
-    for page, lines in (("commands", commands()), ("scene", scene(scene_schema())), ("python", api())):
+    pages = {"commands": commands(), "scene": scene(scene_schema()), "blend-modes": blend_modes(), "python": api()}
+    for page, lines in pages.items():
         text = "\n".join(lines) + "\n"
         path = folder / f"{page}.md"
         if not path.exists() or path.read_text(encoding="utf-8") != text:

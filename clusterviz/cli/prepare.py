@@ -10,7 +10,6 @@ import json as json_text
 import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -22,9 +21,8 @@ from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
 from clusterviz.kernels.objects import folder, object_path, read_code
-from clusterviz.render.cpu.kernel import Kernel
+from clusterviz.render.cpu.kernel import Kernel, common_kernels, first_kernels
 from clusterviz.render.cpu.machine_code import compiled, sources
-from clusterviz.render.cpu.transfer.pieces import CAPACITIES, MOST
 from clusterviz.render.cpu.width import host_width
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -61,25 +59,6 @@ def command(
         print_info(
             f"{len(missing)} kernels compiled in {seconds:.1f} s, {len(files) - len(missing)} were kept: {folder()}"
         )
-
-
-def common_kernels(lanes: int) -> list[Kernel]:
-    """Return kernels for one volume with linear interpolation: composite, shaded or not, maximum, and isosurface."""
-    found: list[Kernel] = []
-    for kind in ("u8", "u16", "f32"):
-        for light in ("", "far"):
-            found += [Kernel(kind, "linear", "composite", "many", 0, lanes, light=light)]
-            if lanes == MOST:
-                found += [Kernel(kind, "linear", "composite", "fitted", n, lanes, light=light) for n in CAPACITIES]
-        found.append(Kernel(kind, "linear", "maximum", "many", 0, lanes))
-        found.append(Kernel(kind, "linear", "isosurface", "many", 0, lanes, light="far", surfaces=True))
-    return found
-
-
-def first_kernels(lanes: int) -> list[Kernel]:
-    """Return the kernels of `launch/demo`, and of an 8-bit data file without a scene."""
-    names = [Kernel("u8", "linear", "composite", "many", 0, lanes, light=light) for light in ("", "far")]
-    return [replace(each, pieces="fitted", capacity=CAPACITIES[1]) for each in names] if lanes == MOST else names
 
 
 def _files(kernels: list[Kernel]) -> dict[Path, Job]:

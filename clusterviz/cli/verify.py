@@ -33,6 +33,7 @@ from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
 from clusterviz.scene import Cluster, Scene, open_scene
+from clusterviz.scene.blend_modes import BLEND_MODES
 
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]
 TRANSPORTS = [name for name in get_args(Cluster.model_fields["transport"].annotation) if name != "auto"]
@@ -177,7 +178,7 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
     """Return whether the number of samples is independent of the configuration: no ray starts late or ends early."""
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
-    return not changing and all(volume.blending == "composite" for volume in scene.volumes)
+    return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
 
 
 def _announce(text: str) -> None:

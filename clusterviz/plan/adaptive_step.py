@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import is_graded
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.transfer import TransferFunction, distinct
 from clusterviz.scene.values import Quality, Volume
 
@@ -113,7 +114,7 @@ def make_adaptive_step(volume: Volume, quality: Quality, grid: Grid, transfer: T
 def what_has_no_bound(volume: Volume, quality: Quality) -> str:
     """Return the setting that rules out an adaptive step; "" if there is none."""
     problems = {
-        f"blending {volume.blending}": volume.blending != "composite",
+        f"blending {volume.blending}": not BLEND_MODES[volume.blending].absorbs,
         "isosurfaces": bool(volume.isosurfaces),
         "shade": volume.shade,
         "opacity by the gradient": is_graded(volume),

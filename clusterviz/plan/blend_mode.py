@@ -12,20 +12,9 @@ from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.grading import Grading
 from clusterviz.plan.shading import Shading
+from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Quality, Volume
-
-Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
-OPERATORS: dict[Blending, Operator] = {
-    "composite": "over",
-    "maximum": "maximum",
-    "minimum": "minimum",
-    "average": "sum",
-    "additive": "sum",
-    "local-maximum": "stretch",
-    "isosurface": "over",
-}
-
 
 Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
@@ -66,7 +55,7 @@ class BlendMode:
     smooth : gradients are those of cubic B-splines, with any interpolation
     """
 
-    blending: Blending
+    blending: Blending = DEFAULT_BLENDING
     threshold: float = 0.0
     shading: Shading | None = None
     surfaces: tuple[Surface, ...] = ()
@@ -74,9 +63,14 @@ class BlendMode:
     smooth: bool = False
 
     @property
+    def traits(self) -> BlendModeTraits:
+        """Record of the mode."""
+        return BLEND_MODES[self.blending]
+
+    @property
     def operator(self) -> Operator:
         """Operator that merges the pixels of two boxes; `image/merge.py` defines their four floats."""
-        return OPERATORS[self.blending]
+        return self.traits.operator
 
     def hides(self, transfer: TransferFunction, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
         """Return True where samples in a closed interval do not affect the picture.
@@ -87,20 +81,22 @@ class BlendMode:
 
         Returns
         -------
-        hidden : bool (…). A maximum ignores scalars below which everything is transparent, a minimum those above which
-            everything is. Averages, sums and local maxima depend on transparent samples too.
+        hidden : bool (…), by the mode's `skip`
         """
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
-        if self.blending in ("composite", "isosurface"):
-            nothing = np.ones(low.shape, bool) if self.blending == "isosurface" else transfer.is_transparent(low, high)
-            for surface in self.surfaces:
-                nothing = nothing & ~((low <= surface.value) & (surface.value <= high))
-            return np.asarray(nothing)
-        if self.blending == "maximum":
-            return np.asarray((low > high) | transfer.is_transparent(-np.inf, high))
-        if self.blending == "minimum":
-            return np.asarray((low > high) | transfer.is_transparent(low, np.inf))
-        return np.asarray(low > high)
+        hidden = low > high
+        match self.traits.skip:
+            case "all":
+                hidden = np.ones(low.shape, bool)
+            case "transparent":
+                hidden = transfer.is_transparent(low, high)
+            case "transparent below":
+                hidden = hidden | transfer.is_transparent(-np.inf, high)
+            case "transparent above":
+                hidden = hidden | transfer.is_transparent(low, np.inf)
+        for surface in self.surfaces:
+            hidden = hidden & ~((low <= surface.value) & (surface.value <= high))
+        return np.asarray(hidden)
 
     def surface_block(self) -> NDArray[np.float32]:
         """Return the block of surfaces.glsl, (2 · surfaces, 4)."""
@@ -110,17 +106,17 @@ class BlendMode:
 
 def is_lit(volume: Volume) -> bool:
     """Return True if a volume is lit."""
-    return volume.shade and volume.blending in ("composite", "isosurface")
+    return volume.shade and BLEND_MODES[volume.blending].lit
 
 
 def is_graded(volume: Volume) -> bool:
     """Return True if a volume's opacity depends on the magnitude of the gradient."""
-    return volume.blending == "composite" and bool(volume.gradient_opacity or volume.transfer_2d)
+    return BLEND_MODES[volume.blending].absorbs and bool(volume.gradient_opacity or volume.transfer_2d)
 
 
 def has_surfaces(volume: Volume) -> bool:
     """Return True if isosurfaces are shown, alone or in the volume."""
-    return bool(volume.isosurfaces) and volume.blending in ("composite", "isosurface")
+    return bool(volume.isosurfaces) and BLEND_MODES[volume.blending].surfaces != "refused"
 
 
 def classification_of(quality: Quality) -> Classification:
@@ -136,7 +132,7 @@ def is_preintegrated(volume: Volume, classification: Classification) -> bool:
     """
     if volume.interpolation == "nearest" or volume.isosurfaces or volume.transfer_2d:
         return False
-    return classification == "pre-integrated" and volume.blending == "composite"
+    return classification == "pre-integrated" and BLEND_MODES[volume.blending].absorbs
 
 
 def is_jittered(volume: Volume, jitter: bool) -> bool:

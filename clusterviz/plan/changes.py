@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from clusterviz.plan.blend_mode import LONGEST_SLAB, has_surfaces, is_lit, is_preintegrated, step_of
 from clusterviz.report.decisions import Change
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Scene
 
 
@@ -44,7 +45,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.jitter", True, False, "isosurfaces are found, not sampled")
     if quality.filter == "hardware" and volumes[0].interpolation == "nearest":
         yield Change("quality.filter", "hardware", "exact", "nearest voxels are not weighted")
-    if quality.early_termination > 0 and not any(one.blending in ("composite", "isosurface") for one in volumes):
+    if quality.early_termination > 0 and not any(BLEND_MODES[one.blending].composited for one in volumes):
         yield Change("quality.early_termination", quality.early_termination, 0.0, "a projection hides nothing")
 
 

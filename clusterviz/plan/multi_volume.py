@@ -82,7 +82,7 @@ class VolumeLayer:
     Attributes
     ----------
     cut : its voxels that each brick of the domain needs
-    blend_mode : its lighting and isosurfaces; its blending is composite
+    blend_mode : its lighting and isosurfaces; one that can be mixed
     encoding, transfer, segments : as in `Plan`
     interpolation : interpolation between its voxels
     spread : samples beyond a cell's corners on which the field in it depends

@@ -237,7 +237,7 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan
             jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes),
             frame_coherence=make_frame_coherence(scene, [known.grid for known in volumes], step_world),
         ),
-        BlendMode("composite"),
+        BlendMode(),
         planes,
         first.encoding,
         first.transfer,

@@ -12,11 +12,11 @@ Pixels = NDArray[np.float32]
 
 
 def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
-    """Return the picture of merged pixels.
+    """Return the picture of merged pixels, by the `resolve` step of the blend mode.
 
-    Maximum, minimum and local maximum get the colour and the opacity of their scalar, not corrected for any length.
-    An average is the mean of opacity × scalar along the ray through valid voxels, a sum is that times the length of
-    the ray in opacity unit distances; both are grey and opaque, and scalars are clamped to clim, as in VTK.
+    Scalars get their colour and opacity, not corrected for any length. An average is the mean of opacity × scalar along
+    the ray through valid voxels, a sum is that times the length of the ray in opacity unit distances; both are grey and
+    opaque, and scalars are clamped to clim, as in VTK.
 
     Parameters
     ----------
@@ -26,18 +26,18 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     -------
     rgba : float32 (h, w, 4), premultiplied; composited pixels are returned as they are
     """
-    blending = plan.blend_mode.blending
-    if plan.blend_mode.operator == "over":
+    resolve = plan.blend_mode.traits.resolve
+    if resolve == "none":
         return merged
     rgba = np.zeros(merged.shape, np.float32)
     hit = merged[..., 3] > 0
     pixels = merged[hit].astype(np.float64)
-    if blending in ("average", "additive"):
-        grey = pixels[:, 0] * plan.march.slab_units if blending == "additive" else pixels[:, 0] / pixels[:, 3]
+    if resolve in ("mean", "integral"):
+        grey = pixels[:, 0] * plan.march.slab_units if resolve == "integral" else pixels[:, 0] / pixels[:, 3]
         rgba[hit] = np.append(np.repeat(np.clip(grey, 0, 1)[:, None], 3, axis=1), np.ones((len(grey), 1)), axis=1)
         return rgba
     units = pixels[:, 0]
-    if blending == "local-maximum":
+    if resolve == "colour of run":
         units = np.where(pixels[:, 2].astype(int) & EXISTS, units, pixels[:, 1])
     low, high = plan.transfer.domain
     scalars = low * (1 - units) + high * units

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
-from clusterviz.plan.blend_mode import Blending
 from clusterviz.plan.grading import Table
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
@@ -20,23 +19,16 @@ from clusterviz.render.sampling import cell_file, field_file, gradient_file, spl
 from clusterviz.render.starts import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import VolumeVariant, multi_volume_files, volume_variants
+from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 
 PART_BYTES = 16  # a vec4
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
 MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
 Files = str | tuple[str, ...]
-BLENDING_FILES: dict[Blending, tuple[Files, str, str]] = {
-    "composite": ("samples.glsl", "composite.glsl", "over.glsl"),
-    "maximum": ("samples.glsl", "extreme.glsl", NOTHING),
-    "minimum": ("samples.glsl", "extreme.glsl", NOTHING),
-    "average": ("samples.glsl", "sum.glsl", NOTHING),
-    "additive": ("samples.glsl", "sum.glsl", NOTHING),
-    "local-maximum": ("samples.glsl", "local_maximum.glsl", NOTHING),
-    "isosurface": (("root.glsl", "surfaces.glsl"), "composite.glsl", "over.glsl"),
-}
-PREINTEGRATED_FILES = (("sums.glsl", "ramp.glsl", "preintegrated.glsl"), NOTHING, "over.glsl")
-"""Files that sample runs of slabs, classify samples, and composite runs."""
+SURFACES_FILES = ("root.glsl", "surfaces.glsl")
+PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
+"""Files that sample runs of slabs, where samples.glsl does not."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +63,7 @@ class Variant:
     brick: int
     further_starts: int
     block_bytes: int
-    blending: Blending = "composite"
+    blending: Blending = DEFAULT_BLENDING
     lights: int = 0
     planes: int = 0
     surfaces: int = 0
@@ -90,9 +82,10 @@ class Variant:
     def source(self) -> ShaderSource:
         """Assembled shader."""
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        files = BLENDING_FILES["isosurface" if self.surfaces else self.blending]
-        run, sampled, behind = PREINTEGRATED_FILES if self.preintegrated else files
-        sample = ("table.glsl", "composite_2d.glsl") if self.table else sampled
+        run: Files = SURFACES_FILES if self.surfaces else "samples.glsl"
+        sample: Files = ("table.glsl", "composite_2d.glsl") if self.table else self._traits.shader
+        if self.preintegrated:
+            run, sample = PREINTEGRATED_FILES, NOTHING
         slots: dict[str, Files] = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
@@ -105,7 +98,7 @@ class Variant:
             "CELL": cell_file(self.filter) if self.surfaces else NOTHING,
             "RUN": run,
             "SAMPLE": sample,
-            "BEHIND": behind,
+            "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
             "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
             "GRADIENT": self._gradient,
             "STRETCH": "stretched.glsl" if self.slot.stretched else "even.glsl",
@@ -118,6 +111,10 @@ class Variant:
             "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
         return assemble("raycast.glsl", slots | (self._multi_volume if self.volumes else {}))
+
+    @property
+    def _traits(self) -> BlendModeTraits:
+        return BLEND_MODES[self.blending]
 
     @property
     def _gradient(self) -> str:
@@ -180,7 +177,7 @@ class Variant:
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": 2 * self.surfaces}))
             lines.append(f"const int SURFACES = {self.surfaces};")
-            lines.append(f"const bool IN_VOLUME = {str(self.blending == 'composite').lower()};")
+            lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
         if self.volumes:
             most = min(sum(MOST_MET * volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
@@ -199,14 +196,12 @@ class Variant:
             lines.append(f"const int LIGHTS = {self.lights};")
             lines.append(f"const int CAPS = {self.caps}; // planes that cut what is lit")
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
-        if self.blending in ("maximum", "minimum"):
-            lines.append(f"const bool LARGEST = {str(self.blending == 'maximum').lower()};")
-        return "\n".join(lines) + "\n"
+        return "\n".join((*lines, *self._traits.constants)) + "\n"
 
 
 def _surfaces(plan: Plan) -> int:
-    """Return the number of isosurfaces, at least 1 with blending isosurface."""
-    return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.blending == "isosurface"))
+    """Return the number of isosurfaces, at least 1 where nothing else is shown."""
+    return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.traits.only_surfaces))
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:

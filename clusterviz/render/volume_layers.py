@@ -211,7 +211,7 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
             part.blend_mode.grading.fading if part.blend_mode.grading else 0,
             part.blend_mode.grading.table_holds if part.blend_mode.grading else "",
             len(part.blend_mode.surfaces),
-            part.blend_mode.blending == "composite",
+            part.blend_mode.traits.absorbs,
             part.preintegrated,
         )
         for part, part_slot in zip(multi_volume.volume_layers, slot.parts, strict=True)

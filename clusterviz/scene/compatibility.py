@@ -5,9 +5,11 @@ Each check raises an `InvalidValueError` that names the key, the value found and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import compress
 from typing import Any
 
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.checks import InvalidValueError
 
 NO_COMMON_SCALE = "their values have no scale in common, of which a ray could show one"
@@ -17,17 +19,18 @@ SINGLE_VOLUME_QUALITY = {
     "adaptive": "there is no bound on the error of mixtures",
 }
 """Keys of `quality` that must keep their default with several volumes, and the reason."""
-ALLOWED_WITH_SEVERAL = ("composite", "isosurface", "overlap", "exact")
+ALLOWED_WITH_SEVERAL = ("overlap", "exact")
 MAX_SURFACES = 32
 """Isosurfaces in all volumes of a scene; the surfaces of one slab are sorted in a list of this length."""
 
 
-def check_surfaces(blending: str, isosurfaces: tuple[object, ...]) -> None:
-    """Require isosurfaces for `blending: isosurface`, and refuse them with projections."""
-    if blending == "isosurface" and not isosurfaces:
-        raise InvalidValueError("missing", "one data value or more, for blending: isosurface", key="isosurfaces")
-    if isosurfaces and blending not in ("composite", "isosurface"):
-        allowed = "this key with blending: composite or isosurface"
+def check_surfaces(blending: Blending, isosurfaces: tuple[object, ...]) -> None:
+    """Require isosurfaces for a mode that shows nothing else, and refuse them with projections."""
+    surfaces = BLEND_MODES[blending].surfaces
+    if surfaces == "required" and not isosurfaces:
+        raise InvalidValueError("missing", f"one data value or more, for blending: {blending}", key="isosurfaces")
+    if isosurfaces and surfaces == "refused":
+        allowed = f"this key with blending: {_names(mode.surfaces != 'refused' for mode in BLEND_MODES.values())}"
         raise InvalidValueError(f"not for blending: {blending}", allowed, key="isosurfaces")
 
 
@@ -37,11 +40,12 @@ def check_gradient(kernel: str, interpolation: str) -> None:
         raise InvalidValueError("not for interpolation: nearest", "central", key="gradient", found=kernel)
 
 
-def check_gradient_opacity(blending: str, has_gradient_opacity: bool, has_table: bool, has_opacity: bool) -> None:
+def check_gradient_opacity(blending: Blending, has_gradient_opacity: bool, has_table: bool, has_opacity: bool) -> None:
     """Allow gradient-dependent opacity for composited volumes only, and opacity in one key only."""
     for key, found in (("gradient_opacity", has_gradient_opacity), ("transfer_2d", has_table)):
-        if found and blending != "composite":
-            raise InvalidValueError(f"not for blending: {blending}", "this key with blending: composite", key=key)
+        if found and not BLEND_MODES[blending].absorbs:
+            allowed = f"this key with blending: {_names(mode.absorbs for mode in BLEND_MODES.values())}"
+            raise InvalidValueError(f"not for blending: {blending}", allowed, key=key)
     if has_table and (has_opacity or has_gradient_opacity):
         other = "opacity" if has_opacity else "gradient_opacity"
         raise InvalidValueError("opacity is in transfer_2d already", "one of the two keys", key=other)
@@ -56,7 +60,8 @@ def check_several_volumes(volumes: Sequence[Any], quality: Any, cluster: Any) ->
     """
     if len(volumes) < 2:
         return
-    keys = [(f"volumes[{n}].blending", volume.blending, NO_COMMON_SCALE) for n, volume in enumerate(volumes)]
+    projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
+    keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
     keys.append(("cluster.largest_brick", cluster.largest_brick, "bricks of their domain are of one size"))
     for key, found, why in keys:
@@ -68,10 +73,32 @@ def check_several_volumes(volumes: Sequence[Any], quality: Any, cluster: Any) ->
         raise InvalidValueError("too many", allowed, key="volumes: isosurfaces", found=surfaces)
 
 
+def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
+    """Refuse frame coherence with projections, which have no first hit, and where bricks are not drawn whole.
+
+    Parameters
+    ----------
+    volumes, quality, cluster : sections of a scene
+    """
+    if not quality.frame_coherence:
+        return
+    groups = cluster.groups is not None and cluster.groups > 1
+    problems = {
+        "settings chosen for quality.max_error": quality.max_error is not None,
+        "quality.adaptive": bool(quality.adaptive),
+        f"cluster.mode: {cluster.mode}": cluster.mode in ("sort-first", "hybrid"),
+        "cluster.groups: ranks do not know what other tiles hit": groups,
+        **{f"blending: {volume.blending}": not BLEND_MODES[volume.blending].composited for volume in volumes},
+    }
+    for name, is_one in problems.items():
+        if is_one:
+            raise InvalidValueError(f"not with {name}", "false", key="quality.frame_coherence", found=True)
+
+
 def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
     """Refuse rounded pixels with projections, whose partial images hold scalars and sums instead of colours."""
     for number, volume in enumerate(volumes):
-        if pixel != "float32" and volume.blending not in ALLOWED_WITH_SEVERAL:
+        if pixel != "float32" and not BLEND_MODES[volume.blending].composited:
             found = f"blending: {volume.blending} in volumes[{number}]"
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
@@ -112,3 +139,8 @@ def check_mode(mode: str, tiling: str, distribution: str, compositing: str, tran
     if mode == "sort-first" and transport not in ("auto", "messages"):
         allowed = "messages, auto, or mode: sort-last or hybrid"
         raise InvalidValueError("sort-first sends tiles straight to rank 0", allowed, key="transport", found=transport)
+
+
+def _names(chosen: Iterable[bool]) -> str:
+    """Return the names of the chosen blend modes."""
+    return " or ".join(compress(BLEND_MODES, chosen))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.scene.automatic import automatic_scene
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.opacity import opacity_points, rescale
@@ -64,7 +65,7 @@ def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
         found["opacity"] = _default_opacity(cmap, clim)
     if volume.opacity_unit_distance is None:
         found["opacity_unit_distance"] = default_unit_distance(info.shape_zyx, info.spacing)
-    if volume.blending == "local-maximum" and volume.threshold is None:
+    if BLEND_MODES[volume.blending].threshold and volume.threshold is None:
         found["threshold"] = clim[0] / 2 + clim[1] / 2
     return volume.model_copy(update=found)
 
@@ -76,12 +77,13 @@ def visible_corners(volume: Volume, info: VolumeInfo) -> NDArray[np.float64]:
     ----------
     volume : a completed volume
     """
-    if info.blocks is None or volume.blending in ("minimum", "average", "additive") or min(info.shape_zyx) == 1:
+    mode = BLEND_MODES[volume.blending]
+    if info.blocks is None or mode.shows_transparent or min(info.shape_zyx) == 1:
         return info.corners
     low, high = info.blocks
     surfaces = [each[0] if isinstance(each, tuple) else each for each in volume.isosurfaces]
     seen = np.zeros(low.shape, bool)
-    if volume.blending != "isosurface":
+    if not mode.only_surfaces:
         seen |= ~transfer_function(volume).is_transparent(low, high)
     for value in surfaces:
         seen |= (low <= value) & (value <= high)

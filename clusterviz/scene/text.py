@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.values import Scene, Volume
 from clusterviz.scene.yaml_text import SceneDumper, write_yaml
@@ -73,7 +74,7 @@ def _volume_summary(volume: Volume) -> str:
     opacity: Any = volume.opacity
     if volume.transfer_2d is not None:
         opacity = "of transfer_2d"
-    elif volume.blending == "isosurface":
+    elif BLEND_MODES[volume.blending].only_surfaces:
         opacity = f"of isosurfaces {', '.join(f'{_surface_value(each):g}' for each in volume.isosurfaces)}"
     elif isinstance(opacity, tuple):
         opacity = " ".join(f"{value:g}:{alpha:g}" for value, alpha in _abbreviated(opacity))

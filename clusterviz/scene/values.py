@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING
+from clusterviz.scene.blend_modes import Blending as Blending
 from clusterviz.scene.checks import (
     check_attenuation,
     check_camera,
@@ -19,6 +21,7 @@ from clusterviz.scene.checks import (
 )
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import (
+    check_frame_coherence,
     check_gradient,
     check_gradient_opacity,
     check_pixel_format,
@@ -44,11 +47,9 @@ from clusterviz.scene.field_types import (
     Side,
     Vector,
 )
-from clusterviz.scene.frame_coherence import check_frame_coherence
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
-Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
 Gradient = Literal["central", "smooth"]
 LightType = Literal["headlight", "scene"]
 Classification = Literal["post", "pre-integrated"]
@@ -136,10 +137,10 @@ class Volume(Section):
         "voxels' values.",
     )
     blending: Blending = Field(
-        default="composite",
-        description="Blend mode of the samples along a ray: composite (emission and absorption); maximum, minimum "
-        "and local-maximum (that scalar's colour and opacity); average and additive (opacity times scalar, in grey); "
-        "isosurface (the surfaces of isosurfaces).",
+        default=DEFAULT_BLENDING,
+        description="Blend mode of the samples along a ray. "
+        + "; ".join(f"{name}: {mode.pixel.replace('; ', ', ')}" for name, mode in BLEND_MODES.items())
+        + ".",
     )
     isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(to_builtin)] = Field(
         default=(),
@@ -149,8 +150,8 @@ class Volume(Section):
     )
     threshold: Number | None = Field(
         default=None,
-        description="Data value for local-maximum, which shows the largest scalar of the first interval of a ray that "
-        "is not below it; default: the middle of clim.",
+        description=f"Data value for blending: {' or '.join(n for n, mode in BLEND_MODES.items() if mode.threshold)}; "
+        "default: the middle of clim.",
     )
     shade: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
         default=False, description="Light a composited volume by its gradient."

@@ -8,6 +8,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import VolumeInfo, transfer_function
@@ -66,7 +67,7 @@ def _unseen_volume(volume: Volume, info: VolumeInfo) -> str:
     values = [surface if isinstance(surface, (int, float)) else surface[0] for surface in volume.isosurfaces]
     if values and not any(info.minimum <= value <= info.maximum for value in values):
         found.append(f"no isosurface, since {', '.join(f'{value:g}' for value in values)} lies beyond {data}")
-    if volume.blending != "isosurface" and clim is not None:
+    if not BLEND_MODES[volume.blending].only_surfaces and clim is not None:
         beyond = clim[0] > info.maximum or clim[1] < info.minimum
         where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
         if not (values and not found) and transfer_function(volume).is_transparent(info.minimum, info.maximum).all():

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from clusterviz.image.merge import MERGES
 from clusterviz.plan.blend_mode import (
-    OPERATORS,
     BlendMode,
     is_preintegrated,
     make_blend_mode,
@@ -15,6 +16,7 @@ from clusterviz.plan.blend_mode import (
 )
 from clusterviz.plan.encoding import FAR
 from clusterviz.scene import TransferFunction
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.values import Volume
 
 BAND = TransferFunction(
@@ -80,5 +82,6 @@ def test_slabs_that_are_classified_between_their_ends_reach_a_cell_further() -> 
         assert not is_preintegrated(Volume(path="a", **other), how)
 
 
-def test_every_blending_has_an_operator_that_merges() -> None:
-    assert set(OPERATORS.values()) == set(MERGES)
+def test_every_blending_is_in_the_table_and_has_an_operator_that_merges() -> None:
+    assert get_args(Blending) == tuple(BLEND_MODES)
+    assert {mode.operator for mode in BLEND_MODES.values()} == set(MERGES)

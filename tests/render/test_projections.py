@@ -16,18 +16,19 @@ from clusterviz.image.merge import merge_partials
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import render_reference
 from clusterviz.render.projection import finish_projection
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.values import Scene
 
 pytestmark = pytest.mark.gl
 
 GRID = Grid(SHAPE)
 BOUND = 1e-5
-BLENDINGS = ("maximum", "minimum", "average", "additive", "local-maximum")
+BLENDINGS = [name for name, mode in BLEND_MODES.items() if not mode.composited]
 
 
-def look_of(blending: str, voxels: np.ndarray) -> dict[str, Any]:
+def look_of(blending: Blending, voxels: np.ndarray) -> dict[str, Any]:
     low, high = float(np.nanmin(voxels)), float(np.nanmax(voxels))
-    return {"blending": blending} | ({"threshold": low + 0.7 * (high - low)} if blending == "local-maximum" else {})
+    return {"blending": blending} | ({"threshold": low + 0.7 * (high - low)} if BLEND_MODES[blending].threshold else {})
 
 
 def projected(

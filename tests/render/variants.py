@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from itertools import product
 
 from clusterviz.render.storage import Slot
-from clusterviz.render.variant import BLENDING_FILES, Variant
+from clusterviz.render.variant import Variant
 from clusterviz.render.volume_layers import VolumeVariant
+from clusterviz.scene.blend_modes import BLEND_MODES
 
 KINDS = "u8", "u16", "f32"
 CELLS = 15, 16, 33
@@ -37,7 +38,7 @@ def _looks() -> Iterator[tuple[str, Variant]]:
             variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
             yield f"{name}, pre-integrated", variant
     for blending, kind, planes in product(
-        [name for name in BLENDING_FILES if name != "isosurface"], ("u8", "f32"), (0, 16)
+        [name for name, mode in BLEND_MODES.items() if not mode.only_surfaces], ("u8", "f32"), (0, 16)
     ):
         variant = Variant("linear", Slot(CELLS, kind, False), 33, 1, 0, blending, 0, planes)
         yield f"{blending}, {kind}, {planes} planes", variant

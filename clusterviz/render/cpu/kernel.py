@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from clusterviz.plan.blend_mode import Blending, BlendMode
+from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.encoding import VoxelKind
 from clusterviz.plan.grading import Table as TableHolds
 from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Filter, Plan
-from clusterviz.render.cpu.transfer.pieces import MOST, Pieces
+from clusterviz.render.cpu.transfer.pieces import CAPACITIES, MOST, Pieces
+from clusterviz.scene.blend_modes import Blending
 
 if TYPE_CHECKING:
     from clusterviz.render.cpu.blending.light import Light
@@ -192,3 +193,22 @@ def can_draw(plan: Plan) -> bool:
     # Of several volumes none may have surfaces, or nothing but surfaces.
     has_surfaces = any(part.blend_mode.surfaces or part.blend_mode.blending != "composite" for part in parts)
     return not (has_surfaces or coherent_in_parts) and march.filter in ("linear", "nearest", "cubic")
+
+
+def common_kernels(lanes: int) -> list[Kernel]:
+    """Return kernels for one volume with linear interpolation: composite, shaded or not, maximum, and isosurface."""
+    found: list[Kernel] = []
+    for kind in ("u8", "u16", "f32"):
+        for light in ("", "far"):
+            found += [Kernel(kind, "linear", "composite", "many", 0, lanes, light=light)]
+            if lanes == MOST:
+                found += [Kernel(kind, "linear", "composite", "fitted", n, lanes, light=light) for n in CAPACITIES]
+        found.append(Kernel(kind, "linear", "maximum", "many", 0, lanes))
+        found.append(Kernel(kind, "linear", "isosurface", "many", 0, lanes, light="far", surfaces=True))
+    return found
+
+
+def first_kernels(lanes: int) -> list[Kernel]:
+    """Return the kernels of `launch/demo`, and of an 8-bit data file without a scene."""
+    names = [Kernel("u8", "linear", "composite", "many", 0, lanes, light=light) for light in ("", "far")]
+    return [replace(each, pieces="fitted", capacity=CAPACITIES[1]) for each in names] if lanes == MOST else names

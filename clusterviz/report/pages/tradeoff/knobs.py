@@ -14,6 +14,7 @@ from typing import Any, get_args
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.adaptive_step import what_has_no_bound
 from clusterviz.plan.blend_mode import has_surfaces, is_preintegrated, step_of
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.settings import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Scene
@@ -162,7 +163,7 @@ def _idle(scene: Scene) -> set[str]:
         "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
         "jitter": not any(has_surfaces(volume) for volume in volumes),
         "filter": any(volume.interpolation != "nearest" for volume in volumes),
-        "early_termination": any(volume.blending in ("composite", "isosurface") for volume in volumes),
+        "early_termination": any(BLEND_MODES[volume.blending].composited for volume in volumes),
     }
     return {name for name, does in works.items() if not does}
 

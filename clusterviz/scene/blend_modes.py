@@ -1,0 +1,124 @@
+"""Blend modes: how the samples along a ray become a pixel. One record each, from which all else follows.
+
+The documentation lists the table; the renderer takes shader, merge operator and resolve step from it;
+checks of the scene and empty-space skipping go by its flags. `docs/how-to/add-a-blend-mode.md` adds a record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from clusterviz.image.merge import Operator
+
+Resolve = Literal["none", "colour", "colour of run", "mean", "integral"]
+Skip = Literal["nothing", "transparent", "transparent below", "transparent above", "all"]
+
+
+@dataclass(frozen=True)
+class BlendModeTraits:
+    """What is known of a blend mode before any scene.
+
+    Attributes
+    ----------
+    pixel : what a pixel shows, in one line of the documentation
+    shader : file in `shaders/` that blends samples
+    operator : merge operator of partial images, see `image/merge.py`
+    resolve : how merged pixels become colours, see `render/projection.py`
+    skip : samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
+        those below, or above, which all opacities are 0; "all": samples, but not isosurfaces
+    constants : GLSL declarations for the shader
+    surfaces : isosurfaces are "refused", "allowed" among the samples, or "required"
+    absorbs : opacity accumulates with the length of the ray, so it can be pre-integrated, depend on the gradient, and
+        be sampled by an adaptive step
+    lit : samples and surfaces can be shaded by the gradient
+    threshold : the mode uses the key `threshold`
+    shows_transparent : transparent parts of a volume change the picture, so the automatic camera shows all of it
+    """
+
+    pixel: str
+    shader: str
+    operator: Operator = "over"
+    resolve: Resolve = "none"
+    skip: Skip = "nothing"
+    constants: tuple[str, ...] = ()
+    surfaces: Literal["refused", "allowed", "required"] = "refused"
+    absorbs: bool = False
+    lit: bool = False
+    threshold: bool = False
+    shows_transparent: bool = False
+
+    @property
+    def only_surfaces(self) -> bool:
+        """Whether isosurfaces are all that is shown."""
+        return self.surfaces == "required"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether several volumes can be shown in this mode; their slabs hold absorbing samples and surfaces."""
+        return self.surfaces != "refused"
+
+    @property
+    def composited(self) -> bool:
+        """Whether partial images hold colours and opacities, which hide what lies behind; else it is a projection."""
+        return self.operator == "over"
+
+
+Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
+"""Names of the table, for type checkers."""
+BLEND_MODES: dict[Blending, BlendModeTraits] = {
+    "composite": BlendModeTraits(
+        "emission and absorption",
+        "composite.glsl",
+        skip="transparent",
+        surfaces="allowed",
+        absorbs=True,
+        lit=True,
+    ),
+    "maximum": BlendModeTraits(
+        "colour and opacity of the largest scalar",
+        "extreme.glsl",
+        "maximum",
+        "colour",
+        skip="transparent below",
+        constants=("const bool LARGEST = true;",),
+    ),
+    "minimum": BlendModeTraits(
+        "colour and opacity of the smallest scalar",
+        "extreme.glsl",
+        "minimum",
+        "colour",
+        skip="transparent above",
+        constants=("const bool LARGEST = false;",),
+        shows_transparent=True,
+    ),
+    "average": BlendModeTraits(
+        "mean of opacity times scalar, which clim maps to 0 … 1, along the ray; grey and opaque",
+        "sum.glsl",
+        "sum",
+        "mean",
+        shows_transparent=True,
+    ),
+    "additive": BlendModeTraits(
+        "integral of opacity times scalar, which clim maps to 0 … 1, over opacity_unit_distance; grey and opaque",
+        "sum.glsl",
+        "sum",
+        "integral",
+        shows_transparent=True,
+    ),
+    "local-maximum": BlendModeTraits(
+        "colour and opacity of the largest scalar in the first interval not below threshold, else of the whole ray",
+        "local_maximum.glsl",
+        "stretch",
+        "colour of run",
+        threshold=True,
+    ),
+    "isosurface": BlendModeTraits(
+        "the surfaces of isosurfaces",
+        "composite.glsl",
+        skip="all",
+        surfaces="required",
+        lit=True,
+    ),
+}
+DEFAULT_BLENDING: Blending = "composite"
