@@ -6,6 +6,7 @@ from data.checks import check_source, refused
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.data import open_source
 from clusterviz.data.field import FIELDS, open_field
 
 
@@ -83,4 +84,4 @@ def test_x_y_and_z_are_where_they_belong() -> None:
     ],
 )
 def test_impossible_fields(spec: str, part: str) -> None:
-    refused(lambda: open_field(spec), part)
+    refused(lambda: open_source(spec), part)

@@ -33,7 +33,7 @@ def swap(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
 def without_first_chunk(content: bytes) -> bytes:
     """The first chunk has no bytes, not even its checksum, by its key in the tree of chunks: size, mask, place."""
     with h5py.File(io.BytesIO(content)) as file:
-        size = file["group/one"].id.get_chunk_info(0).size
+        size = file["density"].id.get_chunk_info(0).size
     return swap(struct.pack("<II4Q", size, *[0] * 5), bytes(40))(content)
 
 
@@ -75,7 +75,7 @@ FOUND: dict[str, tuple[str, Callable[[bytes], bytes], str]] = {
     ),
     "vti-no-blocks": (
         "vti-appended",
-        lambda content: content.replace(b">_\3\0\0\0\x64", b">_\3\0\0\0\0"),
+        lambda content: content.replace(b"_\3\0\0\0\x64", b"_\3\0\0\0\0"),
         "blocks without bytes",
     ),
     "hdf5-superblock": ("hdf5", put(40, b"\xff\xff\x77"), "damaged|truncated"),
