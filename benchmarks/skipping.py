@@ -2,7 +2,7 @@
 
 The same scenes drawn twice on one rank: as always, and with every group of cells of every brick called visible, so that
 each ray samples all of its slabs. The pictures' largest difference is printed beside the samples: what is skipped
-has no opacity at all, and places and sums are those of windows, wherever runs begin, so there is none.
+has no opacity at all, and places and sums are those of batches, wherever runs begin, so there is none.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> RenderResult:
 
 
 def measure(path: str, volume: dict[str, Any], size: int, device: Device) -> dict[str, Any]:
-    """One scene with and without leaping."""
+    """One scene with and without skipping."""
     source = open_source(path, None)
     plan, bricks = planned(path, source, (0.0, 1.0), size, {"volume": volume})
     skipping = drawn(plan, bricks, device)

@@ -9,7 +9,7 @@ int stretched(int k, int slabs) {
     return slabs;
 }
 
-int window_from(int k) {
+int batch_from(int k) {
     return k;
 }
 

@@ -48,7 +48,7 @@ const int GAP = -1, OUTSIDE = -2;
 // brick that a ray enters with slab k.
 int doublings_in(int words, int bit);
 int stretched(int k, int slabs);
-int window_from(int k);
+int batch_from(int k);
 
 ivec3 brick_begin; // first cell of the brick that was found last
 
@@ -91,7 +91,7 @@ Place on_lattice(Ray ray, int k, Place place) {
 
 // Origin of a batch by its first slab. Where rays enter the volume, rounding must not put the end of a slab beyond its face.
 int origin_of(int first) {
-    return first == 0 ? 0 : first + (slabs_in_window >> 1);
+    return first == 0 ? 0 : first + (slabs_in_batch >> 1);
 }
 
 int run_iterations; // iterations of loops that a run has counted
@@ -99,8 +99,8 @@ int run_iterations; // iterations of loops that a run has counted
 // Frame coherence (starts.glsl): the slab from which batches are counted in a brick that a ray reaches with slab k; the number of the next slabs
 // before a predicted start, by the opacities of the pixel and of the batch; the note that a batch, or a single slab, has reached an opacity with
 // slab k; and whether the ray has to be drawn again.
-int windows_from(int k);
-int up_to_start(int k, int slabs, float kept, float window);
+int batches_from(int k);
+int up_to_start(int k, int slabs, float kept, float batch);
 void note(int k, float opacity);
 bool is_late();
 
@@ -113,8 +113,8 @@ void add_run(inout Sum sum, vec4 run);
 bool is_done(Sum sum);
 
 // Put a batch behind the pixel, unless it is empty, which changes no bit.
-void put_behind(inout Sum sum, vec4 window) {
-    if (window.a > 0.0) add_run(sum, window);
+void put_behind(inout Sum sum, vec4 batch) {
+    if (batch.a > 0.0) add_run(sum, batch);
 }
 
 // March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
@@ -131,7 +131,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         }
         k = 1;
     }
-    vec4 window = vec4(0.0);
+    vec4 batch = vec4(0.0);
     ivec3 brick = ivec3(-1);
     int entered = 0, first = -1; // first slabs of the brick's batches, and of the current batch
     int until = last;
@@ -141,16 +141,16 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             place = place_of(ray, k, slab);
             if (brick_begin != brick) {
                 brick = brick_begin;
-                entered = windows_from(window_from(k));
+                entered = batches_from(batch_from(k));
             }
             if (place.brick != GAP) break;
             k = min(k + place.slabs, last);
-            if (k == last || (++iterations >= ITERATIONS && k - first >= slabs_in_window)) break;
+            if (k == last || (++iterations >= ITERATIONS && k - first >= slabs_in_batch)) break;
         }
-        int begin = entered + ((k - entered) & -slabs_in_window);
+        int begin = entered + ((k - entered) & -slabs_in_batch);
         if (begin != first) {
-            put_behind(sum, window);
-            window = vec4(0.0);
+            put_behind(sum, batch);
+            batch = vec4(0.0);
             first = begin;
             // A dispatch ends only with a batch; if it ends in a gap, the next one begins with the batch there.
             if (iterations >= ITERATIONS && k < last) until = k = begin;
@@ -158,17 +158,17 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         if (is_done(sum)) k = ray.slabs;
         else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again
         if (k >= until) break;
-        int slabs = stretched(k, min(min(place.slabs, first + slabs_in_window - k), last - k));
-        slabs = up_to_start(k, slabs, sum.high.a, window.a);
+        int slabs = stretched(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
+        slabs = up_to_start(k, slabs, sum.high.a, batch.a);
         run_iterations = 2;
         int origin = origin_of(first);
-        take_run(window, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
+        take_run(batch, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
         samples += uint(slabs >> doublings);
         if (is_late()) return;
         k += slabs;
         iterations += run_iterations;
     }
-    put_behind(sum, window);
+    put_behind(sum, batch);
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
         if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {

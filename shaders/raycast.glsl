@@ -13,7 +13,7 @@ vec4 buckets = frame.buckets;
 vec2 scalar = frame.scalar.xy;
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
-int slabs_in_window = frame.cells.w;
+int slabs_in_batch = frame.cells.w;
 
 #include <SHIFT>
 #include "ray.glsl"

@@ -83,22 +83,22 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     // Rounding must not put a ray's ends beyond the volume's faces, outside of all cells.
     double near = shift + 1e-6LF, far = past - 1e-6LF;
     int iterations = 0;
-    vec4 window = vec4(0.0);
+    vec4 batch = vec4(0.0);
     int first = 0; // first slab of the batch, in the brick that begins at `brick_begin`
     brick_begin = ivec3(-1);
     // A dispatch ends only with a batch, and at an integer.
-    while (s < end && !(iterations >= ITERATIONS && s >= double(first + slabs_in_window) && s == floor(s))) {
+    while (s < end && !(iterations >= ITERATIONS && s >= double(first + slabs_in_batch) && s == floor(s))) {
         dvec3 ends;
         ivec3 number = ivec3(brick_along(ray, 0, s, ends.x), brick_along(ray, 1, s, ends.y), brick_along(ray, 2, s, ends.z));
         double leave = min(end, min(ends.x, min(ends.y, ends.z)));
         ivec3 at = number - bricks_begin;
         iterations += 2;
         // A slab that is cut lies in several bricks; a ray starts in the first of them.
-        int begin = brick_begin == number * BRICK ? first : brick_begin.x < 0 ? windows_from(int(s)) : int(s);
-        int later = (int(s) - begin) & -slabs_in_window;
+        int begin = brick_begin == number * BRICK ? first : brick_begin.x < 0 ? batches_from(int(s)) : int(s);
+        int later = (int(s) - begin) & -slabs_in_batch;
         if (later > 0 || brick_begin != number * BRICK) {
-            put_behind(sum, window);
-            window = vec4(0.0);
+            put_behind(sum, batch);
+            batch = vec4(0.0);
             first = begin + later;
             brick_begin = number * BRICK;
             if (is_done(sum)) break;
@@ -123,14 +123,14 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         double counted_from = double(origin_of(first)) + 0.5LF;
         Place place = on_lattice(ray, origin_of(first), Place(start, ivec3(0), vec3(0.0), 0));
         Class front = class_at(scalar_at(start, place.cell, place.beyond + float(max(s, near) - counted_from) * slab));
-        int slabs = up_to_start(int(s), LONGEST_RUN, sum.high.a, window.a);
-        leave = min(leave, double(min(first + slabs_in_window, int(s) + slabs)));
+        int slabs = up_to_start(int(s), LONGEST_RUN, sum.high.a, batch.a);
+        leave = min(leave, double(min(first + slabs_in_batch, int(s) + slabs)));
         while (s < leave) {
             double to = min(floor(s) + 1.0LF, leave);
             Class back = class_at(scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab));
             vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
-            take_slab(window, front, back, frame.optics.x * float(to - s), place, beyond);
-            note(int(s), window.a);
+            take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
+            note(int(s), batch.a);
             front = back;
             s = to;
             ++samples;
@@ -138,7 +138,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         }
         if (is_late()) return;
     }
-    put_behind(sum, window);
+    put_behind(sum, batch);
     // If a dispatch ends in a gap, the next one begins with the batch there.
-    k = s < end && !is_done(sum) ? first + ((int(s) - first) & -slabs_in_window) : ray.slabs;
+    k = s < end && !is_done(sum) ? first + ((int(s) - first) & -slabs_in_batch) : ray.slabs;
 }

@@ -10,7 +10,7 @@ const int NOWHERE = 0x7fc00000; // bits of NaN
 const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // as in render/starts.py
 
 int started = NO_SLAB; // first slab of the ray, or its predicted start; then the slab from which its batches are counted there
-int windows_begin = 0, hit = NO_SLAB;
+int batches_begin = 0, hit = NO_SLAB;
 bool is_checked = false;
 float told = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
 
@@ -50,19 +50,19 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
         // If slabs of boxes in front were skipped, the first slab of this box is a start like any other.
         told = ESTIMATED;
         slab = started = start;
-        windows_begin = first_in_brick_of(ray, start, entry);
+        batches_begin = first_in_brick_of(ray, start, entry);
     }
 }
 
-int windows_from(int k) {
-    return k == started && !is_checked ? windows_begin : k;
+int batches_from(int k) {
+    return k == started && !is_checked ? batches_begin : k;
 }
 
-int up_to_start(int k, int slabs, float kept, float window) {
+int up_to_start(int k, int slabs, float kept, float batch) {
     if (told == NOT_YET) {
         if (k < started) return min(slabs, started - k);
-        told = kept + (1.0 - kept) * window;
-        before_start = window;
+        told = kept + (1.0 - kept) * batch;
+        before_start = batch;
     }
     return slabs;
 }

@@ -15,8 +15,8 @@ int stretched(int k, int slabs) {
 }
 
 // The ends of batches cut no stretch, with any bricks.
-int window_from(int k) {
-    return k & -slabs_in_window;
+int batch_from(int k) {
+    return k & -slabs_in_batch;
 }
 
 // Opacity of a sample that replaces several slabs, from that of one.

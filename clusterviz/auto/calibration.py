@@ -14,9 +14,22 @@ import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
-from clusterviz.plan.accuracy import COARSEST, SAFETY, VERIFIED_FINEST, Aim, Choice, choose, next_trial, verified
+from clusterviz.plan.accuracy import (
+    COARSEST,
+    SAFETY,
+    VERIFIED_FINEST,
+    Aim,
+    Choice,
+    Picked,
+    Probe,
+    choose,
+    next_trial,
+    pick_filter,
+    reduced,
+    verified,
+    why_exact,
+)
 from clusterviz.plan.estimate import Trial, difference, largest
-from clusterviz.plan.filter_and_pixel import Picked, Probe, pick_filter, reduced, why_exact
 from clusterviz.plan.plan import Filter
 from clusterviz.scene.values import Quality, Scene
 

@@ -17,8 +17,7 @@ from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.plan.accuracy import Aim, has_strayed, make_aim
-from clusterviz.plan.filter_and_pixel import Picked, pick_pixel
+from clusterviz.plan.accuracy import Aim, Picked, has_strayed, make_aim, pick_pixel
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene.diff import check_same_volume

@@ -28,7 +28,7 @@ from clusterviz.frame.work import DrawnFrame, RankWork
 from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
-from clusterviz.render.projection import finish_projection
+from clusterviz.render.render_result import finish_projection
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans

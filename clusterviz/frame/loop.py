@@ -30,7 +30,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import Bricks, Given, load_bricks, open_volumes
 from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
 from clusterviz.frame.work import DrawnFrame, RankWork
-from clusterviz.plan.changes import changed_settings
+from clusterviz.plan.plan import changed_settings
 from clusterviz.render.choice import on_cpu
 from clusterviz.report.decisions import Accuracy, Change
 from clusterviz.report.statistics import RankFrame

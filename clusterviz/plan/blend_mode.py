@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import FAR, in_units_of_clim
-from clusterviz.plan.grading import Grading
-from clusterviz.plan.shading import Shading
+from clusterviz.plan.shading import Grading, Shading
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Quality, Volume

@@ -1,8 +1,11 @@
-"""The domain of several volumes: the axis-aligned box around them, with cells of their smallest spacing.
+"""The domain of several volumes, and the voxels of each volume that a brick of the domain needs.
 
-Overlapping volumes are combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume.
-Rays, slabs, ownership and visibility order refer to the domain alone; `cut.py` finds the voxels of each volume that a
-brick of the domain needs.
+The domain is the axis-aligned box around the volumes, with cells of their smallest spacing. Overlapping volumes are
+combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume. Rays, slabs, ownership
+and visibility order refer to the domain alone.
+
+A volume's axes and spacing may differ from the domain's. The image of a brick in the volume's index space is a
+parallelepiped; the box around it, clipped to the volume, is read and stored for that brick.
 """
 
 from __future__ import annotations
@@ -12,9 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.grid import Grid, Triple
+from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 
 MOST_BRICKS = 1 << 20
@@ -75,3 +80,122 @@ def domain_layout(domain: Domain, brick: int) -> BrickLayout:
             allowed=f"{MOST_BRICKS} bricks; cluster.brick makes them larger",
         )
     return BrickLayout(domain.grid.shape_zyx, brick)
+
+
+Floats = NDArray[np.float64]
+SLACK = 1e-3
+"""Voxels beyond the image of a brick, more than the rounding of a float32 position inside it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Map from the bricks of a domain to boxes of one volume.
+
+    Attributes
+    ----------
+    layout : the domain's bricks
+    extent : cells of the domain along (x, y, z)
+    shape_zyx : samples of the volume
+    index_from_domain : float64 (3, 4), maps (x, y, z, 1) in cells of the domain to samples (x, y, z) of the volume
+    margin : samples beyond the corners of its cells that are read for a brick, on every side
+    reach : cells of the domain beyond its own in which a brick samples the volume, at the ends of its slabs
+    """
+
+    layout: BrickLayout
+    extent: tuple[float, float, float]
+    shape_zyx: Index
+    index_from_domain: Floats
+    margin: int = 0
+    reach: int = 0
+
+    @property
+    def most_cells_zyx(self) -> Index:
+        """Cells along each axis of the largest box of the cut."""
+        sides = np.minimum(self.layout.brick, np.array(self.layout.cells_zyx[::-1]))
+        lengths = np.abs(self.index_from_domain[:, :3]) @ (sides + 2.0 * self.reach) + 2 * SLACK
+        x, y, z = (min(max(1, n - 1), int(np.ceil(a)) + 1) for a, n in zip(lengths, self.shape_zyx[::-1], strict=True))
+        return z, y, x
+
+    def images(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
+        """Return boxes [low, high], float64 (…, 3), in samples (x, y, z): bounds of all samples for boxes of cells."""
+        matrix, offset = self.index_from_domain[:, :3], self.index_from_domain[:, 3]
+        begin, end = begin - self.reach, end + self.reach
+        least, most = np.minimum(matrix, 0), np.maximum(matrix, 0)
+        return begin @ most.T + end @ least.T + offset, begin @ least.T + end @ most.T + offset
+
+    def brick_edges(self) -> tuple[Floats, Floats]:
+        """Return begin and end of all bricks, float64 (bz, by, bx, 3), along (x, y, z) in the domain's cells."""
+        brick, (nz, ny, nx) = self.layout.brick, self.layout.counts_zyx
+        z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
+        begin = brick * np.stack([x, y, z], axis=-1).astype(np.float64)
+        return begin, np.minimum(begin + brick, self.extent)
+
+    def meets(self, low: Floats, high: Floats) -> NDArray[np.bool_]:
+        """Return the boxes [low, high] (…, 3) of samples that meet the volume; none if it is flat."""
+        last = np.array(self.shape_zyx[::-1]) - 1
+        return np.asarray(((high >= -SLACK) & (low <= last + SLACK)).all(axis=-1) & bool(min(self.shape_zyx) > 1))
+
+    def bricks_met(self) -> NDArray[np.bool_]:
+        """Return the bricks of the domain that meet the volume, bool (bz, by, bx)."""
+        return self.meets(*self.images(*self.brick_edges()))
+
+    def cell_box(self, index_zyx: Index) -> Box:
+        """Return the half-open box of the volume's cells that a brick, which must meet the volume, may sample."""
+        begin = self.layout.brick * np.array(index_zyx[::-1], np.float64)
+        low, high = self.images(begin, np.minimum(begin + self.layout.brick, self.extent))
+        cells = np.array(self.shape_zyx[::-1]) - 1
+        first = np.clip(np.floor(low - SLACK), 0, cells - 1).astype(int)
+        last = np.clip(np.ceil(high + SLACK), first + 1, cells).astype(int)
+        (x, y, z), (x_end, y_end, z_end) = first.tolist(), last.tolist()
+        return (z, y, x), (z_end, y_end, x_end)
+
+    def sample_box(self, index_zyx: Index) -> Box:
+        """Return the half-open box of samples of those cells and the margin, inside the volume."""
+        begin, end = self.cell_box(index_zyx)
+        low_z, low_y, low_x = (max(0, b - self.margin) for b in begin)
+        z, y, x = (min(n, e + 1 + self.margin) for e, n in zip(end, self.shape_zyx, strict=True))
+        return (low_z, low_y, low_x), (z, y, x)
+
+
+def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach: int = 0) -> Cut:
+    """Return the cut of a volume by the bricks of a domain."""
+    index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
+    offset = index_from_world @ (np.array(domain.origin) - np.array(grid.origin))
+    matrix = np.column_stack([index_from_world * domain.spacing, offset])
+    return Cut(layout, domain.extent, grid.shape_zyx, matrix, margin, reach)
+
+
+def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> Floats:
+    """Return the cost of the volume in each brick of the domain, float64 (bz, by, bx): cells, as in `brick_cost`.
+
+    Parameters
+    ----------
+    own : bricks of the volume itself
+    hidden : bool (bz, by, bx) of these, True if hidden
+
+    Returns
+    -------
+    cost : 0 where everything that a brick may sample is hidden
+    """
+    begin, end = cut.brick_edges()
+    low, high = cut.images(begin, end)
+    meets = cut.meets(low, high)
+    last = np.array(cut.shape_zyx[::-1]) - 1.0
+    first_brick = np.clip(np.floor((low - SLACK) / own.brick), 0, np.array(own.counts_zyx[::-1]) - 1).astype(int)
+    last_brick = np.clip(np.floor((high + SLACK) / own.brick), 0, np.array(own.counts_zyx[::-1]) - 1).astype(int)
+    shown = count_in_boxes(~hidden, first_brick[..., ::-1], last_brick[..., ::-1] + 1) > 0
+    inside = np.clip(np.minimum(high, last) - np.maximum(low, 0), 0, None) / np.maximum(high - low, 1e-300)
+    # A brick that just touches the volume costs something.
+    share = np.maximum(inside.prod(axis=-1), 1 / 64)
+    return np.where(meets & shown, share * (end - begin).clip(0).prod(axis=-1).clip(1), 0.0)
+
+
+def count_in_boxes(flags: NDArray[np.bool_], begin: NDArray[np.int_], end: NDArray[np.int_]) -> NDArray[np.int64]:
+    """Count the flags (z, y, x) set in half-open boxes (…, 3), (z, y, x), by a summed-volume table."""
+    sums = np.zeros(np.array(flags.shape) + 1, np.int64)
+    sums[1:, 1:, 1:] = flags.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    found = np.zeros(begin.shape[:-1], np.int64)
+    for corner in np.ndindex(2, 2, 2):
+        z, y, x = np.moveaxis(np.where(corner, end, begin), -1, 0)
+        found += (-1) ** (3 - sum(corner)) * sums[z, y, x]
+    return found

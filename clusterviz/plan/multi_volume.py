@@ -23,15 +23,12 @@ from clusterviz.plan.blend_mode import (
     reach_of,
     spread_of,
 )
-from clusterviz.plan.clip import clip_planes
-from clusterviz.plan.cut import Cut, make_cut, samples_in_bricks
-from clusterviz.plan.domain import Domain, domain_layout, make_domain
+from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.grading import make_grading
 from clusterviz.plan.preintegration import make_preintegrated
-from clusterviz.plan.ray_sampling import slab_units
+from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
-from clusterviz.plan.shading import make_shading
+from clusterviz.plan.shading import make_grading, make_shading
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene, Volume

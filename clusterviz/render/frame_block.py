@@ -1,4 +1,8 @@
-"""Constants of one draw: a NumPy record with the layout of the shader's block `frame`."""
+"""Constants of one draw: a NumPy record with the layout of the shader's block `frame`.
+
+Both ray casters cut rays into batches, slabs whose positions and sum are computed together, so that empty-space
+skipping changes no bit of a picture (docs/concepts/accuracy.md).
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,9 @@ from numpy.typing import NDArray
 from clusterviz.gl.layout import glsl_block
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox
+from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
-from clusterviz.render.batches import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 from clusterviz.render.storage import Slot
 
 FRAME = np.dtype(
@@ -38,7 +42,7 @@ FRAME = np.dtype(
 )
 ASK = 2
 ONLY = 2
-LONGEST_WINDOW = 64  # slabs
+LONGEST_BATCH = 64  # slabs
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
@@ -53,7 +57,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
         record[member][0, :3] = getattr(view, member)
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *plan.extent, plan.march.step_world
-    record["cells"] = *layout.cells_zyx[::-1], _window(plan)
+    record["cells"] = *layout.cells_zyx[::-1], _batch(plan)
     begin, end = layout.cells_of(box.begin_zyx, box.end_zyx)
     record["box_begin"][0, :3], record["box_end"][0, :3] = begin[::-1], end[::-1]
     begin, end = layout.unit_box(box.begin_zyx, box.end_zyx)
@@ -70,7 +74,23 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     return record
 
 
-def _window(plan: Plan) -> int:
+def _batch(plan: Plan) -> int:
     """Return the slabs of a batch; positions are counted from its middle, which should lie in its brick."""
-    widest = min(2.0 * plan.layout.brick, WIDEST_WINDOW)
-    return slabs_in_window(widest / voxels_a_slab(plan), LONGEST_WINDOW)
+    widest = min(2.0 * plan.layout.brick, WIDEST_BATCH)
+    return slabs_in_batch(widest / voxels_a_slab(plan), LONGEST_BATCH)
+
+
+WIDEST_BATCH = 128.0
+"""Most voxels of a batch, as positions in it are float32."""
+
+
+def slabs_in_batch(most: float, longest: int) -> int:
+    """Return the slabs of a batch: the largest power of two up to `most` and `longest`, and at least 1."""
+    return 1 << int(np.log2(np.clip(most, 1, longest)))
+
+
+def voxels_a_slab(plan: Plan, cut: Cut | None = None) -> float:
+    """Return an upper bound on the voxels of a slab in any direction; with a cut, voxels of its volume."""
+    axes = np.array([plan.view.right, plan.view.up, plan.view.forward])
+    voxels = plan.march.step_world * float(np.sqrt((axes**2).sum()))
+    return voxels if cut is None else voxels * float(np.linalg.norm(cut.index_from_domain[:, :3]))

@@ -7,7 +7,7 @@ extremes of each volume over the groups of voxels that meet the image of the gro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
@@ -15,13 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.plan.cut import SLACK, Cut
+from clusterviz.data.source import Index
+from clusterviz.plan.domain import SLACK, Cut
 from clusterviz.plan.multi_volume import MultiVolume, MultiVolumeBrick, VolumeLayer
-from clusterviz.render.empty_space import Ranges, group_ranges
+from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, HEADER_WORDS, Slot
-from clusterviz.render.stored_brick import Stored
+from clusterviz.render.stored_brick import Ranges, Stored, group_ranges, store
 
 Words = NDArray[np.uint32]
+
+
+def store_as(plan: Plan, slot: Slot) -> Callable[[Index, Any], Stored]:
+    """Return the function that encodes a brick for a plan: its samples (z, y, x), or its `MultiVolumeBrick`."""
+    multi_volume, encoding = plan.multi_volume, plan.encoding
+    if multi_volume is None:
+        return lambda index, voxels: store(voxels, encoding, slot.at(index))
+    return lambda _, portions: store_multi_volume(portions, multi_volume, slot)
 
 
 def store_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Stored:

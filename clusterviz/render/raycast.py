@@ -1,16 +1,19 @@
 """Single-pass ray casting of one rank's bricks in OpenGL.
 
+With early ray termination, bricks are divided into layers from front to back, so that opaque layers hide those behind
+them.
+
 References
 ----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 3.3.1 and
-5.3.3.
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 3.3.1,
+3.3.2 (early ray termination, here for whole bricks) and 5.3.3.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from operator import length_hint
 from time import perf_counter
 from typing import Any
@@ -19,23 +22,18 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
-from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
-from clusterviz.render.brick_atlas import capacity
-from clusterviz.render.coherence.last_frame import LastFrame
-from clusterviz.render.coherence.reprojection import prepare_reprojection
-from clusterviz.render.dispatch import Buffers, March
-from clusterviz.render.frame_block import ONLY, frame_block
-from clusterviz.render.layers import layers_of
-from clusterviz.render.multi_volume_bricks import store_multi_volume
-from clusterviz.render.pool import BrickPool
+from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.frame_block import ASK, ONLY, frame_block
+from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
+from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import SQUARE, TELL_SECONDS, PartOf, RenderResult, Tell, footprint, untold
-from clusterviz.render.starts import BINDING, Starts, starts_block
 from clusterviz.render.storage import slot_of
-from clusterviz.render.stored_brick import store
 from clusterviz.render.variant import Variant, variant_of
 from clusterviz.render.volume_layers import joined_segments, multi_volume_blocks, multi_volume_tables
 
@@ -112,14 +110,10 @@ class Raycaster:
         """
         if bricks:
             self._last_frame.forget()
-        if plan.multi_volume is None:
-            # With early ray termination, a brick is uploaded only if a ray reaches it.
-            later = plan.march.residual > 0 and plan.blend_mode.operator == "over"
-            put = self.pool.put_later if later else self.pool.put
-            put(bricks, lambda _, voxels: store(voxels, plan.encoding, self.slot))
-        else:
-            multi_volume = plan.multi_volume
-            self.pool.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, self.slot))
+        # With early ray termination, a brick of one volume is uploaded only if a ray reaches it.
+        later = plan.march.residual > 0 and plan.blend_mode.operator == "over" and plan.multi_volume is None
+        put = self.pool.put_later if later else self.pool.put
+        put(bricks, store_as(plan, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
@@ -314,3 +308,109 @@ def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)
     return data
+
+
+MOST_LAYERS = 64
+LEAST_BRICKS = 2
+"""Least bricks of a layer; each layer costs a test of all rays."""
+
+
+def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
+    """Return the visible bricks of a piece in disjoint boxes, from front to back.
+
+    There is only one layer if no ray ends early, or if the piece is a rectangle of the screen that shares its bricks
+    with others.
+    """
+    members = piece.members(plan.cost > 0)
+    count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
+    if count < 2 or not plan.march.residual or plan.blend_mode.operator != "over" or piece.rect is not None:
+        return [piece] if len(members) else []
+    box = bounding_box(members)
+    present = np.zeros(box.shape_zyx)
+    present[tuple((members - box.begin_zyx).T)] = 1.0
+    tree = build_tree(present, count)
+    order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
+    found = [np.argwhere(present[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
+    return [_piece(piece, bricks + box.begin_zyx) for bricks in found if len(bricks)]
+
+
+def _piece(whole: Piece, bricks: NDArray[np.int64]) -> Piece:
+    box = bounding_box(bricks)
+    own = np.zeros(box.shape_zyx, bool)
+    own[tuple((bricks - box.begin_zyx).T)] = True
+    return Piece(whole.rank, box, own)
+
+
+class Buffers:
+    """Buffers and textures that live for one draw or one piece."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._made: list[moderngl.Buffer | moderngl.Texture] = []
+
+    def bind(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
+        buffer = self.make(data)
+        buffer.bind_to_storage_buffer(binding)
+        return buffer
+
+    def reserve(self, binding: int, size: int) -> moderngl.Buffer:
+        buffer = self._context.buffer(reserve=size)
+        buffer.bind_to_storage_buffer(binding)
+        self._made.append(buffer)
+        return buffer
+
+    def make(self, data: NDArray[Any]) -> moderngl.Buffer:
+        buffer = self._context.buffer(data.tobytes())
+        self._made.append(buffer)
+        return buffer
+
+    def table(self, texels: NDArray[np.float32]) -> moderngl.Texture:
+        """Return a texture of float32 (h, w, 4)."""
+        texture = self._context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._made.append(texture)
+        return texture
+
+    def __enter__(self) -> Buffers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for buffer in self._made:
+            buffer.release()
+
+
+@dataclass(frozen=True)
+class March:
+    """Dispatches for the pixels of a piece.
+
+    Attributes
+    ----------
+    context, program, buffers : those of the caster
+    progress : buffer with the progress of each pixel, bound
+    groups : number of work groups in x and y
+    """
+
+    context: moderngl.Context
+    program: moderngl.ComputeShader
+    buffers: Buffers
+    progress: moderngl.Buffer
+    groups: tuple[int, int]
+
+    def through(self, block: NDArray[np.void]) -> None:
+        """Dispatch until all rays are done; rays of more than some thousand slabs take several dispatches."""
+        block["first_dispatch"] = 1
+        while self._dispatch(block):
+            block["first_dispatch"] = 0
+
+    def reaches(self, block: NDArray[np.void]) -> bool:
+        """Return True if any ray that meets the block's box has not ended in front of it."""
+        block["first_dispatch"] = ASK
+        return self._dispatch(block)
+
+    def _dispatch(self, block: NDArray[np.void]) -> bool:
+        """Run the program once; return True if a ray is not done."""
+        self.buffers.make(block).bind_to_uniform_block(0)
+        self.progress.write(b"\0\0\0\0")
+        run_compute(self.program, self.groups)
+        self.context.memory_barrier()
+        return bool(np.frombuffer(self.progress.read(4), np.uint32)[0])

@@ -1,4 +1,15 @@
-"""Encoded brick, with the ranges of its groups of cells, as ray casters load it and ranks send it."""
+"""Encoded brick with what is known of its groups of cells, as ray casters load it and ranks send it.
+
+Empty-space skipping leaves out groups that contribute nothing. A group is skipped only if the blend mode hides the
+whole range of its samples, including those on its far faces: with most blend modes, if the transfer function is fully
+transparent there. So only zeros are left out, and pictures are the same. The ranges depend on the voxels alone and are
+kept, so a new transfer function does not need the voxels. For the adaptive step, steepness and bend of the field in a
+group give the length of its slabs.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 3.3.2.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.empty_space import group_ranges
-from clusterviz.render.field_curvature import group_curvature
-from clusterviz.render.storage import Slot, slot_of
+from clusterviz.render.storage import GROUP, Slot, slot_of
+from clusterviz.scene.transfer import TransferFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,3 +60,156 @@ def stamp_of(plan: Plan) -> int:
     # Integers are stored unchanged, with any encoding.
     stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings]
     return zlib.crc32(repr(stored).encode())
+
+
+Ranges = tuple[NDArray[Any], NDArray[Any]]
+
+
+def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
+    """Return the smallest and largest finite sample of each group of cells of a brick.
+
+    Parameters
+    ----------
+    voxels : (z, y, x), the brick's samples, including the slot's margin; may be smaller than the slot
+
+    Returns
+    -------
+    low, high : of the voxels' dtype, `slot.groups_zyx`; a group without a finite sample has low > high or NaN
+    """
+    if voxels.dtype.kind == "f":
+        voxels = np.where(np.isfinite(voxels), voxels, np.nan)
+    return _reduced(voxels, slot, np.fmin), _reduced(voxels, slot, np.fmax)
+
+
+def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
+    """Return the groups in which something may be visible.
+
+    Parameters
+    ----------
+    ranges : low and high of n bricks, each (n, gz, gy, gx); of several volumes (n, volumes, gz, gy, gx)
+
+    Returns
+    -------
+    visible : bool (n, gz, gy, gx)
+    """
+    low, high = ranges
+    if plan.multi_volume is None:
+        return _visible(low, high, plan.blend_mode, plan.transfer)
+    each = enumerate(plan.multi_volume.volume_layers)
+    visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
+    return np.asarray(np.any(visible, axis=0))
+
+
+def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
+    """Return one bit for each group; 1 if something may be visible.
+
+    Parameters
+    ----------
+    ranges : low and high of n bricks, each (n, *slot.groups_zyx); of several volumes (n, volumes, *slot.groups_zyx)
+
+    Returns
+    -------
+    words : uint32 (n, slot.visibility_words), x fastest, the lowest bit first
+    """
+    return packed_bits(visible_groups(ranges, plan), slot)
+
+
+def packed_bits(flags: NDArray[np.bool_], slot: Slot) -> NDArray[np.uint32]:
+    """Pack flags of the groups of n bricks, (n, *slot.groups_zyx), as `visibility_bits` does."""
+    groups = flags.reshape(len(flags), -1)
+    bits = np.zeros((len(groups), 32 * slot.visibility_words), np.uint8)
+    bits[:, : groups.shape[1]] = groups
+    return np.packbits(bits, axis=1, bitorder="little").view("<u4")
+
+
+def _visible(
+    low: NDArray[Any], high: NDArray[Any], blend_mode: BlendMode, transfer: TransferFunction
+) -> NDArray[np.bool_]:
+    low, high = low.astype(np.float64), high.astype(np.float64)
+    # Ranges are widened by more than the rounding of the shader's float32.
+    margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
+    known = ~(np.isnan(low) | np.isnan(high))
+    return np.asarray(known & ~blend_mode.hides(transfer, low - margin, high + margin))
+
+
+def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
+    """Reduce groups of GROUP cells, with GROUP + 1 samples and those of the kernel, along each axis in turn."""
+    for axis, groups in enumerate(slot.groups_zyx):
+        first, end = slot.margin, slot.margin + groups * GROUP
+        samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.spread]
+        short = end + 1 + slot.spread - len(samples)
+        if short > 0:
+            samples = np.concatenate([samples, np.repeat(samples[-1:], short, axis=0)])
+        found = pick.reduce(samples[first:end].reshape(groups, GROUP, *samples.shape[1:]), axis=1)
+        for beside in (*range(-slot.spread, 0), *range(GROUP, GROUP + 1 + slot.spread)):
+            found = pick(found, samples[first + beside : end + beside : GROUP])
+        voxels = np.moveaxis(found, 0, axis)
+    return voxels
+
+
+def group_curvature(voxels: NDArray[Any], slot: Slot) -> NDArray[np.float32]:
+    """Return steepness and bend of the field in each group of cells of a brick.
+
+    Parameters
+    ----------
+    voxels : as in `group_ranges`
+
+    Returns
+    -------
+    bends : float32, (2, *slot.groups_zyx), in data values; NaN where a sample has none. First the largest change of the
+        field over a voxel's length; then the largest second difference of samples, along an axis or mixed. Those along
+        an axis count inside the group, where a line through it has a kink, not on its faces.
+    """
+    z, y, x = (slice(slot.margin, slot.margin + cells + 1) for cells in slot.cells_zyx)
+    inside = voxels[z, y, x].astype(np.float32)
+    worst = np.zeros(np.subtract(inside.shape, 1), np.float32)
+    squares = np.zeros_like(_grouped(worst))
+    for axis, others in enumerate(((1, 2), (0, 2), (0, 1))):
+        steps = np.diff(inside, axis=axis)
+        squares += _grouped(_beside(_beside(np.abs(steps), others[0]), others[1])) ** 2
+        kinks = np.moveaxis(np.abs(np.diff(steps, axis=axis, prepend=np.float32(0))), axis, 0)
+        kinks[::GROUP] = 0
+        worst = np.maximum(worst, _beside(_beside(np.moveaxis(kinks, 0, axis), others[0]), others[1]))
+        worst = np.maximum(worst, _beside(np.abs(np.diff(np.diff(inside, axis=others[0]), axis=others[1])), axis))
+    found = np.stack([np.sqrt(squares), _grouped(worst)])
+    missing = np.subtract(slot.groups_zyx, found.shape[1:])
+    return np.pad(found, [(0, 0), *((0, int(n)) for n in missing)])
+
+
+def _grouped(cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the largest value of each group of cells."""
+    padded = np.pad(cells, [(0, -n % GROUP) for n in cells.shape])
+    found: NDArray[np.float32] = padded.reshape([n for side in padded.shape for n in (side // GROUP, GROUP)]).max(
+        (1, 3, 5)
+    )
+    return found
+
+
+def _beside(values: NDArray[Any], axis: int) -> NDArray[Any]:
+    """Return the larger of neighbours along an axis: from samples to cells."""
+    values = np.moveaxis(values, axis, 0)
+    return np.moveaxis(np.maximum(values[:-1], values[1:]), 0, axis)
+
+
+def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> NDArray[np.uint8]:
+    """Return how often the slabs of groups are doubled, (n, *slot.groups_zyx).
+
+    Parameters
+    ----------
+    ranges : low and high of n bricks, each (n, *slot.groups_zyx)
+    bends : results of `group_curvature`, (n, 2, *slot.groups_zyx)
+    """
+    assert plan.march.stretching is not None, "nothing is stretched"
+    known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
+    return plan.march.stretching.doublings(plan.transfer, *known).reshape(ranges[0].shape)
+
+
+def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
+    """Return two bits for each group, its doublings: uint32 (n, 2 * slot.visibility_words), low bits first.
+
+    Parameters
+    ----------
+    ranges, bends : as in `group_doublings`
+    """
+    doublings = group_doublings(ranges, bends, plan)
+    return np.concatenate([packed_bits((doublings >> bit & 1).astype(bool), slot) for bit in (0, 1)], axis=1)

@@ -10,15 +10,23 @@ from dataclasses import dataclass
 
 from clusterviz.gl.layout import glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
-from clusterviz.plan.grading import Table
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
+from clusterviz.plan.shading import Table
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
-from clusterviz.render.starts import STARTS_BLOCK
+from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
-from clusterviz.render.volume_layers import VolumeVariant, multi_volume_files, volume_variants
+from clusterviz.render.volume_layers import (
+    VolumeVariant,
+    cell_file,
+    field_file,
+    gradient_file,
+    multi_volume_files,
+    spline_file,
+    volume_variants,
+    voxel_file,
+)
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 
 PART_BYTES = 16  # a vec4

@@ -1,4 +1,4 @@
-"""Several volumes in the shader: the files that sample each, its constants, and its block.
+"""Shader files that sample a volume; of several volumes the files, constants and block, too.
 
 A shader file handles one volume. For several, the files that sample a volume are included once for each, without a
 loop, and every name that belongs to one volume is a macro that ends in its number.
@@ -15,13 +15,42 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode
-from clusterviz.plan.grading import Table
 from clusterviz.plan.multi_volume import MultiVolume
 from clusterviz.plan.plan import Filter
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
-from clusterviz.render.sampling import cell_file, field_file, gradient_file, spline_file, voxel_file
+from clusterviz.plan.shading import Table
 from clusterviz.render.storage import Slot
+
+
+def voxel_file(slot: Slot) -> str:
+    """Return the file that fetches voxels."""
+    return "atlas.glsl" if slot.textured else f"voxel_{slot.kind}.glsl"
+
+
+def field_file(filter: Filter, slot: Slot) -> str:
+    """Return the file that interpolates between them."""
+    return "linear_u8.glsl" if (filter, slot.kind) == ("linear", "u8") else f"{filter.replace('-', '_')}.glsl"
+
+
+def cell_file(filter: Filter) -> str:
+    """Return the file of the cells in which the field is one polynomial."""
+    kernel = {"hardware": "linear", "cubic-hardware": "cubic"}.get(filter, filter)
+    return f"cell_{kernel}.glsl"
+
+
+def gradient_file(filter: Filter, smooth: bool) -> str:
+    """Return the file of the gradient; a smooth one is that of cubic B-splines, with any interpolation."""
+    if smooth:
+        return "gradient_cubic.glsl"
+    files = {"linear": "gradient.glsl", "nearest": "gradient_nearest.glsl", "hardware": "gradient_differences.glsl"}
+    return files.get(filter, "gradient_cubic.glsl")
+
+
+def spline_file(filter: Filter, gradient: str) -> str:
+    """Return the file of cubic B-splines, or a comment if neither the field nor its gradient needs it."""
+    return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
+
 
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 TABLES_BINDING = 1  # the first volume's texture

@@ -20,7 +20,7 @@ from clusterviz.frame import FrameLoop, Rendered, Run
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import open_volumes
 from clusterviz.image import compare
-from clusterviz.plan.filter_and_pixel import Picked
+from clusterviz.plan.accuracy import Picked
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene.complete import complete_scene
 

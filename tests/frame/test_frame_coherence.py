@@ -16,8 +16,8 @@ from distribution.test_dynamic import at_random, moving, so_far
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
+from clusterviz.render import frame_coherence
 from clusterviz.render.choice import Device
-from clusterviz.render.coherence import last_frame
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import orbit
 from clusterviz.scene.settings import with_settings
@@ -186,7 +186,7 @@ def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch, d
     def amid(views: Any, rects: Any, box: Any, alike: float, hits: Any, starts: Any) -> None:
         starts[starts > 0.0] = np.float32(np.linalg.norm(scenes[0].camera.position))
 
-    monkeypatch.setattr(last_frame, "reproject", amid)
+    monkeypatch.setattr(frame_coherence, "reproject", amid)
     found, plain = draw_all(scenes, LoopbackChannel(), device)[1], without(scenes, device)[1]
     assert found.image is not None
     assert plain.image is not None
@@ -204,7 +204,9 @@ def test_rays_that_are_checked_tell_what_the_others_miss(
     plain = without(scenes, device)[1]
     drawn = []
     for check in (np.ones, np.zeros):
-        monkeypatch.setattr(last_frame.LastFrame, "_drawn_at_random", lambda *a, check=check: check(a[-1], np.bool_))
+        monkeypatch.setattr(
+            frame_coherence.LastFrame, "_drawn_at_random", lambda *a, check=check: check(a[-1], np.bool_)
+        )
         drawn.append(draw_all(scenes, LoopbackChannel(), device)[1])
     checked, others = drawn
     assert rays(checked, "estimated") == rays(others, "checked") == 0

@@ -10,7 +10,7 @@ import pytest
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.plan.blend_mode import step_of
-from clusterviz.plan.changes import changed_settings
+from clusterviz.plan.plan import changed_settings
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.settings import with_settings
 

@@ -8,8 +8,7 @@ import pytest
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
-from clusterviz.plan.cut import Cut, count_in_boxes, make_cut, samples_in_bricks
-from clusterviz.plan.domain import domain_layout, make_domain
+from clusterviz.plan.domain import Cut, count_in_boxes, domain_layout, make_cut, make_domain, samples_in_bricks
 
 OTHER = Grid((9, 12, 7), (1.0, 1.0, 1.0), (-3.0, 2.0, 1.0))
 GRIDS = {

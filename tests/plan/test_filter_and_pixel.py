@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from clusterviz.plan.accuracy import Aim, Choice
+from clusterviz.plan.accuracy import Aim, Choice, Picked, Probe, pick_filter, pick_pixel, reduced, why_exact
 from clusterviz.plan.estimate import Trial
-from clusterviz.plan.filter_and_pixel import Picked, Probe, pick_filter, pick_pixel, reduced, why_exact
 
 AIM = Aim(0.01, 10_000, ("post",))
 EXACT = Choice(Trial("post", 2.0), 0.009)

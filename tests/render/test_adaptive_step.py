@@ -13,8 +13,8 @@ from clusterviz.frame import Options, Rendered, render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.render.choice import Device
-from clusterviz.render.field_curvature import group_curvature
 from clusterviz.render.storage import Slot
+from clusterviz.render.stored_brick import group_curvature
 from clusterviz.scene import Scene, scene_of_data
 
 FIELD = "field:gaussian:49"

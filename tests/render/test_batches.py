@@ -16,9 +16,8 @@ from clusterviz.data.grid import Grid
 from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render import brick_atlas
-from clusterviz.render.projection import finish_projection
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.render_result import RenderResult
+from clusterviz.render.render_result import RenderResult, finish_projection
 from clusterviz.render.storage import Slot
 from clusterviz.scene.values import Cluster
 

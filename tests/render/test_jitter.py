@@ -16,7 +16,7 @@ from render.test_shading import LIT, smooth
 from clusterviz.data.grid import Grid
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import pixel_shifts
-from clusterviz.render.projection import finish_projection
+from clusterviz.render.render_result import finish_projection
 from clusterviz.scene.values import Quality
 
 pytestmark = pytest.mark.gl

@@ -15,8 +15,7 @@ from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import raycast
-from clusterviz.render.layers import MOST_LAYERS, layers_of
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.raycast import MOST_LAYERS, Raycaster, layers_of
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
 

@@ -18,7 +18,7 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over, render_reference
-from clusterviz.render import empty_space
+from clusterviz.render import stored_brick
 from clusterviz.render.raycast import Raycaster
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
@@ -235,7 +235,7 @@ def test_what_is_skipped_shows_nothing(
     )
     scene = scene_of(parts, brick=32, quality={"classification": classification})
     skipping, fewer = drawn(context, scene, parts)
-    monkeypatch.setattr(empty_space, "_visible", lambda low, high, look, transfer: np.ones(low.shape, bool))
+    monkeypatch.setattr(stored_brick, "_visible", lambda low, high, look, transfer: np.ones(low.shape, bool))
     every, samples = drawn(context, scene, parts)
     assert np.array_equal(skipping, every)
     assert fewer < samples / 2

@@ -15,7 +15,7 @@ from clusterviz.data.grid import Grid
 from clusterviz.image.merge import merge_partials
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import render_reference
-from clusterviz.render.projection import finish_projection
+from clusterviz.render.render_result import finish_projection
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.values import Scene
 

@@ -27,7 +27,6 @@ from clusterviz.image.partial import PartialImage, blank
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
-from clusterviz.render.coherence.last_frame import LastFrame, depth_of
 from clusterviz.render.cpu.job_of_plan import domain_tables, hand_over, job_of, tables_of
 from clusterviz.render.cpu.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.cpu.machine_code import compiled
@@ -39,12 +38,11 @@ from clusterviz.render.cpu.multi_volume_job import VolumeJobs, volume_jobs
 from clusterviz.render.cpu.multi_volume_memory import MixedMemory
 from clusterviz.render.cpu.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
-from clusterviz.render.empty_space import visible_groups
-from clusterviz.render.field_curvature import group_doublings
-from clusterviz.render.multi_volume_bricks import store_multi_volume
+from clusterviz.render.frame_coherence import LastFrame, depth_of
+from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import SQUARE, TELL_SECONDS, PartOf, RenderResult, Tell, footprint, untold
 from clusterviz.render.storage import slot_of
-from clusterviz.render.stored_brick import store
+from clusterviz.render.stored_brick import group_doublings, visible_groups
 from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
@@ -117,7 +115,7 @@ class VectorCaster:
         self._kernel = self._kernel_of(plan)
         compiled(self._kernel)
         if self._kernel.frame_coherence:
-            from clusterviz.render.coherence.reprojection import prepare_reprojection
+            from clusterviz.render.frame_coherence import prepare_reprojection
 
             prepare_reprojection()
 
@@ -131,11 +129,7 @@ class VectorCaster:
         self._skips = {}
         if bricks:
             self._last_frame.forget()
-        multi_volume = plan.multi_volume
-        if multi_volume is None:
-            self.pool.put(bricks, lambda index, voxels: store(voxels, plan.encoding, self.slot.at(index)))
-        else:
-            self.pool.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, self.slot))
+        self.pool.put(bricks, store_as(plan, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""

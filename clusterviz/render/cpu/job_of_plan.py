@@ -12,17 +12,16 @@ from clusterviz.partition import BrickBox
 from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import Segments
-from clusterviz.render.batches import WIDEST_WINDOW, slabs_in_window, voxels_a_slab
 from clusterviz.render.cpu.job import JOB
 from clusterviz.render.cpu.marching.empty_space import FARTHEST
 from clusterviz.render.cpu.marching.tile import TILE
 from clusterviz.render.cpu.memory import Numbers
 from clusterviz.render.cpu.transfer.classify import bucket_rows, colour_rows
 from clusterviz.render.cpu.transfer.pieces import Pieces
-from clusterviz.render.frame_block import frame_block
+from clusterviz.render.frame_block import WIDEST_BATCH, frame_block, slabs_in_batch, voxels_a_slab
 from clusterviz.render.storage import GROUP, Slot
 
-LONGEST_WINDOW = 32  # slabs
+LONGEST_BATCH = 32  # slabs
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, from which voxels are asked for ahead
 ROUNDED = 5e-7  # share of a length that a few operations of float32 may lose
@@ -140,10 +139,10 @@ def _window(plan: Plan, slot: Slot) -> int:
     if plan.multi_volume is not None:
         parts = zip(slot.parts, plan.multi_volume.volume_layers, strict=True)
         voxels = [(room, voxels_a_slab(plan, part.cut)) for room, part in parts]
-    return slabs_in_window(min(farthest(room) / a_slab for room, a_slab in voxels), LONGEST_WINDOW)
+    return slabs_in_batch(min(farthest(room) / a_slab for room, a_slab in voxels), LONGEST_BATCH)
 
 
 def farthest(slot: Slot) -> float:
     """Voxels of a window, at most."""
     _, y, x = slot.samples_zyx
-    return float(min(EXACT / (x * y + x + 1) - 2, WIDEST_WINDOW))
+    return float(min(EXACT / (x * y + x + 1) - 2, WIDEST_BATCH))

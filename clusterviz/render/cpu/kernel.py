@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.encoding import VoxelKind
-from clusterviz.plan.grading import Table as TableHolds
 from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Filter, Plan
+from clusterviz.plan.shading import Table as TableHolds
 from clusterviz.render.cpu.transfer.pieces import CAPACITIES, MOST, Pieces
 from clusterviz.scene.blend_modes import Blending
 

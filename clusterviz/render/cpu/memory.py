@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.render.cpu.slots import Slots, Taken
-from clusterviz.render.empty_space import Ranges
 from clusterviz.render.storage import STORED_TYPE, Slot
-from clusterviz.render.stored_brick import Stored
+from clusterviz.render.stored_brick import Ranges, Stored
 
 Index = tuple[int, int, int]
 T = TypeVar("T")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
-from clusterviz.render.batches import voxels_a_slab
 from clusterviz.render.cpu.job import JOB
 from clusterviz.render.cpu.job_of_plan import (
     Tables,
@@ -24,6 +23,7 @@ from clusterviz.render.cpu.job_of_plan import (
 )
 from clusterviz.render.cpu.multi_volume_memory import Numbered
 from clusterviz.render.cpu.transfer.pieces import Pieces
+from clusterviz.render.frame_block import voxels_a_slab
 from clusterviz.render.storage import Slot
 
 

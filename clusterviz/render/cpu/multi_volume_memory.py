@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.render.cpu.memory import Memory, Numbers
-from clusterviz.render.empty_space import Ranges
 from clusterviz.render.multi_volume_bricks import Part, pack_parts, parts_of
 from clusterviz.render.storage import Slot
-from clusterviz.render.stored_brick import Stored
+from clusterviz.render.stored_brick import Ranges, Stored
 
 Index = tuple[int, int, int]
 T = TypeVar("T")

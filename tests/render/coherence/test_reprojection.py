@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from clusterviz.data.grid import Grid
 from clusterviz.image.region import Rect
 from clusterviz.plan.view import View, make_view
-from clusterviz.render.coherence.reprojection import Box, is_coherent, project, rays_of, reproject
+from clusterviz.render.frame_coherence import Box, is_coherent, project, rays_of, reproject
 from clusterviz.scene.values import Camera
 
 GRID = Grid((41, 41, 41))
