@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from clusterviz.composite.footprints import Footprint, Footprints
-from clusterviz.composite.model.choice import HANDICAPS, Choice, Request, choose
+from clusterviz.composite.model.choice import HANDICAPS, Request, choose
 from clusterviz.composite.model.network import Network, open_network, shipped_networks
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES
 from clusterviz.composite.simulation.cubes import cube_footprints
@@ -20,6 +20,8 @@ from clusterviz.image.region import EMPTY, Rect
 AUTO = Request("auto", "auto", "auto")
 MESSAGES = Request("auto", "messages", "raw")
 HD = Rect(0, 0, 1920, 1080)
+TRANSPORTS = ("messages", "shared", "hierarchical", "auto")
+Nodes = tuple[tuple[int, ...], ...]
 
 
 def footprints(rects: Sequence[Rect], dtype: Any = np.uint8, ranks: Sequence[int] | None = None) -> Footprints:
@@ -37,11 +39,11 @@ def bricks(ranks: int, size: tuple[int, int]) -> list[Rect]:
     return [Rect(*sides) for sides in zip(*(column.tolist() for column in columns), strict=True)]
 
 
-def apart(ranks: int) -> tuple[tuple[int, ...], ...]:
+def apart(ranks: int) -> Nodes:
     return tuple((rank,) for rank in range(ranks))
 
 
-def together(ranks: int, each: int | None = None) -> tuple[tuple[int, ...], ...]:
+def together(ranks: int, each: int | None = None) -> Nodes:
     each = each or ranks
     return tuple(tuple(range(begin, min(begin + each, ranks))) for begin in range(0, ranks, each))
 
@@ -57,13 +59,23 @@ def test_ranks_of_one_node_share_memory(network: Network) -> None:
             assert choose(AUTO, footprints(rects), together(ranks), network).transport == "shared"
 
 
-def test_two_ranks_on_two_nodes_swap_halves_of_large_images(network: Network) -> None:
-    choice = choose(AUTO, footprints([HD] * 2, np.float32), apart(2), network)
-    assert (choice.algorithm, choice.transport) == ("direct-send", "messages")
-
-
-def test_tiny_images_go_through_a_tree(network: Network) -> None:
-    assert choose(AUTO, footprints([Rect(0, 0, 2, 2)] * 8), apart(8), network).algorithm == "tree"
+@pytest.mark.parametrize(
+    ("wanted", "rects", "nodes", "algorithm", "transport"),
+    [
+        (AUTO, [HD] * 2, apart(2), "direct-send", "messages"),
+        (AUTO, [Rect(0, 0, 2, 2)] * 8, apart(8), "tree", "messages"),
+        (Request("auto", "hierarchical", "raw"), [HD] * 4, apart(4), None, "messages"),
+        (Request("binary-swap", "shared", "raw"), [HD] * 4, together(4), "direct-send", "shared"),
+        *((Request("auto", each, "raw"), [HD], ((0,),), "direct-send", "messages") for each in TRANSPORTS),
+    ],
+    ids=["two nodes", "tiny images", "one rank a node", "shared is direct send", *(f"one: {it}" for it in TRANSPORTS)],
+)
+def test_what_is_chosen_on_any_network(
+    wanted: Request, rects: list[Rect], nodes: Nodes, algorithm: str | None, transport: str, network: Network
+) -> None:
+    choice = choose(wanted, footprints(rects, np.float32 if len(rects) == 2 else np.uint8), nodes, network)
+    assert choice.algorithm == (algorithm or choice.algorithm)
+    assert (choice.transport, choice.codec) == (transport, "raw" if len(rects) == 1 else choice.codec)
 
 
 def test_many_ranks_with_large_dense_images_swap(network: Network) -> None:
@@ -90,39 +102,22 @@ def test_nodes_of_several_ranks_merge_inside_first() -> None:
 
 
 @pytest.mark.parametrize("nodes", [together(4), apart(4), together(4, 2)])
-def test_all_empty_and_all_but_one_empty(network: Network, nodes: tuple[tuple[int, ...], ...]) -> None:
+def test_all_empty_and_all_but_one_empty(network: Network, nodes: Nodes) -> None:
     for rects in ([EMPTY] * 4, [EMPTY, EMPTY, Rect(3, 4, 5, 6), EMPTY]):
         choice = choose(AUTO, footprints(rects), nodes, network)
         assert choice.algorithm in ALGORITHMS
         assert 0 <= choice.seconds_predicted < 0.01
 
 
-def test_one_rank_needs_no_memory_in_common(network: Network) -> None:
-    for transport in ("auto", "messages", "shared", "hierarchical"):
-        choice = choose(Request("auto", transport, "raw"), footprints([HD]), ((0,),), network)
-        assert choice == Choice("direct-send", "messages", "raw", choice.seconds_predicted)
-
-
-def test_hierarchical_over_single_ranks_is_messages(network: Network) -> None:
-    choice = choose(Request("auto", "hierarchical", "raw"), footprints([HD] * 4), apart(4), network)
-    assert choice.transport == "messages"
-
-
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("nodes", [together(6), apart(6), together(6, 3), together(6, 4)])
-def test_a_named_algorithm_runs_and_has_a_prediction(algorithm: str, nodes: tuple[tuple[int, ...], ...]) -> None:
+def test_a_named_algorithm_runs_and_has_a_prediction(algorithm: str, nodes: Nodes) -> None:
     network = open_network("laptop")
     for rects in ([HD] * 6, bricks(6, (300, 200)), [HD, *[EMPTY] * 5]):
         choice = choose(Request(algorithm, "auto", "lz4"), footprints(rects), nodes, network)
         assert (choice.algorithm, choice.codec) == (algorithm, "lz4")
         assert choice.transport in ("messages", "hierarchical")
         assert 0 < choice.seconds_predicted < 60
-
-
-def test_the_shared_transport_is_direct_send_whatever_is_named() -> None:
-    wanted = Request("binary-swap", "shared", "raw")
-    choice = choose(wanted, footprints([HD] * 4), together(4), open_network("laptop"))
-    assert (choice.algorithm, choice.transport) == ("direct-send", "shared")
 
 
 def test_auto_is_the_least_prediction_of_what_it_may_take(network: Network) -> None:
@@ -150,30 +145,19 @@ def test_a_tree_has_to_win_clearly() -> None:
             assert taken.seconds_predicted <= other
 
 
-def test_lists_of_nodes_and_repeated_calls_give_the_same() -> None:
-    network, found = open_network("laptop"), footprints([HD] * 4)
-    lists = [list(ranks) for ranks in together(4, 2)]
-    assert choose(AUTO, found, lists, network) == choose(AUTO, found, together(4, 2), network)
-
-
 def test_several_images_a_rank_go_by_what_takes_them() -> None:
     network = open_network("laptop")
     found = footprints([HD] * 6, ranks=[0, 1, 2, 0, 1, 2])
-    assert choose(MESSAGES, found, apart(3), network, interleaved=True).algorithm == "direct-send"
-    for name in ALGORITHMS:
-        wanted = Request(name, "messages", "raw")
+    for name in ("auto", *ALGORITHMS):
         ran = name if name in SEVERAL_IMAGES else "direct-send"
-        assert choose(wanted, found, apart(3), network, interleaved=True).algorithm == ran
-
-
-def test_a_node_between_the_images_of_another_is_several_images() -> None:
-    network = open_network("ethernet-10g")
-    found = footprints([HD] * 4, ranks=[0, 2, 1, 3])
-    assert choose(Request("auto", "hierarchical", "raw"), found, together(4, 2), network).algorithm == "direct-send"
-    swap = Request("binary-swap", "hierarchical", "raw")
-    assert choose(swap, found, together(4, 2), network).algorithm == "direct-send"
-    in_line = footprints([HD] * 4)
-    assert choose(swap, in_line, together(4, 2), network).algorithm == "binary-swap"
+        assert choose(Request(name, "messages", "raw"), found, apart(3), network, interleaved=True).algorithm == ran
+    # A node between the images of another is several images, too; nodes may be lists.
+    lists, swap = [[0, 1], [2, 3]], Request("binary-swap", "hierarchical", "raw")
+    found, in_line = footprints([HD] * 4, ranks=[0, 2, 1, 3]), footprints([HD] * 4)
+    assert choose(replace(swap, algorithm="auto"), found, lists, network).algorithm == "direct-send"
+    assert choose(swap, found, lists, network).algorithm == "direct-send"
+    assert choose(swap, in_line, lists, network).algorithm == "binary-swap"
+    assert choose(AUTO, in_line, lists, network) == choose(AUTO, in_line, together(4, 2), network)
 
 
 @pytest.mark.parametrize(
@@ -183,17 +167,10 @@ def test_a_node_between_the_images_of_another_is_several_images() -> None:
         (Request("auto", "shared", "raw"), apart(4), True, "cluster.transport.*found shared; allowed messages, auto"),
         (Request("auto", "shared", "raw"), together(4), False, "cluster.transport.*allowed messages, auto"),
         (Request("auto", "hierarchical", "raw"), together(4, 2), False, "cluster.transport.*allowed messages, auto"),
-        (
-            Request("auto", "pigeons", "raw"),
-            together(4),
-            True,
-            "unknown transport.*messages, shared, hierarchical, auto",
-        ),
+        (Request("auto", "pigeons", "raw"), together(4), True, f"unknown transport.*{', '.join(TRANSPORTS)}"),
         (Request("swap", "messages", "raw"), together(4), True, "unknown compositing algorithm.*direct-send"),
     ],
 )
-def test_what_cannot_be_is_refused(
-    wanted: Request, nodes: tuple[tuple[int, ...], ...], window: bool, text: str
-) -> None:
+def test_what_cannot_be_is_refused(wanted: Request, nodes: Nodes, window: bool, text: str) -> None:
     with pytest.raises(InputError, match=text):
         choose(wanted, footprints([HD] * 4), nodes, open_network("laptop"), memory_shared=window)

@@ -17,12 +17,9 @@ LARGE = SIZES[5:]
 COUNTS = (1, 2, 4, 8, 16)
 
 
-def test_a_line_with_a_point_that_is_far_off() -> None:
+def test_a_line_with_a_point_that_is_far_off_and_one_that_falls() -> None:
     points = {n: 3.0 + 0.5 * n for n in (1, 2, 5, 9, 12, 20)} | {7: 1000.0}
     assert fit_line(points) == pytest.approx((3.0, 0.5))
-
-
-def test_a_falling_line_has_no_negative_slope() -> None:
     assert fit_line({1: 5.0, 2: 4.0, 3: 3.0}) == (4.0, 0.0)
 
 

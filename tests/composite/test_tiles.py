@@ -7,6 +7,7 @@ import pytest
 
 from clusterviz.codec import CODECS
 from clusterviz.comm import Channel, run_loopback
+from clusterviz.composite import CompositeCounters
 from clusterviz.composite.tiles import TileCollector
 from clusterviz.errors import InputError, is_agreed
 from clusterviz.image.partial import PartialImage, blank
@@ -54,28 +55,25 @@ def check_tiles(channel: Channel, side: int, codec: str) -> None:
         assert counters.total.bytes_raw == 16 * counters.total.pixels_sent
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 7])
-@pytest.mark.parametrize("side", [8, 64, 500])
-def test_tiles_make_the_picture(ranks: int, side: int) -> None:
-    run_loopback(ranks, lambda channel: check_tiles(channel, side, "raw"))
+@pytest.mark.parametrize(
+    ("ranks", "side", "codec"),
+    [
+        *((ranks, side, "raw") for ranks in (1, 2, 3, 5, 7) for side in (8, 64, 500)),
+        *((3, 32, codec) for codec in (*CODECS, "auto")),
+    ],
+)
+def test_tiles_make_the_picture(ranks: int, side: int, codec: str) -> None:
+    run_loopback(ranks, lambda channel: check_tiles(channel, side, codec))
 
 
-@pytest.mark.parametrize("codec", [*CODECS, "auto"])
-def test_tiles_make_the_picture_whatever_the_codec(codec: str) -> None:
-    run_loopback(3, lambda channel: check_tiles(channel, 32, codec))
+def test_a_frame_without_any_tile_is_blank_and_an_unknown_codec_refused_on_every_rank() -> None:
+    def run(channel: Channel) -> tuple[np.ndarray | None, CompositeCounters]:
+        with pytest.raises(InputError) as raised:
+            TileCollector(channel, SIZE, codec="zip")
+        assert is_agreed(raised.value)
+        return TileCollector(channel, SIZE).collect([])
 
-
-def test_a_frame_without_any_tile_is_blank() -> None:
-    picture, counters = run_loopback(2, lambda channel: TileCollector(channel, SIZE).collect([]))[0]
+    picture, counters = run_loopback(2, run)[0]
     assert picture is not None
     assert not picture.any()
     assert counters.total.messages_sent == 0
-
-
-def test_an_unknown_codec_is_refused_on_every_rank() -> None:
-    def refused(channel: Channel) -> bool:
-        with pytest.raises(InputError) as raised:
-            TileCollector(channel, SIZE, codec="zip")
-        return is_agreed(raised.value)
-
-    assert all(run_loopback(3, refused))
