@@ -21,7 +21,7 @@ from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.summary import summarise
 from clusterviz.distribution.balancer import Policy, begin, complete, learn, plan_moves
-from clusterviz.distribution.expected_cost import expected_samples
+from clusterviz.distribution.brick_cost import expected_samples
 from clusterviz.distribution.flights import dispatch
 from clusterviz.image.replace import replacing
 from clusterviz.partition import (

@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +34,7 @@ from vtk_raycast_ratio import synthetic
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.memory import ArraySource
-from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.frame import FrameLoop, Rendered, Run
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Options
 from clusterviz.frame.work import RankWork
@@ -81,13 +81,15 @@ class Passing:
         self._after = threading.Barrier(ranks, self._choose, 300)
         self.bounds: list[float] = []
 
-    def draw(self) -> Callable[[Drawing, RankWork], tuple[list[PartialImage], RankFrame]]:
+    def draw(self) -> Callable[[Drawing, Run, RankWork, Iterable[Rect] | None], tuple[list[PartialImage], RankFrame]]:
         """In place of `Drawing.draw`."""
 
-        def draw(drawing: Drawing, share: RankWork) -> tuple[list[PartialImage], RankFrame]:
+        def draw(
+            drawing: Drawing, run: Run, share: RankWork, tiles: Iterable[Rect] | None = None
+        ) -> tuple[list[PartialImage], RankFrame]:
             self._share, drawing.sample_counts = share, []
             self._before.wait()
-            mine = [at for at, piece in enumerate(share.pieces) if piece.rank == drawing._run.channel.rank]
+            mine = [at for at, piece in enumerate(share.pieces) if piece.rank == run.channel.rank]
             for at in mine:
                 known = np.unique(self._levels[at][self._levels[at] < LEVELS]).tolist()
                 for level in range(LEVELS) if self._way == "same frame" else known:

@@ -26,8 +26,8 @@ from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Index
 from clusterviz.data.summary import VolumeSummary, summarise
+from clusterviz.distribution.contract import distribution_of
 from clusterviz.distribution.memory_budget import MemoryBudget
-from clusterviz.distribution.select import distribution_of
 from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
 from clusterviz.plan.plan import Plan, make_plan

@@ -24,7 +24,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
 from clusterviz.distribution.sort_first import expected_map
-from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.drawing import Drawing
 from clusterviz.image.replace import replacing
 from clusterviz.partition import Piece
@@ -135,17 +135,17 @@ class Counting:
 
     def maps(self) -> Iterator[tuple[Plan, CostMap, CostMap, int]]:
         """Plan, cost, estimated cost and samples of the pre-pass of each frame."""
-        with FrameLoop(self._scenes[0], LoopbackChannel(), self._source) as loop:
+        with FrameLoop(self._scenes[0], LoopbackChannel(), self._source, Options(keep_drawn=True)) as loop:
             drawing: Drawing = loop._drawing
-            for scene in self._scenes:
-                loop.frame(scene)
-                share = loop._share
-                assert share is not None
+            for number, scene in enumerate(self._scenes):
+                drawn = loop.frame(scene, number).drawn
+                assert drawn is not None
+                share = drawn.work
                 assert share.plan is not None
                 cost = cost_map_of_blocks(scene.image.size, drawing.sample_counts)
                 coarse = coarse_plan(share.plan)
                 pieces = tuple(Piece(piece.rank, piece.box, piece.bricks) for piece in share.pieces)
-                _, counts = drawing.draw(replace(share, plan=coarse, pieces=pieces))
+                _, counts = drawing.draw(Run(LoopbackChannel(), Options()), replace(share, plan=coarse, pieces=pieces))
                 yield (
                     share.plan,
                     cost,

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.data.source import Index
-from clusterviz.distribution.expected_cost import expected_samples
+from clusterviz.distribution.brick_cost import expected_samples
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage
@@ -181,7 +180,6 @@ class _RankProbe:
 def probe_cost(
     run: Run,
     drawing: Drawing,
-    opened: Opened,
     scene: Scene,
     plan: Plan,
     holds: frozenset[Index] = frozenset(),
@@ -193,7 +191,6 @@ def probe_cost(
     ----------
     run : of the loop
     drawing : that draws and keeps the bricks
-    opened : volumes
     scene : completed
     plan : of the scene
     holds : further bricks to keep
@@ -210,13 +207,13 @@ def probe_cost(
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))
         work = RankWork(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
-    drawing.load(opened, work)
-    with run.unreported("choose"):
-        partials, _ = drawing.draw(replace(work, plan=coarse_plan(plan, scale)))
+    drawing.load(run, work)
+    with run.unreported("choose") as unreported:
+        partials, _ = drawing.draw(unreported, replace(work, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
         found = list(map(_found, numbers, partials, drawing.sample_counts))
         part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
-        seconds, samples = _measured(run, drawing, part) if seconds_per_sample is None else (0.0, 0)
+        seconds, samples = _measured(unreported, drawing, part) if seconds_per_sample is None else (0.0, 0)
     with run.collective("plan", "choose"):
         ranks = channel.gather(_RankProbe(found, seconds, samples, place.host, granted_cores()))
     with run.local("plan", "choose"):
@@ -277,7 +274,7 @@ def _measured(run: Run, drawing: Drawing, work: RankWork) -> tuple[float, int]:
     times = []
     for _ in range(REPEATS):
         before = run.clock.seconds.get("render", 0.0)
-        _, counts = drawing.draw(work)
+        _, counts = drawing.draw(run, work)
         times.append(run.clock.seconds.get("render", 0.0) - before)
     return min(times), counts.samples
 

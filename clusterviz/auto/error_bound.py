@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
-from clusterviz.auto.calibration import LEAST_PIXELS, Calibration, Draw, calibrate, chosen, covered_pixels
+from clusterviz.auto.calibration import LEAST_PIXELS, Calibration, SmallPicture, calibrate, chosen, covered_pixels
 from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork
+from clusterviz.partition import Piece
 from clusterviz.plan.accuracy import Aim, Picked, has_strayed, make_aim, pick_pixel
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy
@@ -32,18 +34,17 @@ class ErrorBoundController:
 
     Parameters
     ----------
-    run : of the loop
-    draw : draws a small picture, as in `calibrate`
+    draw : draws the picture of a scene whose settings are given; collective
     """
 
-    def __init__(self, run: Run, draw: Draw) -> None:
-        self._run, self._draw = run, draw
+    def __init__(self, draw: Callable[[Run, Scene], SmallPicture]) -> None:
+        self._draw = draw
         self._anew: Calibration | None = None
         self._last: Calibration | None = None
         self._followed_for = 0
         self._warned = False
 
-    def settle(self, scene: Scene) -> tuple[Scene, Accuracy]:
+    def settle(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:
         """Return the scene with settings that keep its `quality.max_error`; collective.
 
         Parameters
@@ -51,54 +52,56 @@ class ErrorBoundController:
         scene : completed, with a volume and the bound
         """
         began, aim = perf_counter(), make_aim(scene)
-        found, samples = self._found(scene, aim)
+        found, samples = self._found(run, scene, aim)
         trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
         reached = error <= aim.bound
         accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached), found.verified)
-        if accuracy.warning and not self._warned and self._run.channel.rank == 0:
-            warnings.warn(accuracy.warning, stacklevel=5)
+        if accuracy.warning and not self._warned and run.channel.rank == 0:
+            warnings.warn(accuracy.warning, stacklevel=6)
         self._warned = bool(accuracy.warning)
         return chosen(scene, trial, residual, found.filter.value), accuracy
 
-    def _found(self, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
+    def _found(self, run: Run, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
         """Return the calibration for a scene, and the samples that it took."""
         last, anew, samples = self._last, self._anew, 0
         if last and anew and _can_follow(last, scene, aim):
             if scene == last.scene:
                 return last, 0
-            found = self._last = self._calibrated(scene, _following(last, anew, scene, aim), last)
+            found = self._last = self._calibrated(run, scene, _following(last, anew, scene, aim), last)
             self._followed_for += 1
             if self._followed_for < FOLLOWED_FOR or not has_strayed(found.choice, anew.choice, aim):
                 return found, found.samples
             samples = found.samples
-        found = self._anew = self._last = self._calibrated(scene, aim)
+        found = self._anew = self._last = self._calibrated(run, scene, aim)
         self._followed_for = 0
         return found, samples + found.samples
 
-    def _calibrated(self, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
-        with self._run.unreported("accuracy"):
-            return calibrate(scene, aim, self._run.channel, self._draw, followed)
+    def _calibrated(self, run: Run, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
+        with run.unreported("accuracy") as unreported:
+            return calibrate(scene, aim, run.channel, partial(self._draw, unreported), followed)
 
 
-def with_pixel(work: RankWork, accuracy: Accuracy, ranks: int) -> tuple[RankWork, Accuracy]:
-    """Choose the format of partial images by the rest of the error bound; returns the changed work and accuracy.
+def with_pixel(
+    scene: Scene, plan: Plan, pieces: Sequence[Piece], accuracy: Accuracy, ranks: int
+) -> tuple[Scene, Accuracy]:
+    """Choose the format of partial images by the rest of the error bound; returns the changed scene and accuracy.
 
     Parameters
     ----------
-    work : with a plan, and `pixel` float32
+    scene : with `pixel` float32
+    plan, pieces : of its frame
     accuracy : of the settings so far
     ranks : that draw
     """
-    assert work.plan is not None, "only a scene with a volume has settings to choose"
     # Images in the same tile may cover each other.
-    images = max(Counter(piece.rect for piece in work.pieces).values(), default=0)
-    picked = pixel_of(work.plan, accuracy, images, ranks)
-    quality = work.scene.quality.model_copy(update={"pixel": picked.value})
+    images = max(Counter(piece.rect for piece in pieces).values(), default=0)
+    picked = pixel_of(plan, accuracy, images, ranks)
+    quality = scene.quality.model_copy(update={"pixel": picked.value})
     reasons = {**accuracy.reasons, "pixel": picked.reason}
     accuracy = replace(accuracy, error=accuracy.error + picked.error, pixel=picked.value, reasons=reasons)
-    return replace(work, scene=work.scene.model_copy(update={"quality": quality})), accuracy
+    return scene.model_copy(update={"quality": quality}), accuracy
 
 
 def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:

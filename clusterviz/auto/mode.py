@@ -1,5 +1,10 @@
 """Automatic mode: sort-last, hybrid or sort-first, chosen before the first frame and again when the cost changes.
 
+With more groups of ranks that share the screen each rank holds more data, drawing is more even, rays end earlier, and
+less is blended. A cost probe predicts the samples of each rank and their time. A time model predicts compositing
+(docs/concepts/time-model.md). Sharing the screen must win clearly, since the model ignores some of its costs: other
+views, and bricks that are read when tiles move.
+
 The first choice uses the measured time of a sample. Later choices use only counts, which are the same in every run.
 The choice is repeated, with a new cost probe, when samples have changed much, as when the camera comes near. All ranks
 have the same counts, and rank 0 decides for all.
@@ -9,23 +14,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from clusterviz.composite.model.network import default_network
-from clusterviz.distribution.memory_budget import memory_budget_of
-from clusterviz.distribution.select import distribution_of, groups_of, sharing_of
-from clusterviz.frame.assignment import plan_frame
+import numpy as np
+
+from clusterviz.auto.cost_probe import UNKNOWN, CostProbe, drawing_seconds, leaf_bricks, probe_cost, samples_of_ranks
+from clusterviz.comm.placement import Nodes
+from clusterviz.composite.model.choice import Request, fastest
+from clusterviz.composite.model.communication import ImageStatistics
+from clusterviz.composite.model.network import Network, default_network
+from clusterviz.composite.model.prediction import place_ranks, predict
+from clusterviz.data.source import Index
+from clusterviz.distribution.contract import DistributionHooks, distribution_of, groups_of, sharing_of
+from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
+from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.hooks import DistributionHooks, hooks_of
 from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
+from clusterviz.image.region import EMPTY
+from clusterviz.partition import build_tree, leaf_pieces, owners_of
+from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
+from clusterviz.render.render_result import footprint
 from clusterviz.report.decisions import Accuracy, Forecast
 from clusterviz.report.statistics import RankFrame
-from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.values import Scene
 
 CHANGED = 1.5  # factor on samples, up or down, of all ranks or the busiest, that repeats the choice
 PAUSE = 8  # least number of frames between choices
+LEAST_GAIN = 0.9  # part of sort-last's predicted time, below which ranks share the screen
+DOUBT = 0.05  # uncertainty of the time of drawing, on an idle machine
+LEAST_GAIN_AGAIN = 0.8  # part of the present mode's predicted time, below which it changes: bricks may have to be read
 
 
 class AutoMode:
@@ -33,7 +51,8 @@ class AutoMode:
 
     Parameters
     ----------
-    run, drawing : of the loop; drawing keeps the bricks of a cost probe
+    run : of the opening
+    drawing : that draws a cost probe, and keeps its bricks
     opened : volumes, if any
     scene : completed
     several : True if more than one frame may come
@@ -51,10 +70,10 @@ class AutoMode:
     """
 
     def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
-        self._run, self._drawing, self._opened, self._several = run, drawing, opened, several
-        self._cluster, ranks = scene.cluster, run.channel.size
+        self._drawing, self._opened, self._several = drawing, opened, several
+        self._cluster, self._ranks = scene.cluster, run.channel.size
         with run.local("plan", "plan"):
-            self._candidates = groups_of(scene, ranks, several)
+            self._candidates = groups_of(scene, self._ranks, several)
         shares_screen = self._candidates != [1] or self._cluster.mode in ("sort-first", "hybrid")
         with run.collective("plan", "plan"):
             self._budget = memory_budget_of(run, self._cluster, shares_screen)
@@ -65,29 +84,30 @@ class AutoMode:
         self.hooks: DistributionHooks | None = None
         self._take(self._groups or 1, ())
 
-    def update(self, scene: Scene, last: RankWork | None = None, accuracy: Accuracy | None = None) -> None:
+    def update(
+        self,
+        run: Run,
+        scene: Scene,
+        plan: Plan,
+        holds: frozenset[Index] = frozenset(),
+        accuracy: Accuracy | None = None,
+    ) -> None:
         """Choose the mode before a frame, if it is due; collective.
 
         Parameters
         ----------
-        scene : of the frame, with all settings of its quality
-        last : work of the last frame
+        run, scene, plan : of the frame, with all settings of its quality
+        holds : bricks of this rank in the last frame
         accuracy : of the settings chosen for `quality.max_error`, from which the format of pixels follows
         """
         if not self._is_open or (self._groups is not None and not self._is_due):
             return
-        run, opened = self._run, self._opened
-        assert opened is not None, "without a volume the mode is not open"
-        from clusterviz.auto.forecast import choose, held_bytes
-
         with run.local("plan", "plan"):
-            scene = complete_scene(scene, opened.infos)
-            plan = plan_frame(opened, scene, last)
-            fitting = [n for n in self._candidates if self._fits(held_bytes(plan, self._budget, run.channel.size, n))]
+            fitting = [n for n in self._candidates if self._fits(held_bytes(plan, self._budget, self._ranks, n))]
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
             pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
-            found = self._forecasts(opened, scene, plan, pixels, last)
+            found = self._forecasts(run, scene, plan, pixels, holds)
         present, self._frames = self._groups, 0
         chosen = choose(found, present) if found else present or (fitting or self._candidates)[0]
         if chosen != present:
@@ -96,19 +116,28 @@ class AutoMode:
             self.sharing = sharing_of(self.distribution, found)
         self._groups = chosen
 
-    def record(self, costs: Sequence[RankFrame]) -> None:
-        """Record the cost of a frame on each rank."""
+    def learn(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
+        """Learn from the cost of a drawn frame on each rank; collective."""
+        if work.plan is None:
+            return
+        self.distribution.learn(work.plan, costs)
+        self._record(costs)
+        if self.hooks:
+            self.hooks.after(run, work, costs)
+
+    def close(self) -> None:
+        """Free the resources of the hooks; collective."""
+        if self.hooks:
+            self.hooks.close()
+
+    def _record(self, costs: Sequence[RankFrame]) -> None:
+        """Record the samples of a frame, whose change makes a choice due."""
         self._frames += 1
         samples = [rank.samples - rank.samples_estimate for rank in costs]
         now = sum(samples), max(samples)
         if self._frames == 1:
             self._counted = now
         self._has_changed = any(max(a, b) > CHANGED * min(a, b) for a, b in zip(now, self._counted, strict=True))
-
-    def close(self) -> None:
-        """Free the resources of the hooks; collective."""
-        if self.hooks:
-            self.hooks.close()
 
     @property
     def _is_due(self) -> bool:
@@ -121,36 +150,44 @@ class AutoMode:
     def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
         """Make the distribution and hooks for a number of groups."""
         self.close()
-        ranks = self._run.channel.size
-        self.distribution = distribution_of(self._cluster, ranks, groups, self._budget, self._several)
-        self.hooks = hooks_of(self._run, self._drawing, self.distribution, self._several)
+        self.distribution = distribution_of(self._cluster, self._ranks, groups, self._budget, self._several)
+        self.hooks = self._hooks()
         self.sharing = sharing_of(self.distribution, found)
+
+    def _hooks(self) -> DistributionHooks | None:
+        """Return the hooks of the distribution, or None; bricks migrate only if more than one frame may come."""
+        if isinstance(self.distribution, SortFirst):
+            from clusterviz.distribution.tile_scheduler import TileScheduler
+
+            return TileScheduler(self._drawing, self.distribution)
+        if self._several and self._opened is not None and self._cluster.distribution == "dynamic":
+            from clusterviz.distribution.dynamic import Dynamic
+            from clusterviz.migration.driver import MigrationDriver
+
+            if isinstance(self.distribution, Dynamic):
+                return MigrationDriver(self.distribution, self._drawing, self._opened.range_type)
+        return None
 
     def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:
         if accuracy is None:
             return scene.quality.pixel
         from clusterviz.auto.error_bound import pixel_of
 
-        ranks = self._run.channel.size
-        return pixel_of(plan, accuracy, -(-ranks // groups), ranks).value
+        return pixel_of(plan, accuracy, -(-self._ranks // groups), self._ranks).value
 
     def _forecasts(
-        self, opened: Opened, scene: Scene, plan: Plan, pixels: Mapping[int, str], last: RankWork | None
+        self, run: Run, scene: Scene, plan: Plan, pixels: Mapping[int, str], holds: frozenset[Index]
     ) -> tuple[Forecast, ...]:
         """Predict the time of each number of groups; empty if the cost probe does not fit into memory."""
-        from clusterviz.auto.cost_probe import UNKNOWN, leaf_bricks, probe_cost
-        from clusterviz.auto.forecast import forecast
-
-        run, channel = self._run, self._run.channel
+        channel = run.channel
         with run.collective("plan", "plan"):
             nodes = channel.nodes()
-        holds = last.holds if last else frozenset()
         with run.local("plan", "plan"):
             bricks = leaf_bricks(plan, channel.rank, channel.size) | holds
             held = len(bricks) * int(self._budget.brick_bytes(plan).max())
-        if last and not self._fits(channel.maximum(held)):
+        if self._groups is not None and not self._fits(channel.maximum(held)):
             return ()
-        probe = probe_cost(run, self._drawing, opened, scene, plan, holds, self._seconds_per_sample)
+        probe = probe_cost(run, self._drawing, scene, plan, holds, self._seconds_per_sample)
         result: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
         with run.local("plan", "choose"):
             if probe is not None:
@@ -162,3 +199,75 @@ class AutoMode:
             found, seconds = channel.broadcast(result)
         self._seconds_per_sample = seconds if seconds != UNKNOWN else None
         return found
+
+
+def held_bytes(plan: Plan, budget: MemoryBudget, ranks: int, groups: int) -> int:
+    """Return the most bytes of bricks of any rank, if the smallest group holds all visible bricks."""
+    return int(owners_of(build_tree(plan.cost, ranks // groups)).sums(budget.brick_bytes(plan)).max())
+
+
+def forecast(
+    plan: Plan,
+    budget: MemoryBudget,
+    nodes: Nodes,
+    groups: int,
+    network: Network,
+    probe: CostProbe,
+    pixel: str = "float32",
+) -> Forecast:
+    """Predict time and memory for a number of groups.
+
+    Parameters
+    ----------
+    plan : of the picture
+    budget : memory of a rank for bricks
+    nodes : ranks of each node
+    groups : in 1 … ranks; their sizes differ by at most one
+    network : for the time model
+    probe : of the cost
+    pixel : format of partial images
+    """
+    ranks = sum(map(len, nodes))
+    samples = samples_of_ranks(probe, plan, rank_groups(ranks, groups))
+    drawing = drawing_seconds(probe, samples, nodes)
+    compositing = compositing_seconds(plan, nodes, groups, network, pixel)
+    return Forecast(groups, float(samples.max()), drawing, compositing, held_bytes(plan, budget, ranks, groups))
+
+
+def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network, pixel: str) -> float:
+    """Predict the time of compositing for a number of groups, assuming even tiles."""
+    ranks = sum(map(len, nodes))
+    tree = build_tree(plan.cost, ranks // groups)
+    pieces = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
+    rects = [footprint(plan, piece) for piece in pieces]
+    canvas = EMPTY
+    for rect in rects:
+        canvas = canvas.unite(rect)
+    places, pixels, size = place_ranks(range(ranks), nodes), max(1, canvas.pixels), 4 * np.dtype(pixel).itemsize
+    if groups == ranks:
+        scene = ImageStatistics(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
+        return predict("serial", "messages", scene, places, network)
+    covers = np.array([rect.pixels for rect in rects] or [0]) / pixels / groups
+    scene = ImageStatistics(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), size, True)
+    return fastest(Request("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
+
+
+def choose(found: Sequence[Forecast], present: int | None = None) -> int:
+    """Choose the number of groups with the least predicted time, unless the present number is nearly as good.
+
+    Among numbers with nearly equal times the smallest is chosen, which needs the least memory. So the choice depends
+    less on other processes.
+
+    Parameters
+    ----------
+    found : forecasts
+    present : number of groups now; None before the first choice, which is compared with sort-last
+    """
+    best = min(found, key=lambda each: each.seconds)
+    kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)
+    now = next((each for each in found if each.groups == kept), None)
+    enough = gain * now.seconds if now else np.inf
+    if not best.seconds < enough:
+        return kept
+    nearly_best = best.seconds + DOUBT * best.seconds_drawing
+    return min(each.groups for each in found if each.seconds < enough and each.seconds <= nearly_best)

@@ -12,7 +12,7 @@ from clusterviz.comm import agree
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
 from clusterviz.image.files import read_text
-from clusterviz.scene import Scene, complete_scene, open_scene
+from clusterviz.scene import Scene, open_scene
 from clusterviz.scene.automatic import classify_values
 from clusterviz.scene.text import commented_scene
 
@@ -29,12 +29,9 @@ def command(
     channel, _ = start()
     with agree(channel, 0, "scene"):
         opened_scene = open_scene(scene, overrides_of(define, size))
-    run = Run(channel, Options())
-    opened = open_volumes(run, opened_scene)
-    infos = opened.infos if opened else ()
-    completed = complete_scene(opened_scene, infos)
+    completed, opened, _ = open_volumes(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
-        kinds = [classify_values(info) for info in infos] if opened_scene.automatic else []
+        kinds = [classify_values(info) for info in opened.infos] if opened and opened_scene.automatic else []
         print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.distribution.brick_cost import Measured, measure, predict, unmeasured
 from clusterviz.distribution.flights import Migration, arrive, hand_over, launch, settled
-from clusterviz.distribution.measured_cost import Measured, measure, predict, unmeasured
 from clusterviz.distribution.rebalance import Goal, rebalance
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
-from clusterviz.distribution.expected_cost import expected_samples
-from clusterviz.distribution.measured_cost import Measured, measure, predict, unmeasured
+from clusterviz.distribution.brick_cost import Measured, expected_samples, measure, predict, unmeasured
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.errors import InputError
 from clusterviz.frame.work import Mode
@@ -99,9 +98,11 @@ class Tiling:
         return self.settings.strategy in STATIC
 
     def partition(self, plan: Plan) -> ScreenPartition:
-        """Return the tiles of each group in a frame; with a queue, those of interleaved tiles instead."""
+        """Return the tiles of each group in a frame; with a queue, from which they are taken, the whole picture."""
         name, side, groups = self.settings.strategy, self.settings.side, len(self._weights)
-        if name in ("interleaved", "scheduled"):
+        if name == "scheduled":
+            return ScreenPartition(plan.view.size, ((Rect(0, 0, *plan.view.size),),) * groups)
+        if name == "interleaved":
             return interleaved_tiles(plan.view.size, groups, side)
         if name == "pattern":
             z, y, x = plan.layout.shape_zyx

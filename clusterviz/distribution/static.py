@@ -1,18 +1,41 @@
-"""Static assignment, recomputed when an unassigned brick becomes visible: the common part of static distributions."""
+"""Static distributions: bricks stay where they are assigned until an unassigned one becomes visible.
+
+coherent     a BSP tree by the number of visible cells, with one leaf and one partial image for each rank
+interleaved  blocks of bricks, round robin, so that all ranks share an expensive region; more partial images
+replicated   several ranks hold each brick, and the cost in earlier frames decides which of them draws it
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
+from clusterviz.distribution.brick_cost import expected_samples, measure, predict, rank_costs, unmeasured
 from clusterviz.distribution.memory_budget import MemoryBudget, check_memory
+from clusterviz.frame.work import Mode
+from clusterviz.partition import (
+    BspTree,
+    Owners,
+    Piece,
+    Replicas,
+    assign_replicas,
+    bricks_of,
+    build_tree,
+    interleave,
+    leaf_pieces,
+    owner_pieces,
+    owners_of,
+    replicate,
+)
 from clusterviz.partition.bsp import Costs
 from clusterviz.plan.plan import Plan, shows_more
+from clusterviz.report.statistics import RankFrame
 
+BLOCKS_A_RANK = 8  # of interleaved blocks, at least: fewer balance worse, more make more partial images
 Assigned = TypeVar("Assigned")
 
 
@@ -60,3 +83,116 @@ class StaticAssignment(Generic[Assigned]):
             return frozenset()
         assigned, cost = self._current
         return frozenset((z, y, x) for z, y, x in self._bricks(assigned, rank, cost).tolist())
+
+
+class Coherent:
+    """Static BSP tree by the number of visible cells; rebuilt when an unassigned brick becomes visible.
+
+    Parameters
+    ----------
+    ranks : number of ranks
+    budget : memory of a rank for bricks
+    """
+
+    mode: Mode = "sort-last"
+
+    def __init__(self, ranks: int, budget: MemoryBudget) -> None:
+        self._tree = StaticAssignment[BspTree](
+            ranks, budget, build_tree, lambda tree, amount: owners_of(tree).sums(amount), bricks_of
+        )
+
+    def assign(self, plan: Plan) -> tuple[Piece, ...]:
+        """Return one piece for each leaf with visible bricks. Raises as `StaticAssignment.update`."""
+        tree = self._tree.update(plan)
+        return leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """Return the bricks of a rank's leaf that were visible when the tree was built."""
+        return self._tree.holds(rank)
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """Do nothing: a static distribution ignores costs."""
+
+
+class Interleaved:
+    """Static assignment of blocks, recomputed when an unassigned brick becomes visible.
+
+    Parameters
+    ----------
+    ranks : number of ranks
+    budget : memory of a rank for bricks
+    """
+
+    mode: Mode = "sort-last"
+
+    def __init__(self, ranks: int, budget: MemoryBudget) -> None:
+        self._owners = StaticAssignment[Owners](
+            ranks, budget, _interleave, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
+        )
+
+    def assign(self, plan: Plan) -> tuple[Piece, ...]:
+        """Return one piece for each group of blocks that can be drawn whole. Raises as `StaticAssignment.update`."""
+        owners = self._owners.update(plan)
+        return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """Return the bricks of a rank's blocks that were visible when they were assigned."""
+        return self._owners.holds(rank)
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """Do nothing: a static distribution ignores costs."""
+
+
+def _interleave(cost: Costs, ranks: int) -> Owners:
+    """Assign blocks, as large as leave each rank `BLOCKS_A_RANK`."""
+    block, drawn = 1, np.argwhere(cost > 0)
+    while len(np.unique(drawn // (2 * block), axis=0)) >= BLOCKS_A_RANK * ranks:
+        block *= 2
+    return interleave(cost, ranks, block)
+
+
+class Replicated:
+    """Static replicas, recomputed when an unassigned brick becomes visible.
+
+    The cost of a brick is the expected number of samples times the factor measured in earlier frames.
+
+    Parameters
+    ----------
+    ranks : number of ranks
+    copies : ranks that hold each brick, at most `ranks`
+    budget : memory of a rank for bricks
+    """
+
+    mode: Mode = "sort-last"
+
+    def __init__(self, ranks: int, copies: int, budget: MemoryBudget) -> None:
+        def assign(cost: Costs, count: int) -> Replicas:
+            return replicate(build_tree(cost, count), min(copies, count))
+
+        self._held = StaticAssignment[Replicas](ranks, budget, assign, Replicas.sums, _replica_bricks)
+        self._replicas: Replicas | None = None
+        self._measured = unmeasured((1, 1, 1))
+        self._owners: Owners | None = None
+
+    def assign(self, plan: Plan) -> tuple[Piece, ...]:
+        """Return one piece for each group of bricks that can be drawn whole. Raises as `StaticAssignment.update`."""
+        before, self._replicas = self._replicas, self._held.update(plan)
+        if self._replicas is not before:
+            self._measured = unmeasured(self._replicas.home.shape_zyx)
+        expected = predict(self._measured, expected_samples(plan), plan.cost > 0)
+        self._owners = assign_replicas(self._replicas, expected)
+        return owner_pieces(self._owners, plan.eye_in_bricks(), plan.view.forward)
+
+    def holds(self, rank: int) -> frozenset[Index]:
+        """Return a rank's replicas of bricks that were visible when they were assigned."""
+        return self._held.holds(rank)
+
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """Learn the cost of bricks from the costs of ranks."""
+        if self._owners is not None:
+            self._measured = measure(self._measured, expected_samples(plan), self._owners, rank_costs(costs))
+
+
+def _replica_bricks(replicas: Replicas, rank: int, cost: Costs) -> NDArray[np.int64]:
+    """Return the visible bricks of a rank."""
+    return np.argwhere(replicas.holds(rank) & (cost > 0))

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from clusterviz.frame.loop import FrameLoop, prepare, render_frame
-    from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
+    from clusterviz.frame.run import STEPS, Options, Progress, Run
+    from clusterviz.frame.work import Rendered
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
 
-_OF_LOOP = {"FrameLoop", "prepare", "render_frame"}
+_MODULES = dict.fromkeys(("FrameLoop", "prepare", "render_frame"), "loop") | {"Rendered": "work"}
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__} has no attribute {name}")
-    found = getattr(import_module(f"{__name__}.{'loop' if name in _OF_LOOP else 'run'}"), name)
+    found = getattr(import_module(f"{__name__}.{_MODULES.get(name, 'run')}"), name)
     globals()[name] = found
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, process_time
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
-from clusterviz.frame.opening import Opened, load_bricks
+from clusterviz.frame.opening import BrickReader
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage
@@ -33,24 +33,24 @@ class Drawing:
 
     Parameters
     ----------
-    run : of the loop
+    reader : of this rank's bricks
 
     Attributes
     ----------
     sample_counts : for each piece drawn last its rectangle, and its samples as `RenderResult.work`
     """
 
-    def __init__(self, run: Run) -> None:
-        self._run = run
+    def __init__(self, reader: BrickReader) -> None:
+        self._reader = reader
         self._renderers: RendererCache | None = None
         self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
         self._received: dict[Index, tuple[int, Stored]] = {}
 
-    def load(self, opened: Opened, work: RankWork) -> None:
+    def load(self, run: Run, work: RankWork) -> None:
         """Compile shaders, read bricks and upload them, as far as they are missing; collective."""
         from clusterviz.render.renderer_cache import RendererCache
 
-        run, plan, holds = self._run, work.plan, work.holds
+        plan, holds = work.plan, work.holds
         if plan is None:
             return
         renderers = self._renderers = self._renderers or RendererCache(work.scene.cluster.memory_limit)
@@ -61,7 +61,7 @@ class Drawing:
         if not run.channel.maximum(stale):
             renderers.put(plan, received)
             return
-        bricks = load_bricks(run, opened, plan, missing, holds)
+        bricks = self._reader.load(run, plan, missing, holds)
         with run.collective("context", "context"):
             place = run.channel.placement()
         with run.local("context", "context"):
@@ -85,11 +85,26 @@ class Drawing:
         """Return bricks of this rank, as they lie in GPU memory."""
         return self._renderers.stored(bricks) if self._renderers else {}
 
-    def draw(self, work: RankWork) -> tuple[list[PartialImage], RankFrame]:
-        """Draw this rank's pieces: partial images, front to back, and their counts."""
-        run = self._run
+    def draw(
+        self, run: Run, work: RankWork, tiles: Iterable[Rect] | None = None
+    ) -> tuple[list[PartialImage], RankFrame]:
+        """Draw this rank's pieces.
+
+        Parameters
+        ----------
+        run : of the frame
+        work : whose bricks are loaded
+        tiles : parts of the picture in which all pieces are drawn, one after the other, as from a work queue; None: the
+            rectangles of the pieces
+
+        Returns
+        -------
+        partials : partial images, front to back
+        counts : of this rank
+        """
         with run.local("render"):
-            pieces = work.pieces_of(run.channel.rank)
+            mine = work.pieces_of(run.channel.rank)
+            pieces = mine if tiles is None else (replace(piece, rect=tile) for tile in tiles for piece in mine)
             self.sample_counts = []
             if self._renderers is None or work.plan is None:
                 return [], RankFrame({})

@@ -2,9 +2,9 @@
 
     open -> read a share -> complete the scene -> plan -> assign -> load -> draw -> composite -> collect -> write
 
-Each stage is a function from values to values, and only the loop calls it. With `quality.max_error`, small pictures are
-drawn before the plan to choose settings. With `cluster.mode: auto`, a cost probe chooses how ranks share the frame.
-Hooks of the distribution run before and after drawing. All ranks check that they agree on the assignment.
+Each stage is a function from values to values, and only the loop calls it. `planning` decides on a frame, `drawing` and
+`compositing` make its picture. Hooks of the distribution run around these stages. All ranks check that they agree on
+the work of each.
 
 Expensive results are kept for later frames: the summary of the volume, shaders, kernels, bricks in GPU memory, and the
 compositor's buffers. `Run` describes how the failure of one step ends all ranks.
@@ -13,32 +13,21 @@ compositor's buffers. `Run` describes how the failure of one step ends all ranks
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from copy import deepcopy
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from clusterviz.auto.calibration import SmallPicture
-from clusterviz.auto.mode import AutoMode
 from clusterviz.comm import Channel
 from clusterviz.errors import SceneError
-from clusterviz.frame.assignment import assign_work
-from clusterviz.frame.async_compositing import open_async_compositing
-from clusterviz.frame.compositing import Compositing, finish_frame, gather_costs
-from clusterviz.frame.consistency import check_consistency
+from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Bricks, Given, load_bricks, open_volumes
-from clusterviz.frame.run import STEPS, Options, Progress, Rendered, Run
-from clusterviz.frame.work import DrawnFrame, RankWork
+from clusterviz.frame.opening import BrickReader, Bricks, Given, open_volumes
+from clusterviz.frame.planning import FramePlanner
+from clusterviz.frame.run import STEPS, Options, Progress, Run
+from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render.choice import on_cpu
-from clusterviz.report.decisions import Accuracy, Change
-from clusterviz.report.statistics import RankFrame
-from clusterviz.scene.complete import complete_scene
+from clusterviz.report.decisions import Change
 from clusterviz.scene.values import Scene
-
-if TYPE_CHECKING:
-    from clusterviz.auto.error_bound import ErrorBoundController
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
 
@@ -78,13 +67,12 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
-    opened = open_volumes(run, scene, source)
-    drawing = Drawing(run)
-    auto_mode = AutoMode(run, drawing, opened, scene, False)
-    auto_mode.update(scene)
+    scene, opened, bricks = open_volumes(run, scene, source)
+    reader = BrickReader(opened, bricks)
+    drawing = Drawing(reader)
+    work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
     drawing.release()
-    work = assign_work(run, opened, scene, auto_mode.distribution)
-    return work, load_bricks(run, opened, work.plan, work.holds) if opened and work.plan else {}
+    return work, reader.load(run, work.plan, work.holds) if work.plan else {}
 
 
 class FrameLoop:
@@ -110,16 +98,14 @@ class FrameLoop:
         several: bool = True,
     ) -> None:
         run = self._run = Run(channel, options or Options())
-        self._several = several
-        self._drawing, self._compositing = Drawing(run), Compositing(run, several)
-        self._work: RankWork | None = None
-        self._warned = set[Change]()
-        self._error_bound: ErrorBoundController | None = None
+        self._several, self._warned = several, set[Change]()
+        self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
-            self._opened = open_volumes(run, scene, source)
-            with run.local("plan", "plan"):
-                self.scene = complete_scene(scene, self._opened.infos if self._opened else ())
-        self._auto_mode = AutoMode(run, self._drawing, self._opened, self.scene, several)
+            self.scene, opened, bricks = open_volumes(run, scene, source)
+        self._infos = opened.infos if opened else ()
+        self._reader = BrickReader(opened, bricks)
+        self._drawing = Drawing(self._reader)
+        self._planner = FramePlanner(run, self._drawing, opened, self.scene, several)
 
     def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
         """Draw one frame; the costs of the first include opening the volume. Raises as `render_frame`.
@@ -129,12 +115,13 @@ class FrameLoop:
         scene : may differ from the loop's scene in camera, transfer function and quality; None: the loop's scene
         number : of the frame, for errors and statistics
         """
-        run, run.frame = self._run, number
+        run = self._run.numbered(number)
         with run.clock.stage("total", f"frame {number}"):
-            drawn = self._draw(scene or self.scene, number)
-            image, counts = finish_frame(run, self._compositing, drawn)
-        rendered = gather_costs(run, drawn, image, counts)
-        self._learn(drawn.work, rendered.statistics.per_rank)
+            drawn = self._draw(run, scene or self.scene)
+            image, counts = self._compositing.finish(run, drawn)
+        rendered = self._compositing.gather(run, drawn, image, counts)
+        self._run = run.restarted()
+        self._planner.auto_mode.learn(self._run, drawn.work, rendered.statistics.per_rank)
         return rendered
 
     def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
@@ -144,51 +131,43 @@ class FrameLoop:
         the beginning of a frame to its end; frames overlap, so the sum of totals exceeds the elapsed time. Without
         `Options.overlap`, or if MPI was started for one thread only, frames are drawn one after the other.
         """
-        run, async_compositing = self._run, open_async_compositing(self._run)
+        async_compositing = open_async_compositing(self._run)
         if async_compositing is None:
             for number, scene in scenes:
                 yield self.frame(scene, number)
             return
         with async_compositing:
             for number, scene in scenes:
-                run.frame = number
+                run = self._run.numbered(number)
                 with run.clock.stage("total", f"frame {number}"):
-                    drawn = self._draw(scene, number)
-                    self._learn(drawn.work, run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds)))
+                    drawn = self._draw(run, scene)
+                    costs = run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds))
+                    self._planner.auto_mode.learn(run, drawn.work, costs)
                     with run.clock.stage("wait"):
                         before = async_compositing.take()
-                async_compositing.put(drawn, run.start_frame())
+                async_compositing.put(run, drawn)
+                self._run = run.restarted()
                 if before is not None:
                     yield before
             last = async_compositing.take()
             if last is not None:
                 yield last
 
-    def _draw(self, scene: Scene, number: int) -> DrawnFrame:
-        scene, accuracy = self._settled(scene)
-        self._auto_mode.update(scene, self._work, accuracy)
-        work = self._work = assign_work(self._run, self._opened, scene, self._auto_mode.distribution, self._work)
-        hooks, sharing = self._auto_mode.hooks, self._auto_mode.sharing
-        if self._opened:
-            self._drawing.load(self._opened, work)
-            if accuracy and not self._run.options.keep_bricks:
-                self._opened.held.clear()  # small pictures needed them, with other settings
-            work = hooks.before(self._opened, work) if hooks else work
-        if accuracy:
-            from clusterviz.auto.error_bound import with_pixel
-
-            work, accuracy = with_pixel(work, accuracy, self._run.channel.size)
-        check_consistency(self._run, work)
-        partials, counts = self._drawing.draw(work)
+    def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
+        work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
+        self._drawing.load(run, work)
+        if work.accuracy and not run.options.keep_bricks:
+            self._reader.clear()  # small pictures needed them, with other settings
+        tiles = hooks.before(run, work) if hooks and work.plan else None
+        check_consistency(run, work)
+        partials, counts = self._drawing.draw(run, work, tiles)
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        infos = self._opened.infos if self._opened else ()
-        return DrawnFrame(number, work, partials, counts, infos, accuracy, sharing, self._changes(work))
+        return DrawnFrame(run.frame, work, partials, counts, self._infos, self._changes(run, work))
 
-    def _changes(self, work: RankWork) -> tuple[Change, ...]:
+    def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""
-        run = self._run
         no_cpu = work.plan is not None and run.options.device == "cpu" and not on_cpu(work.plan, "cpu")
         changes = changed_settings(work.scene, run.channel.size, no_cpu)
         for change in changes:
@@ -196,42 +175,6 @@ class FrameLoop:
                 warnings.warn(str(change), stacklevel=4)
         self._warned.update(changes)
         return changes
-
-    def _learn(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
-        if work.plan is not None:
-            self._auto_mode.distribution.learn(work.plan, costs)
-            self._auto_mode.record(costs)
-            if self._auto_mode.hooks:
-                self._auto_mode.hooks.after(work, costs)
-
-    def _settled(self, scene: Scene) -> tuple[Scene, Accuracy | None]:
-        """Choose settings that keep `quality.max_error`, if the scene has one."""
-        if scene.quality.max_error is None or self._opened is None:
-            return scene, None
-        with self._run.local("plan", "plan"):
-            scene = complete_scene(scene, self._opened.infos)
-        if self._error_bound is None:
-            from clusterviz.auto.error_bound import ErrorBoundController
-
-            self._error_bound = ErrorBoundController(self._run, self._small_picture)
-        return self._error_bound.settle(scene)
-
-    def _small_picture(self, scene: Scene) -> SmallPicture:
-        """Draw a picture for a calibration."""
-        # A copy, since the distribution must not learn from these pictures.
-        run, distribution = self._run, deepcopy(self._auto_mode.distribution)
-        work = assign_work(run, self._opened, scene, distribution)
-        if self._opened:
-            self._drawing.load(self._opened, work)
-        before, plan = run.clock.seconds.get("render", 0.0), work.plan
-        partials, counts = self._drawing.draw(work)
-        seconds = run.clock.seconds.get("render", 0.0) - before
-        image, counts = Compositing(run, several=False).picture(work, partials, counts)
-        assert plan is not None, "only what shows a volume has settings to choose"
-        textured = not on_cpu(plan, run.options.device)
-        every = run.channel.allgather((counts.samples, seconds, textured))
-        samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
 
     def __enter__(self) -> FrameLoop:
         return self
@@ -241,4 +184,4 @@ class FrameLoop:
         # After a failure other ranks may never reach a collective call.
         if kind is None:
             self._compositing.close()
-            self._auto_mode.close()
+            self._planner.auto_mode.close()

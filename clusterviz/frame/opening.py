@@ -1,7 +1,7 @@
-"""Opening of volumes, and reading of their bricks.
+"""Opening of volumes, completion of the scene, and reading of bricks.
 
-Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. Later frames read
-the bricks that they miss.
+Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. What the summaries
+say completes the scene. Later frames read the bricks that they miss.
 """
 
 from __future__ import annotations
@@ -35,52 +35,25 @@ Bricks = dict[Index, Any]
 
 @dataclass(frozen=True)
 class OpenedVolume:
-    """Opened volume, with what plans need.
+    """Opened volume, with what plans need; all but the source is the same on every rank.
 
     Attributes
     ----------
     source : of its voxels
     layout : of its bricks
     summary : of its values
-    held : bricks that this rank has read and may need, by index; not the same on every rank
+    infos : information on it, which completes a scene
     """
 
     source: Source
     layout: BrickLayout
     summary: VolumeSummary
-    held: Bricks
+    infos: tuple[VolumeInfo, ...]
 
     @property
     def grid(self) -> Grid:
         """Grid in whose index space plans are."""
         return self.source.grid
-
-    @property
-    def infos(self) -> tuple[VolumeInfo, ...]:
-        """Volume info, which completes a scene."""
-        grid, summary, known = self.source.grid, self.summary, self.summary.categories
-        low, high = summary.value_range
-        percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
-        more: dict[str, Any] = {}
-        if known is not None and len(known.values):
-            commonest, equal = int(known.equal[known.counts.argmax()]), int(known.equal.sum())
-            more = {"values": known.values, "counts": known.counts}
-            more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
-            more["jump_share"] = known.jumps / max(1, known.pairs - equal)
-        info = VolumeInfo(
-            grid.shape_zyx,
-            grid.spacing,
-            grid.corners,
-            *(low, high, percentile_1, percentile_99),
-            finite=int(summary.histogram.sum()),
-            orientation=grid.orientation,
-            is_integer=self.source.dtype.kind != "f",
-            histogram=summary.histogram,
-            blocks=summary.blocks,
-            block_sides=block_sides(grid.shape_zyx),
-            **more,
-        )
-        return (info,)
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -95,9 +68,9 @@ class OpenedVolume:
         """Read bricks of a plan from the source."""
         return read_bricks(self.source, self.layout, wanted)
 
-    def held_for(self, plan: Plan) -> Bricks:
-        """Return held bricks that suit a plan: all of them."""
-        return self.held
+    def suiting(self, plan: Plan, held: Bricks) -> Bricks:
+        """Return those of the bricks in memory that suit a plan: all of them."""
+        return held
 
 
 @dataclass(frozen=True)
@@ -107,11 +80,9 @@ class OpenedVolumes:
     Attributes
     ----------
     volumes : in the order of the scene
-    held : bricks of the domain that this rank has read and may need, by index; not the same on every rank
     """
 
     volumes: tuple[OpenedVolume, ...]
-    held: Bricks
 
     @property
     def grid(self) -> Grid:
@@ -120,7 +91,7 @@ class OpenedVolumes:
 
     @property
     def infos(self) -> tuple[VolumeInfo, ...]:
-        """Volume info of each volume, which completes a scene."""
+        """Information on each volume, which completes a scene."""
         return tuple(info for volume in self.volumes for info in volume.infos)
 
     @property
@@ -147,10 +118,10 @@ class OpenedVolumes:
                 MultiVolumeBrick(index, tuple(samples.pop(index, None) for samples in each), plan.multi_volume.around),
             )
 
-    def held_for(self, plan: Plan) -> Bricks:
-        """Return held bricks that were read with the margins of a plan."""
+    def suiting(self, plan: Plan, held: Bricks) -> Bricks:
+        """Return those of the bricks in memory that were read with the margins of a plan."""
         around = plan.multi_volume.around if plan.multi_volume else ()
-        return {index: brick for index, brick in self.held.items() if brick.around == around}
+        return {index: brick for index, brick in held.items() if brick.around == around}
 
 
 Opened = OpenedVolume | OpenedVolumes
@@ -162,17 +133,27 @@ Given = Source | Sequence[Source] | None
 """Data that replaces the files of a scene: one source, or one for each volume."""
 
 
-def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
-    """Read an equal share of each volume's bricks and summarise the volumes; collective.
+def complete(opened: Opened | None, scene: Scene) -> Scene:
+    """Complete a scene by what is known of its volumes; None: the scene has no volume."""
+    return complete_scene(scene, opened.infos if opened else ())
 
-    The share of a single volume is kept for drawing. Several volumes are read again, as bricks of their domain.
+
+def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
+    """Read an equal share of each volume's bricks, summarise the volumes and complete the scene; collective.
 
     Parameters
     ----------
     source : of the volume, or one for each volume; replaces the files of the scene
+
+    Returns
+    -------
+    scene : completed
+    opened : volumes; None if the scene has none
+    bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
     if not scene.volumes:
-        return None
+        with run.local("plan", "plan"):
+            return complete(None, scene), None, {}
     with run.local("open", "load"):
         sources = _sources(scene, source)
         margins = [
@@ -197,27 +178,35 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> Opened | None:
         fits, parts = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
         held = [dict(read_bricks(*part)) if fits else {} for part in parts]
     with run.collective("summarise", "load"):
-        opened = tuple(
-            OpenedVolume(part[0], part[1], _summary(run, *part, bricks if fits else None), bricks)
-            for part, bricks in zip(parts, held, strict=True)
-        )
-    if len(opened) > 1:
-        return OpenedVolumes(tuple(replace(each, held={}) for each in opened), {})
+        summaries = [_summary(run, *part, bricks if fits else None) for part, bricks in zip(parts, held, strict=True)]
     with run.local("plan", "plan"):
-        return _with_larger_bricks(opened[0], scene, run.channel.size)
+        opened = tuple(
+            OpenedVolume(each, layout, summary, (_info(each, summary),))
+            for each, layout, summary in zip(sources, layouts, summaries, strict=True)
+        )
+        if len(opened) > 1:
+            several = OpenedVolumes(opened)
+            return complete(several, scene), several, {}
+        scene = complete(opened[0], scene)
+        if scene.cluster.largest_brick in (None, scene.cluster.brick):
+            return scene, opened[0], held[0]
+        return scene, _with_larger_bricks(opened[0], scene, run.channel.size), {}
 
 
 def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:
     """Divide the volume into small bricks near the expected planes between ranks, and larger ones elsewhere.
+
+    Parameters
+    ----------
+    scene : completed
 
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
     """
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
-    if largest is None or largest == brick:
-        return opened
-    tree = build_tree(opened.plan(complete_scene(scene, opened.infos)).cost, ranks)
+    assert largest is not None, "only bricks of several sizes are divided again"
+    tree = build_tree(opened.plan(scene).cost, ranks)
     edges, summary = refined_edges(tree, largest // brick), opened.summary
 
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
@@ -229,7 +218,7 @@ def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opene
     summary = replace(
         summary, minimum=found[0], maximum=found[1], has_invalid=joined(np.logical_or, summary.has_invalid)
     )
-    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=summary, held={})
+    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=summary)
 
 
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
@@ -272,22 +261,65 @@ def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], 
     return summarise(source.dtype, layout, bricks, run.channel.allgather)
 
 
-def load_bricks(run: Run, opened: Opened, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
-    """Return bricks of this rank; those that are not in memory are read.
+def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
+    """Return the information on a volume that completes a scene."""
+    grid, known = source.grid, summary.categories
+    low, high = summary.value_range
+    percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
+    more: dict[str, Any] = {}
+    if known is not None and len(known.values):
+        commonest, equal = int(known.equal[known.counts.argmax()]), int(known.equal.sum())
+        more = {"values": known.values, "counts": known.counts}
+        more["equal_share"] = (equal - commonest) / max(1, known.pairs - commonest)
+        more["jump_share"] = known.jumps / max(1, known.pairs - equal)
+    return VolumeInfo(
+        grid.shape_zyx,
+        grid.spacing,
+        grid.corners,
+        *(low, high, percentile_1, percentile_99),
+        finite=int(summary.histogram.sum()),
+        orientation=grid.orientation,
+        is_integer=source.dtype.kind != "f",
+        histogram=summary.histogram,
+        blocks=summary.blocks,
+        block_sides=block_sides(grid.shape_zyx),
+        **more,
+    )
+
+
+class BrickReader:
+    """Bricks of this rank in main memory, and reading of those that are missing.
 
     Parameters
     ----------
-    plan : of the frame
-    wanted : indices of the bricks to return
-    holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
+    opened : volumes; None: there is nothing to read
+    bricks : that have been read
     """
-    with run.local("load", "load"):
-        held = opened.held_for(plan)
-        bricks = {index: held[index] for index in wanted & held.keys()}
-        if run.options.keep_bricks:
-            kept = {index: held[index] for index in holds & held.keys()}
-        opened.held.clear()
-        bricks.update(opened.read(plan, wanted - bricks.keys()))
-        if run.options.keep_bricks:
-            opened.held.update(kept | bricks)
-        return bricks
+
+    def __init__(self, opened: Opened | None, bricks: Bricks) -> None:
+        self._opened, self._held = opened, bricks
+
+    def load(self, run: Run, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
+        """Return bricks of this rank; those that are not in memory are read.
+
+        Parameters
+        ----------
+        plan : of the frame
+        wanted : indices of the bricks to return
+        holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
+        """
+        opened = self._opened
+        assert opened is not None, "only a scene with a volume has a plan"
+        with run.local("load", "load"):
+            held = opened.suiting(plan, self._held)
+            bricks = {index: held[index] for index in wanted & held.keys()}
+            kept = {index: held[index] for index in holds & held.keys()} if run.options.keep_bricks else {}
+            held = self._held = {}  # others are freed before further ones are read
+            bricks.update(opened.read(plan, wanted - bricks.keys()))
+            if run.options.keep_bricks:
+                self._held = kept | bricks
+            return bricks
+
+    def clear(self) -> None:
+        """Free the bricks in memory."""
+        self._held = {}

@@ -1,4 +1,4 @@
-"""Options and results of a frame, and the steps of its run: announced, timed, and with one treatment of failures.
+"""Options of a run, and the steps of its frames: announced, timed, and with one treatment of failures.
 
 After a local step (reading, drawing) the ranks agree on its outcome, so that a failure on one rank becomes the same
 failure on all. A failure in a collective step (compositing, gathering) ends the job, since the other ranks wait for
@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
-from clusterviz.frame.work import DrawnFrame
 from clusterviz.render.choice import Device
-from clusterviz.report.statistics import STAGES, Clock, FrameStatistics
-from clusterviz.report.trace import Span
+from clusterviz.report.statistics import STAGES, Clock
 from clusterviz.scene.values import Scene
 
 Image = NDArray[np.float32]
@@ -37,26 +35,6 @@ STEPS = (
     *("kernels", "composite", "check", "write"),
 )
 """Names of the steps, in the order in which `Options.progress` gets them; a frame may omit some."""
-
-
-@dataclass(frozen=True)
-class Rendered:
-    """Rendered frame: picture, scene and costs.
-
-    Attributes
-    ----------
-    image : float32 (h, w, 4), premultiplied, without background; None on ranks other than 0
-    scene : completed
-    statistics : of all ranks, on every rank
-    spans : of this rank's trace; empty without `Options.trace`
-    drawn : frame of this rank before compositing; None without `Options.keep_drawn`
-    """
-
-    image: Image | None
-    scene: Scene
-    statistics: FrameStatistics
-    spans: tuple[Span, ...] = ()
-    drawn: DrawnFrame | None = None
 
 
 @dataclass(frozen=True)
@@ -88,19 +66,27 @@ class Options:
 
 
 class Run:
-    """Context of a run: the channel, the options, the number of the frame, and this rank's clock."""
+    """Context of the stages of one frame: the channel, the options, the frame's number, and this rank's clock.
 
-    def __init__(self, channel: Channel, options: Options) -> None:
-        self.channel, self.options, self.frame = channel, options, 0
-        self.warned: set[str] = set()
-        self.clock = Clock()
-        self.start_frame()
+    Attributes
+    ----------
+    channel : to the other ranks
+    options : of the run
+    frame : number of the frame, for errors
+    clock : of this rank
+    """
 
-    def start_frame(self) -> Clock:
-        """Start a new clock, and return the last one."""
-        last = self.clock
-        self.clock = Clock(dict.fromkeys(STAGES, 0.0), [] if self.options.trace else None)
-        return last
+    def __init__(self, channel: Channel, options: Options, frame: int = 0, clock: Clock | None = None) -> None:
+        self.channel, self.options, self.frame = channel, options, frame
+        self.clock = clock or Clock(dict.fromkeys(STAGES, 0.0), [] if options.trace else None)
+
+    def numbered(self, frame: int) -> Run:
+        """Return the context of a frame; time that passed before it counts for it."""
+        return Run(self.channel, self.options, frame, self.clock)
+
+    def restarted(self) -> Run:
+        """Return the context after a frame, with a new clock."""
+        return Run(self.channel, self.options, self.frame)
 
     @contextmanager
     def local(self, step: str, stage: str = "") -> Iterator[None]:
@@ -120,16 +106,11 @@ class Run:
             yield
 
     @contextmanager
-    def unreported(self, stage: str) -> Iterator[None]:
-        """Draw frames that are not output: all their time counts as one stage, and their bricks stay in memory."""
-        clock, options = self.clock, self.options
-        self.clock = Clock()
-        self.options = replace(options, check=False, progress=lambda step, done=0.0: None, keep_bricks=True)
-        try:
-            with clock.stage(stage):
-                yield
-        finally:
-            self.clock, self.options = clock, options
+    def unreported(self, stage: str) -> Iterator[Run]:
+        """Time the body as one stage; yields the context of frames that are not output, whose bricks stay in memory."""
+        options = replace(self.options, check=False, progress=lambda step, done=0.0: None, keep_bricks=True)
+        with self.clock.stage(stage):
+            yield Run(self.channel, options, self.frame, Clock())
 
     def _timed(self, step: str, stage: str) -> AbstractContextManager[None]:
         return self.clock.stage(stage, step) if stage else nullcontext()

@@ -1,36 +1,51 @@
-"""Work of a rank in a frame, and its result before compositing."""
+"""Work of a rank in a frame, its results, and the check that all ranks plan the same work.
+
+A CPU that rounds differently, or another version of a library or a file on one node, could make ranks draw a brick
+twice or not at all. The picture would be wrong without an error. So ranks compare checksums of their decisions in every
+frame, before they draw.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+import zlib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from clusterviz.comm import abort_on_failure, mark_agreed
 from clusterviz.data.source import Index
+from clusterviz.errors import RankError
+from clusterviz.frame.run import Image, Run
 from clusterviz.image.partial import PartialImage
 from clusterviz.image.region import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy, Change, Sharing
-from clusterviz.report.statistics import RankFrame
+from clusterviz.report.statistics import FrameStatistics, RankFrame
+from clusterviz.report.trace import Span
 from clusterviz.scene.complete import VolumeInfo
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
+REMEDY = "all ranks need the same files, libraries and kind of processor"
 
 
 @dataclass(frozen=True)
 class RankWork:
-    """Work of one rank in a frame; all but `holds` and `queued_tiles` is the same on every rank.
+    """Work of one rank in a frame; all but `holds` is the same on every rank.
 
     Attributes
     ----------
-    scene : completed
+    scene : completed, with the settings that were chosen for the frame
     plan : None if the scene has no volume
     pieces : of all ranks, from front to back
     holds : bricks that this rank needs to draw
     mode : sort-last, sort-first or hybrid; the tiles of different groups do not overlap
-    queued_tiles : takes tiles from a work queue while this rank draws, each for all of its pieces; None without a queue
+    accuracy : of the settings chosen for `quality.max_error`; None without it
+    sharing : chosen mode; None if none was chosen
     """
 
     scene: Scene
@@ -38,7 +53,8 @@ class RankWork:
     pieces: tuple[Piece, ...]
     holds: frozenset[Index]
     mode: Mode = "sort-last"
-    queued_tiles: Callable[[], Iterator[Rect]] | None = None
+    accuracy: Accuracy | None = None
+    sharing: Sharing | None = None
 
     @property
     def order(self) -> list[int]:
@@ -46,12 +62,9 @@ class RankWork:
         ranks = [piece.rank for piece in self.pieces]
         return ranks if self.mode == "sort-last" else list(dict.fromkeys(ranks))
 
-    def pieces_of(self, rank: int) -> Iterable[Piece]:
+    def pieces_of(self, rank: int) -> list[Piece]:
         """Pieces of one rank, front to back."""
-        mine = [piece for piece in self.pieces if piece.rank == rank]
-        if self.queued_tiles is None:
-            return mine
-        return (replace(piece, rect=tile) for tile in self.queued_tiles() for piece in mine)
+        return [piece for piece in self.pieces if piece.rank == rank]
 
 
 @dataclass(frozen=True)
@@ -65,8 +78,6 @@ class DrawnFrame:
     partials : partial images of this rank, front to back
     counts : costs of drawing on this rank
     infos : info of each volume
-    accuracy : of the settings chosen for `quality.max_error`; None without it
-    sharing : chosen mode; None if none was chosen
     changes : settings that are not used as given
     """
 
@@ -75,6 +86,76 @@ class DrawnFrame:
     partials: list[PartialImage]
     counts: RankFrame
     infos: tuple[VolumeInfo, ...] = ()
-    accuracy: Accuracy | None = None
-    sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Rendered frame: picture, scene and costs.
+
+    Attributes
+    ----------
+    image : float32 (h, w, 4), premultiplied, without background; None on ranks other than 0
+    scene : completed
+    statistics : of all ranks, on every rank
+    spans : of this rank's trace; empty without `Options.trace`
+    drawn : frame of this rank before compositing; None without `Options.keep_drawn`
+    """
+
+    image: Image | None
+    scene: Scene
+    statistics: FrameStatistics
+    spans: tuple[Span, ...] = ()
+    drawn: DrawnFrame | None = None
+
+
+def check_consistency(run: Run, work: RankWork) -> None:
+    """Compare the scene and the pieces of a frame among all ranks; collective.
+
+    Raises
+    ------
+    RankError
+        On every rank; names a rank that differs from most.
+    """
+    if run.channel.size == 1:
+        return
+    with abort_on_failure(run.channel, run.frame, "compare"):
+        scene = zlib.crc32(work.scene.model_dump_json().encode())
+        sums = run.channel.allgather_numbers([scene, digest_of(work.pieces)])
+    check_equal(run, {"what is to be shown": sums[:, 0].tolist(), "who draws what": sums[:, 1].tolist()})
+
+
+def check_equal(run: Run, checksums: Mapping[str, Sequence[int]]) -> None:
+    """Refuse checksums that are not equal on all ranks.
+
+    Parameters
+    ----------
+    checksums : one for each rank, the same on every rank, by the name of the decision
+
+    Raises
+    ------
+    RankError
+        On every rank; names the first rank that differs from most.
+    """
+    for name, sums in checksums.items():
+        usual = Counter(sums).most_common(1)[0][0]
+        odd = [rank for rank, found in enumerate(sums) if found != usual]
+        if odd:
+            beside = "" if len(odd) == 1 else f" (and so do ranks {', '.join(map(str, odd[1:]))})"
+            cause = f"decides otherwise than the other ranks {name}{beside}; {REMEDY}"
+            raise mark_agreed(RankError(odd[0], run.frame, "compare", cause))
+
+
+def digest_of(pieces: Sequence[Piece]) -> int:
+    """CRC-32 of the ranks, bricks and rectangles of pieces, in their order."""
+    boxes = [(piece.rank, *piece.box.begin_zyx, *piece.box.end_zyx) for piece in pieces]
+    rects = [(number, *_corners(piece.rect)) for number, piece in enumerate(pieces) if piece.rect]
+    found = zlib.crc32(np.array(rects, np.int64).tobytes(), zlib.crc32(np.array(boxes, np.int64).tobytes()))
+    for number, piece in enumerate(pieces):
+        if piece.bricks is not None:
+            found = zlib.crc32(np.packbits(piece.bricks).data, zlib.crc32(number.to_bytes(8, "little"), found))
+    return found
+
+
+def _corners(rect: Rect) -> tuple[int, int, int, int]:
+    return rect.x_begin, rect.y_begin, rect.x_end, rect.y_end

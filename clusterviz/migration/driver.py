@@ -8,21 +8,22 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
 from clusterviz.distribution.dynamic import Dynamic
 from clusterviz.distribution.flights import Flight
-from clusterviz.frame.consistency import check_equal
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork
+from clusterviz.frame.work import RankWork, check_equal
 from clusterviz.migration.time_budget import TimeBudget
 from clusterviz.migration.transfer import BrickTransfer
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.plan.plan import Plan
 from clusterviz.render.stored_brick import Stored, stamp_of
 from clusterviz.report.statistics import RankFrame
+from clusterviz.scene.values import Scene
 
 
 class MigrationDriver:
@@ -30,13 +31,13 @@ class MigrationDriver:
 
     Parameters
     ----------
-    run : of the loop
     distribution : that plans flights
     drawing : that stores bricks
+    range_type : of the value ranges of groups of cells
     """
 
-    def __init__(self, run: Run, distribution: Dynamic, drawing: Drawing) -> None:
-        self._run, self._distribution, self._drawing = run, distribution, drawing
+    def __init__(self, distribution: Dynamic, drawing: Drawing, range_type: np.dtype[Any]) -> None:
+        self._distribution, self._drawing, self._range_type = distribution, drawing, range_type
         self._time_budget = TimeBudget(distribution.migration_share)
         self._transfer: BrickTransfer | None = None
         self._flying: dict[int, Index] = {}
@@ -48,12 +49,14 @@ class MigrationDriver:
         self._plan: Plan | None = None
         self._sums: dict[str, int] = {}
 
-    def before(self, opened: Opened, work: RankWork) -> RankWork:
-        """Send bricks of planned flights while there is time; the work stays as assigned."""
-        done = self._run.clock.seconds
+    def prepare(self, run: Run, scene: Scene, plan: Plan) -> None:
+        """Do nothing: bricks are assigned by the costs of earlier frames."""
+
+    def before(self, run: Run, work: RankWork) -> None:
+        """Send bricks of planned flights while there is time."""
+        done = run.clock.seconds
         self._began = perf_counter() - done["plan"] - done["load"]
-        self._depart(opened, work)
-        return work
+        self._depart(run, work)
 
     def counted(self, counts: RankFrame) -> RankFrame:
         """Add the counts of migration in this frame to those of the frame."""
@@ -66,9 +69,9 @@ class MigrationDriver:
             self._sums = now
         return replace(counts, balance=self._counts | found)
 
-    def after(self, work: RankWork, costs: Sequence[RankFrame]) -> None:
+    def after(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
         """Gather which bricks have arrived or were lost, and begin the next frame's time budget."""
-        check_equal(self._run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
+        check_equal(run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
         if work.plan is None:
             return
         # The first frame also sets things up, so only its time of drawing counts.
@@ -76,15 +79,15 @@ class MigrationDriver:
         self._time_budget.end(perf_counter() - self._began if self._frames else drawing)
         self._frames += 1
         self._time_budget.begin(self._distribution.planning_expected)
-        self._complete()
+        self._complete(run)
 
     def close(self) -> None:
         """Complete all messages and close the channel."""
         if self._transfer is not None:
             self._transfer.close()
 
-    def _depart(self, opened: Opened, work: RankWork) -> None:
-        distribution, rank = self._distribution, self._run.channel.rank
+    def _depart(self, run: Run, work: RankWork) -> None:
+        distribution, rank = self._distribution, run.channel.rank
         if self._restarts != distribution.restarts:
             # All bricks were assigned anew, so earlier flights are void.
             self._restarts = distribution.restarts
@@ -96,7 +99,7 @@ class MigrationDriver:
         self._counts = {
             "planned_imbalance": distribution.planned_imbalance,
             "planning_seconds": distribution.planning_seconds,
-            "images": len(list(work.pieces_of(rank))),
+            "images": len(work.pieces_of(rank)),
             "flights": len(flights),
             "planned": zlib.crc32(repr(flights).encode()),
             "bricks_sent": sum(flight.source == rank for flight in flights),
@@ -104,11 +107,12 @@ class MigrationDriver:
             "bricks_recalled": distribution.recalled(rank),
         }
         if work.plan is not None:
-            with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
-                self._send(work.plan, wire_format_of(work.plan, opened.range_type), flights, work.holds)
+            with abort_on_failure(run.channel, run.frame, "migrate"), run.clock.stage("migrate"):
+                self._send(run, work.plan, flights, work.holds)
 
-    def _send(self, plan: Plan, wire_format: WireFormat, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
-        transfer = self._transfer = self._transfer or BrickTransfer(self._run.channel, wire_format, self._time_budget)
+    def _send(self, run: Run, plan: Plan, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
+        wire_format = wire_format_of(plan, self._range_type)
+        transfer = self._transfer = self._transfer or BrickTransfer(run.channel, wire_format, self._time_budget)
         self._plan = plan
         numbers = transfer.post(flights, wire_format)
         self._flying.update(zip(numbers, (flight.brick for flight in flights), strict=True))
@@ -119,15 +123,15 @@ class MigrationDriver:
 
         transfer.send(read)
 
-    def _complete(self) -> None:
+    def _complete(self, run: Run) -> None:
         """Collect arrived bricks; all ranks have sent by now, so without a time limit arrivals are reproducible."""
         if self._transfer is None or not self._under_way:
             self._distribution.complete([], [])
             return
-        with abort_on_failure(self._run.channel, self._run.frame, "migrate"), self._run.clock.stage("migrate"):
+        with abort_on_failure(run.channel, run.frame, "migrate"), run.clock.stage("migrate"):
             delivery = self._transfer.collect(self._store)
-            gathered = self._run.channel.allgather((delivery.arrived, delivery.lost))
-        self._run.clock.note(*delivery.spans)
+            gathered = run.channel.allgather((delivery.arrived, delivery.lost))
+        run.clock.note(*delivery.spans)
         arrived, lost = (sorted(number for rank in gathered for number in rank[side]) for side in (0, 1))
         self._under_way -= {*arrived, *lost}
         self._received += len(delivery.arrived)

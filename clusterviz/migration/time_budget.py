@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-from clusterviz.distribution.migration_rate import WHOLE
+from clusterviz.distribution.dynamic import WHOLE
 
 FRAMES = 4  # last frames, of which the shortest is the expected time of the next one
 DOUBT = 0.8  # factor a frame on the expected time of a step longer than every slice, so that it is tried again

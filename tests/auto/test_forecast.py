@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from clusterviz.auto.cost_probe import REPEATS, CostProbe, drawing_seconds, probe_cost, samples_of_ranks
-from clusterviz.auto.forecast import choose, forecast, held_bytes
+from clusterviz.auto.mode import choose, forecast, held_bytes
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
+from clusterviz.distribution.contract import candidates
 from clusterviz.distribution.memory_budget import MemoryBudget
-from clusterviz.distribution.select import candidates
 from clusterviz.frame import FrameLoop, Options, Run
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import BrickReader, open_volumes
 from clusterviz.frame.work import RankWork
 from clusterviz.image import PartialImage
 from clusterviz.partition.screen import rank_groups
@@ -25,7 +25,6 @@ from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.complete import complete_scene
 from clusterviz.scene.settings import with_settings
 
 RANKS = 4
@@ -47,10 +46,10 @@ def probe_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
 
     def job(channel: Channel) -> tuple[Plan, CostProbe | None]:
         run = Run(channel, CPU)
-        opened = open_volumes(run, scene_of(settings), SOURCE)
+        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.infos)
-        return opened.plan(scene), probe_cost(run, Drawing(run), opened, scene, opened.plan(scene))
+        plan = opened.plan(scene)
+        return plan, probe_cost(run, Drawing(BrickReader(opened, bricks)), scene, plan)
 
     told = run_loopback(RANKS, job)
     assert [probe is None for _, probe in told] == [False, True, True, True]
@@ -196,8 +195,8 @@ def test_a_look_that_others_held_up_is_not_believed(late: int, monkeypatch: pyte
     """Of what a sample takes, the shortest time is what the device takes for it."""
     draw, drawn = Drawing.draw, [0] * RANKS
 
-    def held_up(self: Drawing, share: RankWork) -> tuple[list[PartialImage], RankFrame]:
-        found, run = draw(self, share), self._run
+    def held_up(self: Drawing, run: Run, work: RankWork) -> tuple[list[PartialImage], RankFrame]:
+        found = draw(self, run, work)
         drawn[run.channel.rank] += 1
         if drawn[run.channel.rank] == 2 + late:  # the first is the coarse picture
             run.clock.add("render", 1e4)

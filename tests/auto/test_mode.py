@@ -8,21 +8,18 @@ from typing import Any
 import pytest
 from auto.test_forecast import CPU, INSTANT, NODES, OPAQUE, RANKS, SLOW, SOURCE, scene_of
 
-from clusterviz.auto.forecast import compositing_seconds
-from clusterviz.auto.mode import PAUSE, AutoMode
+from clusterviz.auto.mode import PAUSE, AutoMode, compositing_seconds
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.distribution.coherent import Coherent
-from clusterviz.distribution.interleaved import Interleaved
-from clusterviz.distribution.select import candidates
+from clusterviz.distribution.contract import candidates
 from clusterviz.distribution.sort_first import SortFirst
+from clusterviz.distribution.static import Coherent, Interleaved
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Rendered, Run
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import BrickReader, open_volumes
 from clusterviz.image import compare
 from clusterviz.plan.accuracy import Picked
 from clusterviz.report.decisions import Accuracy
-from clusterviz.scene.complete import complete_scene
 
 ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)
 
@@ -40,12 +37,12 @@ def test_the_pixels_of_the_frame_are_those_that_are_weighed(
 
     def told(channel: Channel) -> tuple[list[float], list[float]]:
         run = Run(channel, CPU)
-        opened = open_volumes(run, scene_of(settings), SOURCE)
+        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.infos)
-        auto_mode = AutoMode(run, Drawing(run), opened, scene, True)
-        auto_mode.update(scene, accuracy=accuracy)
-        found, plan = auto_mode.sharing.forecasts, opened.plan(scene)
+        plan = opened.plan(scene)
+        auto_mode = AutoMode(run, Drawing(BrickReader(opened, bricks)), opened, scene, True)
+        auto_mode.update(run, scene, plan, accuracy=accuracy)
+        found = auto_mode.sharing.forecasts
         floats = [compositing_seconds(plan, NODES, each.groups, slow, "float32") for each in found]
         return floats, [each.seconds_compositing for each in found]
 
@@ -75,11 +72,10 @@ def test_what_the_scene_says_counts(
 
     def chosen(channel: Channel) -> int | None:
         run = Run(channel, CPU)
-        opened = open_volumes(run, scene_of(settings), SOURCE)
+        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
         assert opened is not None
-        scene = complete_scene(scene_of(settings), opened.infos)
-        auto_mode = AutoMode(run, Drawing(run), opened, scene, several)
-        auto_mode.update(scene)
+        auto_mode = AutoMode(run, Drawing(BrickReader(opened, bricks)), opened, scene, several)
+        auto_mode.update(run, scene, opened.plan(scene))
         if isinstance(auto_mode.distribution, SortFirst):
             assert bool(auto_mode.sharing.forecasts) == (settings == OPAQUE)
             return len(auto_mode.distribution.groups)

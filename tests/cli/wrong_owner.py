@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from clusterviz.cli import run
-from clusterviz.distribution import coherent
+from clusterviz.distribution import static
 from clusterviz.partition import BrickBox, BspTree, Leaf, Node, build_tree
 
 
 def main() -> int:
     """Change the partition that drawing uses, then do what the command line says."""
-    coherent.build_tree = _build_wrongly  # type: ignore[attr-defined]
+    static.build_tree = _build_wrongly  # type: ignore[attr-defined]
     return run(sys.argv[2:])
 
 

@@ -56,7 +56,7 @@ def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
     scene = with_settings(views(1)[0], {"brick": 4, "opacity": 0.5, "distribution": distribution, "memory_limit": 9000})
     monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
     loaded: list[int] = []
-    monkeypatch.setattr("clusterviz.frame.drawing.load_bricks", lambda *_: loaded.append(1))
+    monkeypatch.setattr("clusterviz.frame.opening.BrickReader.load", lambda *_: loaded.append(1))
     with pytest.raises(InputError, match=r"cluster.memory_limit.*found 9000 bytes a rank") as refusal:
         run_loopback(3, lambda channel: render_frame(scene, channel))
     assert not loaded

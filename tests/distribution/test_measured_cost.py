@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.distribution.measured_cost import measure, predict, rank_costs, unmeasured
+from clusterviz.distribution.brick_cost import measure, predict, rank_costs, unmeasured
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners, build_tree, owners_of
 from clusterviz.report.statistics import RankFrame

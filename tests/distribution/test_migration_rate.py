@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from clusterviz.distribution.migration_rate import FRAMES_AHEAD, MigrationRate
+from clusterviz.distribution.dynamic import FRAMES_AHEAD, MigrationRate
 
 BRICK = 1000
 

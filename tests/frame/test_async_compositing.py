@@ -13,7 +13,7 @@ from failures.jobs import FIELD, SMALL, failing, finish
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.errors import RankError
-from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.compositing import Compositing
 from clusterviz.render.renderer_cache import RendererCache
 from clusterviz.scene import Scene, scene_of_data
@@ -103,10 +103,10 @@ def test_a_frame_is_composited_while_the_next_is_drawn(monkeypatch: pytest.Monke
             meeting.wait()
         return right_draw(caster, *arguments)
 
-    def composite_and_meet(compositing: Compositing, *arguments: Any) -> Any:
-        if compositing._run.frame == 0:
+    def composite_and_meet(compositing: Compositing, run: Run, *arguments: Any) -> Any:
+        if run.frame == 0:
             meeting.wait()
-        return right_picture(compositing, *arguments)
+        return right_picture(compositing, run, *arguments)
 
     monkeypatch.setattr(RendererCache, "draw", draw_and_meet)
     monkeypatch.setattr(Compositing, "picture", composite_and_meet)
@@ -160,7 +160,7 @@ def test_a_picture_that_cannot_be_written_is_raised_on_all_ranks(monkeypatch: py
     ("rank", "place", "said"),
     [
         (1, "clusterviz.composite.compositor:Compositor.composite", "rank 1, frame 0, composite: ValueError: odd"),
-        (2, "clusterviz.frame.async_compositing:gather_costs", "rank 2: ValueError: odd"),
+        (2, "clusterviz.frame.compositing:Compositing.gather", "rank 2: ValueError: odd"),
         (0, "clusterviz.cli.animate:_Animation.write", "rank 0, frame 0, write: ValueError: odd"),
     ],
 )

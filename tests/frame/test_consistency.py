@@ -14,7 +14,7 @@ from clusterviz.distribution.dynamic import Dynamic
 from clusterviz.distribution.flights import Flight
 from clusterviz.errors import RankError
 from clusterviz.frame import Options, Run
-from clusterviz.frame.consistency import check_equal, digest_of
+from clusterviz.frame.work import check_equal, digest_of
 from clusterviz.image.region import Rect
 from clusterviz.partition import BrickBox, Piece
 

@@ -38,7 +38,7 @@ VOLUMES: dict[str, tuple[np.ndarray, str]] = {
 
 def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeInfo:
     scene = scene_of_data("array", [f"cluster.brick={brick}"])
-    opened = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
+    _, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
     assert opened is not None
     return opened.infos[0]
 

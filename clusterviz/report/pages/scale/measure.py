@@ -162,7 +162,7 @@ def measure(
         size=drawn.work.scene.image.size,
         step=drawn.work.scene.quality.step,
         bytes_per_pixel=4 * np.dtype(np.float32).itemsize,
-        sharing=drawn.sharing.way if drawn.sharing else "sort-last",
+        sharing=drawn.work.sharing.way if drawn.work.sharing else "sort-last",
     )
 
 

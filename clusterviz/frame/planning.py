@@ -1,0 +1,140 @@
+"""Planning of a frame: all its decisions, from the completed scene to the work of each rank.
+
+    scene -> settings for `quality.max_error` -> plan -> mode and distribution -> pieces -> format of pixels -> work
+
+Small pictures may be drawn on the way: to keep an error bound, to choose the mode, or to balance tiles.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from clusterviz.auto.calibration import SmallPicture
+from clusterviz.auto.mode import AutoMode
+from clusterviz.distribution.contract import Distribution
+from clusterviz.frame.compositing import Compositing
+from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.opening import Opened, complete
+from clusterviz.frame.run import Run
+from clusterviz.frame.work import RankWork
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.view import make_view
+from clusterviz.render.choice import on_cpu
+from clusterviz.report.decisions import Accuracy, Sharing
+from clusterviz.scene.diff import check_same_volume
+from clusterviz.scene.values import Scene
+
+if TYPE_CHECKING:
+    from clusterviz.auto.error_bound import ErrorBoundController
+
+
+class FramePlanner:
+    """Planner of a loop's frames; it keeps what earlier frames have taught, the same on every rank.
+
+    Parameters
+    ----------
+    run : of the opening
+    drawing : that draws small pictures, and keeps their bricks
+    opened : volumes, if any
+    scene : completed
+    several : True if more than one frame may come
+
+    Attributes
+    ----------
+    auto_mode : present mode and distribution
+    """
+
+    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
+        self._drawing, self._opened, self._scene = drawing, opened, scene
+        self._error_bound: ErrorBoundController | None = None
+        self._last: RankWork | None = None
+        self.auto_mode = AutoMode(run, drawing, opened, scene, several)
+
+    def plan(self, run: Run, scene: Scene) -> RankWork:
+        """Plan a frame; collective.
+
+        Parameters
+        ----------
+        scene : may differ from the scenes of earlier frames in camera, transfer function and quality
+
+        Raises
+        ------
+        SceneError, InputError, RankError
+            The same on every rank.
+        """
+        with run.local("plan", "plan"):
+            scene = scene if scene is self._scene else complete(self._opened, scene)
+            if self._last is not None:
+                check_same_volume(self._last.scene, scene)
+            plan = self._plan(scene) if scene.quality.max_error is None else None
+        accuracy = None
+        if scene.quality.max_error is not None and self._opened is not None:
+            scene, accuracy = self._settled(run, scene)
+            with run.local("plan", "plan"):
+                plan = self._plan(scene)
+        self._last = self._work(run, scene, plan, accuracy)
+        return self._last
+
+    def _plan(self, scene: Scene) -> Plan | None:
+        """Plan the drawing of a scene; where only the camera moved, reuse all but the view of the last plan."""
+        opened, last = self._opened, self._last
+        if opened is None:
+            return None
+        if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
+            return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid))
+        return opened.plan(scene)
+
+    def _settled(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:
+        """Choose settings that keep `quality.max_error`; the format of pixels is chosen with the pieces."""
+        if self._error_bound is None:
+            from clusterviz.auto.error_bound import ErrorBoundController
+
+            self._error_bound = ErrorBoundController(self._small_picture)
+        return self._error_bound.settle(run, scene)
+
+    def _work(self, run: Run, scene: Scene, plan: Plan | None, accuracy: Accuracy | None) -> RankWork:
+        """Choose mode and distribution, and assign the pieces of a frame."""
+        auto_mode = self.auto_mode
+        if plan is None:
+            return RankWork(scene, None, (), frozenset(), sharing=auto_mode.sharing)
+        auto_mode.update(run, scene, plan, self._last.holds if self._last else frozenset(), accuracy)
+        if auto_mode.hooks:
+            auto_mode.hooks.prepare(run, scene, plan)
+        return _assigned(run, scene, plan, auto_mode.distribution, accuracy, auto_mode.sharing)
+
+    def _small_picture(self, run: Run, scene: Scene) -> SmallPicture:
+        """Draw a picture for a calibration."""
+        with run.local("plan", "plan"):
+            plan = self._opened.plan(scene) if self._opened else None
+        assert plan is not None, "only what shows a volume has settings to choose"
+        # A copy, since the distribution must not learn from these pictures.
+        work = _assigned(run, scene, plan, deepcopy(self.auto_mode.distribution))
+        self._drawing.load(run, work)
+        before = run.clock.seconds.get("render", 0.0)
+        partials, counts = self._drawing.draw(run, work)
+        seconds = run.clock.seconds.get("render", 0.0) - before
+        image, counts = Compositing(several=False).picture(run, work, partials, counts)
+        every = run.channel.allgather((counts.samples, seconds, not on_cpu(plan, run.options.device)))
+        samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
+        return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
+
+
+def _assigned(
+    run: Run,
+    scene: Scene,
+    plan: Plan,
+    distribution: Distribution,
+    accuracy: Accuracy | None = None,
+    sharing: Sharing | None = None,
+) -> RankWork:
+    """Assign the pieces of a plan to ranks; with `accuracy` its error bound determines the format of pixels."""
+    with run.local("plan", "plan"):
+        pieces = distribution.assign(plan)
+        if accuracy is not None:
+            from clusterviz.auto.error_bound import with_pixel
+
+            scene, accuracy = with_pixel(scene, plan, pieces, accuracy, run.channel.size)
+        holds = distribution.holds(run.channel.rank)
+        return RankWork(scene, plan, pieces, holds, distribution.mode, accuracy, sharing)
