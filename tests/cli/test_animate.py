@@ -190,32 +190,6 @@ def test_an_encoder_that_is_missing_is_told_before_the_data_is_read(
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("-o", "none/frame_%d.png", *ORBIT), "none is missing"),
-        (("-o", "none/a.mp4", *ORBIT), "none is missing"),
-        (("-o", "frame.png", *ORBIT), "not a name for frames; found frame.png"),
-        (("-o", "frame_%d_%d.png", *ORBIT), "not a name for frames"),
-        (("-o", "frame_%s%d.png", *ORBIT), "not a name for frames"),
-        (("-o", "frame_%d.jpg", *ORBIT), "not a name for frames"),
-        (("-o", "frame_%d.png", *ORBIT, "--trace", "none/t.json"), "none is missing"),
-        (("-o", "frame_%d.png", "--frames", "3"), "nothing moves; allowed --orbit DEGREES"),
-        (("-o", "frame_%d.png", "--orbit", "90"), "--frames: missing"),
-        (("-o", "frame_%d.png", "--path", "none.yaml"), "none.yaml: cannot be read"),
-    ],
-)
-def test_what_cannot_be_is_told_before_the_data_is_read(
-    arguments: tuple[str, ...], said: str, cli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    outcome = cli("animate", "none.npy", *arguments)
-    assert outcome.status == 2
-    assert outcome.err.count("\n") == 1
-    assert said in outcome.err
-    assert names(tmp_path) == []
-
-
 @pytest.mark.gl
 def test_a_movie_cannot_be_transparent(cli: Run, tmp_path: Path) -> None:
     outcome = animate(cli, tmp_path / "a.mp4", *ORBIT, "-D", "image.background=transparent")
@@ -251,17 +225,8 @@ def test_several_ranks_give_the_same_frames_and_a_failing_one_names_its_frame(cl
     three.mkdir()
     assert animate(cli, one / "f%d.png", *ORBIT).status == 0
     # A mode that is given needs no pre-pass, which would fail first.
-    command = (
-        "animate",
-        FIELD,
-        "-o",
-        str(three / "f%d.png"),
-        *SMALL,
-        *ORBIT,
-        "--resume",
-        "-D",
-        "cluster.mode=sort-last",
-    )
+    options = (*SMALL, *ORBIT, "--resume", "-D", "cluster.mode=sort-last")
+    command = ("animate", FIELD, "-o", str(three / "f%d.png"), *options)
     run_job(3, [*command, "--trace", str(tmp_path / "t.json")])
     for alone, together in zip(pictures(one), pictures(three), strict=True):
         assert np.abs(alone - together).max() <= 1.01 / 255

@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 
 from clusterviz.cli.bench import over
-from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command
+from clusterviz.cli.bench.probes import BURSTS, LARGE_BYTES, SIZES
+from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command, run_job
+from clusterviz.codec import CODECS
 from clusterviz.composite import ALGORITHMS
+from clusterviz.composite.model.network import Network, default_network, open_network
 from clusterviz.reference import over as reference_over
 
 SIZE = (23, 17)
@@ -36,12 +39,6 @@ def test_raycast(cli: Callable[..., Any], tmp_path: Path) -> None:
     assert report["scene"]["quality"]["filter"] == "exact"
 
 
-def test_raycast_of_nothing_is_refused(cli: Callable[..., Any], tmp_path: Path) -> None:
-    (tmp_path / "scene.yaml").write_text("volumes: []")
-    outcome = cli("bench", "raycast", str(tmp_path / "scene.yaml"))
-    assert (outcome.status, "nothing to draw" in outcome.err) == (2, True)
-
-
 def test_over(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(over, "CACHE_BYTES", 1)
     file = tmp_path / "o.json"
@@ -53,29 +50,17 @@ def test_over(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.Monke
         assert all(0 < row["min_ms"] <= row["median_ms"] for row in rows.values())
 
 
-def make_images(parent: Path) -> tuple[Path, np.ndarray[Any, Any]]:
-    """A folder with the images of three ranks, and their composition in float64."""
-    rng = np.random.default_rng(0)
-    alpha = rng.integers(0, 256, (3, SIZE[1], SIZE[0], 1))
-    layers = np.concatenate([rng.integers(0, 1 + np.repeat(alpha, 3, axis=3)), alpha], axis=3).astype(np.uint8)
-    folder = parent / "images"
-    folder.mkdir()
-    for rank, layer in enumerate(layers):
-        layer.tofile(folder / f"img_{rank}.rgba")
-    return folder, reference_over(list(layers / 255.0))
-
-
-@pytest.fixture
-def images(tmp_path: Path) -> tuple[Path, np.ndarray[Any, Any]]:
-    """The same, for one test."""
-    return make_images(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray[Any, Any]]:
     """A folder with the picture and the report of every algorithm on three ranks, and the picture in float64."""
     folder = tmp_path_factory.mktemp("measured")
-    images, expected = make_images(folder)
+    images = folder / "images"
+    images.mkdir()
+    rng = np.random.default_rng(0)
+    alpha = rng.integers(0, 256, (3, SIZE[1], SIZE[0], 1))
+    layers = np.concatenate([rng.integers(0, 1 + np.repeat(alpha, 3, axis=3)), alpha], axis=3).astype(np.uint8)
+    for rank, layer in enumerate(layers):
+        layer.tofile(images / f"img_{rank}.rgba")
     options = ["--images", str(images), "--size", "23x17", "--codec", "raw", "--transport", "messages", "--frames=2"]
     commands = []
     for name in MEASURED:
@@ -84,7 +69,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray
     (folder / "commands").write_text(json.dumps(commands))
     job = [*job_command(3, [])[:-2], str(ONE_AFTER_ANOTHER), str(folder / "commands")]
     subprocess.run(job, check=True, timeout=120, env=OVERSUBSCRIBE | os.environ)
-    return folder, expected
+    return folder, reference_over(list(layers / 255.0))
 
 
 @pytest.mark.fresh
@@ -104,22 +89,92 @@ def test_composite(algorithm: str, measured: tuple[Path, np.ndarray[Any, Any]]) 
     assert np.abs(picture / 255.0 - expected).max() <= 1.5 / 255
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (("--algorithm", "magic"), "unknown compositing algorithm; found magic"),
-        (("--codec", "magic"), "found magic"),
-        (("--transport", "magic"), "unknown transport; found magic; allowed messages, shared, hierarchical, auto"),
-        (("--size", "5"), "--size: not a size"),
-        (("--size", "24x17"), "img_0.rgba: not the size of the picture; found 1564 bytes; allowed 1632"),
-        (("--images", "nowhere"), "nowhere/img_0.rgba: cannot be read"),
-        (("--out", "nowhere/o.rgba"), "nowhere is missing"),
-    ],
-)
-def test_composite_refuses(
-    options: tuple[str, str], text: str, images: tuple[Path, np.ndarray[Any, Any]], cli: Callable[..., Any]
-) -> None:
-    arguments = {"--images": str(images[0]), "--size": "23x17", "--frames": "1"} | dict([options])
-    outcome = cli("bench", "composite", *[word for pair in arguments.items() for word in pair])
-    assert (outcome.status, outcome.out) == (2, "")
-    assert text in outcome.err
+def test_made_up_pictures(cli: Callable[..., Any], tmp_path: Path) -> None:
+    file = tmp_path / "c.json"
+    outcome = cli("bench", "codec", "--size", "96x64", "--frames", "2", "--json", str(file))
+    assert (outcome.status, outcome.err) == (0, "")
+    report = json.loads(file.read_text())
+    assert (report["images"], report["size"], report["frames"]) == (None, [96, 64], 2)
+    rows = {(row["picture"], row["codec"]): row for row in report["results"]}
+    assert len(rows) == 9 * (len(CODECS) - 1)
+    for row in rows.values():
+        assert row["ratio"] == row["bytes"] / row["bytes_raw"]
+        assert 0 < row["encode_s"] <= row["encode_median_s"]
+        if row["ratio"] == 1:
+            assert row["pays_below_gbit_s"] is None
+        else:
+            at_break_even = (row["bytes_raw"] - row["bytes"]) * 8 / (row["pays_below_gbit_s"] * 1e9)
+            assert at_break_even == pytest.approx(row["encode_s"] + row["open_s"])
+    assert rows["sparse uint8", "active"]["ratio"] < 0.2
+    assert rows["dense float32", "active"]["ratio"] == 1
+    assert rows["noise uint8", "shuffle+lz4"]["ratio"] == 1
+
+
+def test_pictures_of_a_folder(cli: Callable[..., Any], tmp_path: Path) -> None:
+    half = np.zeros((20, 30, 4), np.float32)
+    half[10:] = 0.5
+    np.save(tmp_path / "half.npy", half)
+    np.rint(255 * half).astype(np.uint8).tofile(tmp_path / "img_0.rgba")
+    file = tmp_path / "c.json"
+    options = ("--size", "30x20", "--frames", "1", "--json", str(file))
+    assert cli("bench", "codec", "--images", str(tmp_path), *options).status == 0
+    rows = {(row["picture"], row["codec"]): row["bytes"] for row in json.loads(file.read_text())["results"]}
+    assert rows["img_0", "active"] == rows["half uint8", "active"] == 12 + 8 + 4 * 300
+    assert rows["half float32", "rectangle"] == 12 + 16 + 16 * 300
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the network file is kept in this test, in a folder that is not there yet."""
+    monkeypatch.delenv("CLUSTERVIZ_NETWORK", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    return tmp_path / "clusterviz" / "network.json"
+
+
+def check(network: Network) -> None:
+    """What no machine can fall short of."""
+    assert network.seconds_per_byte > 0
+    assert 0 < network.seconds_per_pixel < 1e-6
+    assert 0 < network.seconds_per_float_pixel < 1e-6
+    assert 0 < network.copy_seconds_per_byte < 1e-6
+    assert network.barrier_seconds > 0
+    assert network.frame_seconds > 0
+    assert network.cores >= 1
+
+
+@pytest.mark.fresh
+def test_one_node_is_measured_and_found_again(kept: Path, tmp_path: Path) -> None:
+    report = tmp_path / "r.json"
+    run_job(2, ["bench", "network", "--frames", "2", "--json", str(report)])
+    network = open_network(str(kept))
+    check(network)
+    assert network.nodes == 1
+    assert network.latency_seconds == network.node_latency_seconds
+    assert default_network(1) == network
+    assert default_network(2).latency_seconds == open_network("ethernet-10g").latency_seconds
+    found = json.loads(report.read_text())
+    assert found["constants"]["seconds_per_byte"] == network.seconds_per_byte
+    assert (found["frames"], found["ranks"], found["file"]) == (2, 2, str(kept))
+    times = found["times"]["inside a node"]
+    assert [int(size) for size in times["by_size"]] == list(SIZES)
+    assert [int(size) for size in times["by_swap"]] == [size for size in SIZES if size >= LARGE_BYTES]
+    assert [int(count) for count in times["by_count"]] == list(BURSTS)
+    assert all(len(seconds) == 2 for seconds in times["by_size"].values())
+
+
+@pytest.mark.fresh
+def test_pretended_nodes_are_measured_as_several(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLUSTERVIZ_RANKS_PER_NODE", "2")
+    output = tmp_path / "mine.json"
+    run_job(3, ["bench", "network", "--frames", "1", "-o", str(output)])
+    network = open_network(str(output))
+    check(network)
+    assert network.nodes == 2
+    assert not kept.exists()
+
+
+def test_one_rank_is_refused(cli: Callable[..., Any], kept: Path) -> None:
+    outcome = cli("bench", "network")
+    assert outcome.status == 2
+    assert "a network has two ranks and more; found 1" in outcome.err
+    assert not kept.exists()

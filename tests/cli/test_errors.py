@@ -83,7 +83,6 @@ def test_debug_shows_the_traceback_wherever_it_stands(
         (("info", "a.npy", "--nope"), "No such option"),
         (("info", "a.npy", "--brick", "many"), "Invalid value for '--brick'"),
         (("info", "a.npy", "--brick", "1"), "Invalid value for '--brick'"),
-        (("info", "none.npy"), "none.npy: no such file"),
     ],
 )
 def test_wrong_usage_is_status_2(cli: Callable[..., Any], arguments: tuple[str, ...], text: str) -> None:

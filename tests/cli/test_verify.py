@@ -60,23 +60,8 @@ def test_a_brick_that_two_ranks_own_or_none(how: str, cli: Callable[..., Any], m
         return [*job_command(ranks, [])[:-2], str(WRONG_OWNER), how, *arguments]
 
     monkeypatch.setattr(jobs, "job_command", wrong)
-    outcome = cli(
-        "verify",
-        *SCENE,
-        "-D",
-        "cluster.brick=8",
-        "--ranks",
-        "1,2",
-        "--algorithms",
-        "serial",
-        "--bricks",
-        "8",
-        "--distributions",
-        "coherent",
-        "--no-reference",
-        "--modes",
-        "",
-    )
+    options = ("--ranks", "1,2", "--algorithms", "serial", "--bricks", "8", "--distributions", "coherent")
+    outcome = cli("verify", *SCENE, *options, "-D", "cluster.brick=8", "--no-reference", "--modes", "")
     assert outcome.status == 1
     assert "ownership, 2 ranks, serial, brick 8: " in outcome.err
     assert "samples instead of" in outcome.err
@@ -154,26 +139,6 @@ def test_one_rank_needs_one_algorithm() -> None:
 def test_three_ranks_make_two_nodes() -> None:
     found = verify._configurations([3], ["tree"], [8], ["hierarchical"])
     assert found == [Configuration(3, "auto", 8, "hierarchical")]
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (("--ranks", "1,x"), "--ranks: not a count; found x"),
-        (("--ranks", "0"), "--ranks: not a count; found 0"),
-        (("--algorithms", "tree,magic"), "--algorithms: unknown name; found magic"),
-        (("--bricks", "1"), "--bricks: not a count; found 1"),
-    ],
-)
-def test_wrong_options(options: tuple[str, ...], text: str, cli: Callable[..., Any]) -> None:
-    outcome = cli("verify", *SCENE, *options)
-    assert (outcome.status, text in outcome.err) == (2, True)
-
-
-def test_it_is_not_run_by_mpirun(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    outcome = cli("verify", *SCENE)
-    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)
 
 
 @pytest.mark.fresh

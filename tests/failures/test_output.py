@@ -6,38 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from failures.jobs import FIELD, SECONDS, SMALL, Ended, check_failure, render
 
 from clusterviz.cli import run
-
-
-@pytest.mark.parametrize(
-    ("option", "name", "said"),
-    [
-        ("-o", "none/a.png", "none is missing; allowed a folder that is there"),
-        ("-o", "file/a.png", "file is not a folder; allowed a file in a folder"),
-        ("-o", "file/none/a.png", "none is not a folder; allowed a file in a folder"),
-        ("-o", "folder.png", "found a folder"),
-        ("-o", "a.bmp", "unknown extension; found .bmp; allowed .png, .npy, .exr"),
-        ("-o", "a", "unknown extension; found none"),
-        ("--stats", "none/s.json", "none is missing; allowed a folder that is there"),
-        ("--stats", "folder.png", "found a folder"),
-    ],
-)
-def test_an_impossible_output_is_told_before_the_data_is_read(
-    option: str, name: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    (tmp_path / "folder.png").mkdir()
-    before = sorted(path.name for path in tmp_path.rglob("*"))
-    outputs = {"-o": str(tmp_path / "picture.png")} | {option: str(tmp_path / name)}
-    arguments = [word for pair in outputs.items() for word in pair]
-    assert run(["render", str(tmp_path / "no-data.npy"), *arguments]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert said in err
-    assert sorted(path.name for path in tmp_path.rglob("*")) == before
 
 
 @pytest.mark.fresh
@@ -68,3 +41,12 @@ def test_an_older_picture_survives_a_failure(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr("clusterviz.image.replace._flush_to_disk", full)
     assert run(["render", FIELD, "-o", str(picture), *SMALL]) == 2
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.npy", "older")]
+
+
+@pytest.mark.fresh
+def test_data_that_ends_early_is_told_once_by_all_ranks(tmp_path: Path) -> None:
+    data, out = tmp_path / "cut.npy", tmp_path / "out"
+    out.mkdir()
+    np.save(data, np.zeros((20, 20, 20), np.float32))
+    data.write_bytes(data.read_bytes()[:-8000])
+    check_failure(render(3, str(data), "-o", str(out / "a.png"), *SMALL), 2, "cut.npy", out)

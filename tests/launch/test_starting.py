@@ -73,12 +73,6 @@ def srun_that_lists(*plugins: str) -> str:
 
 
 @pytest.mark.parametrize("launcher", LAUNCHERS)
-def test_without_arguments_the_usage_is_shown(launcher: str, desk: Desk) -> None:
-    ended = desk.run(launcher)
-    assert (ended.returncode, "usage: launch/" + launcher in ended.stderr) == (2, True)
-
-
-@pytest.mark.parametrize("launcher", LAUNCHERS)
 def test_a_launcher_is_a_story_of_eighty_lines(launcher: str) -> None:
     text = (ROOT / "launch" / launcher).read_text()
     assert len(text.splitlines()) <= 80
@@ -161,18 +155,6 @@ def test_commands_that_start_ranks_are_told_how_under_slurm(plugins: tuple[str, 
     assert desk.called("clusterviz") == ["scale", "s.yaml"]
 
 
-@pytest.mark.parametrize(("launcher", "job"), [("slurm", "SLURM_JOB_ID"), ("pbs", "PBS_JOBID")])
-def test_options_of_the_scheduler_come_too_late_in_a_job(launcher: str, job: str, desk: Desk) -> None:
-    ended = desk.run(launcher, "-N", "2", "--", "doctor", **{job: "7"})
-    assert (ended.returncode, "is running" in ended.stderr) == (2, True)
-
-
-@pytest.mark.parametrize(("launcher", "program"), [("slurm", "sbatch"), ("pbs", "qsub")])
-def test_a_missing_scheduler_is_named(launcher: str, program: str, desk: Desk) -> None:
-    ended = desk.run(launcher, "doctor")
-    assert (ended.returncode, f"there is no {program} here" in ended.stderr) == (1, True)
-
-
 def test_pbs_submits_what_the_job_then_runs(desk: Desk) -> None:
     script, nodes = desk.logs / "script", desk.logs / "nodes"
     desk.program("qsub", f"cat >{shlex.quote(str(script))}")
@@ -184,11 +166,6 @@ def test_pbs_submits_what_the_job_then_runs(desk: Desk) -> None:
     ended = desk.run("/bin/sh", str(script), PBS_JOBID="7", PBS_NODEFILE=str(nodes))
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "n1:2\nn2:2\n", "")
     assert (desk.called("mpirun") or [])[2:] == ["-n", "4", str(desk.clusterviz), *ARGUMENTS]
-
-
-def test_pbs_without_a_list_of_nodes_says_so(desk: Desk) -> None:
-    ended = desk.run("pbs", "doctor", PBS_JOBID="7")
-    assert (ended.returncode, "PBS_NODEFILE names no file" in ended.stderr) == (1, True)
 
 
 @pytest.mark.parametrize("text", ["# two\nn1:2 \n\nn2:1\n", "n1 slots=2 # fast\nn2\n", "n1\nn2\nn1\n"])
@@ -227,22 +204,6 @@ def test_more_ranks_than_slots_take_turns_and_a_failure_is_handed_on(desk: Desk)
     assert (ended.returncode, "5 ranks in 2 slots: they take turns" in ended.stderr) == (3, True)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [("", "names no host"), ("n1:0\n", "no number of slots"), ("n1 slots=many\n", "no number of slots")],
-)
-def test_broken_host_files_are_refused(text: str, said: str, desk: Desk) -> None:
-    (desk.logs / "hosts.txt").write_text(text)
-    desk.program("mpirun")
-    ended = desk.run("hostfile", "hosts.txt", "doctor")
-    assert (ended.returncode, said in ended.stderr, desk.called("mpirun")) == (2, True, None)
-
-
-def test_a_missing_host_file_is_named(desk: Desk) -> None:
-    ended = desk.run("hostfile", "nowhere.txt", "doctor")
-    assert (ended.returncode, "cannot read the host file nowhere.txt" in ended.stderr) == (2, True)
-
-
 @pytest.mark.parametrize(("cores", "said"), [("2", "4 ranks on 2 cores: they take turns"), ("4", "")])
 def test_local_says_where_ranks_outnumber_cores(cores: str, said: str, desk: Desk) -> None:
     desk.write(desk.bin / "nproc", f"echo {cores}")
@@ -253,10 +214,27 @@ def test_local_says_where_ranks_outnumber_cores(cores: str, said: str, desk: Des
     assert bool(said) == bool(ended.stderr)
 
 
-@pytest.mark.parametrize("arguments", [("local", "2"), ("hostfile", "hosts.txt")])
-def test_commands_that_start_mpirun_are_not_started_by_it(arguments: tuple[str, ...], desk: Desk) -> None:
-    (desk.logs / "hosts.txt").write_text("n1:2\n")
+@pytest.mark.parametrize(
+    ("command", "environment", "status", "said"),
+    [
+        *((launcher, "", 2, f"usage: launch/{launcher}") for launcher in LAUNCHERS),
+        ("slurm -N 2 -- doctor", "SLURM_JOB_ID", 2, "is running"),
+        ("pbs -N 2 -- doctor", "PBS_JOBID", 2, "is running"),
+        ("slurm doctor", "", 1, "there is no sbatch here"),
+        ("pbs doctor", "", 1, "there is no qsub here"),
+        ("pbs doctor", "PBS_JOBID", 1, "PBS_NODEFILE names no file"),
+        ("hostfile nowhere.txt doctor", "", 2, "cannot read the host file nowhere.txt"),
+        ("hostfile empty.txt doctor", "", 2, "names no host"),
+        ("hostfile none.txt doctor", "", 2, "no number of slots"),
+        ("hostfile many.txt doctor", "", 2, "no number of slots"),
+        # What starts mpirun is not started by it.
+        ("local 2 scale scene.yaml", "", 2, "run  clusterviz scale scene.yaml"),
+        ("hostfile hosts.txt scale scene.yaml", "", 2, "run  clusterviz scale scene.yaml"),
+    ],
+)
+def test_what_cannot_be_started_is_said(command: str, environment: str, status: int, said: str, desk: Desk) -> None:
+    for name, text in {"empty": "", "none": "n1:0\n", "many": "n1 slots=many\n", "hosts": "n1:2\n"}.items():
+        (desk.logs / f"{name}.txt").write_text(text)
     desk.program("mpirun")
-    ended = desk.run(*arguments, "scale", "scene.yaml")
-    assert (ended.returncode, desk.called("mpirun")) == (2, None)
-    assert "run  clusterviz scale scene.yaml" in ended.stderr
+    ended = desk.run(*command.split(), **({environment: "7"} if environment else {}))
+    assert (ended.returncode, said in ended.stderr, desk.called("mpirun")) == (status, True, None), ended.stderr

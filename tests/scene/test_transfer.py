@@ -1,15 +1,22 @@
-"""Transfer functions: control points, steps, the range of float64, and transparent intervals."""
+"""Transfer functions: points, steps, the range of float64, transparent intervals, opacity presets and 2-D tables."""
 
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from clusterviz.errors import SceneError
+from clusterviz.scene import Volume, VolumeInfo, complete_scene, load_scene
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.opacity import PRESETS, opacity_points, preset_points
 from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
+from clusterviz.scene.transfer_2d import Transfer2d, load_table, read_table
 
 
 def function(points: list[tuple[float, float]], unit: float = 1.0) -> TransferFunction:
@@ -131,3 +138,103 @@ def test_transparency_agrees_with_dense_sampling(points: list[tuple[int, float]]
 def test_arrays_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         function([(0, 0)]).opacities[0] = 1
+
+
+BLACK = (np.zeros(1), np.zeros((1, 3)))
+
+
+def table(name: str) -> np.ndarray:
+    """The preset at PyVista's 256 places, in bytes."""
+    places, opacities = preset_points(name)
+    function = TransferFunction(*BLACK, places, opacities, 1.0, (0.0, 1.0))
+    return function.opacity(np.linspace(0, 1, 256)) * 255
+
+
+@pytest.mark.parametrize(("name", "reach"), [("sigmoid", 10), ("sigmoid_3", 3), ("sigmoid_10", 10), ("sigmoid_20", 20)])
+def test_sigmoids_are_bytes_of_the_logistic_curve(name: str, reach: int) -> None:
+    expected = np.array(1 / (1 + np.exp(-np.linspace(-reach, reach, 256))) * 255, np.uint8)
+    np.testing.assert_allclose(table(name), expected, atol=1e-9)
+    np.testing.assert_allclose(table(f"{name}_r"), expected[::-1], atol=1e-9)
+
+
+def test_linear_and_geom_are_the_spaced_bytes() -> None:
+    np.testing.assert_allclose(table("linear"), np.linspace(0, 255, 256, dtype=np.uint8), atol=1e-9)
+    np.testing.assert_allclose(table("linear_r"), np.linspace(255, 0, 256, dtype=np.uint8), atol=1e-9)
+    np.testing.assert_allclose(table("geom"), np.geomspace(1e-6, 255, 256, dtype=np.uint8), atol=1e-9)
+    np.testing.assert_allclose(table("foreground"), [0] + [255] * 255, atol=1e-9)
+
+
+def test_linear_needs_two_points_only() -> None:
+    places, opacities = preset_points("linear")
+    assert places.tolist() == [0, 1]
+    assert opacities.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_covers_the_range_exactly(name: str) -> None:
+    values, opacities = opacity_points(name, (-1.7e308, 1.7e308))
+    assert (values[0], values[-1]) == (-1.7e308, 1.7e308)
+    assert np.isfinite(values).all()
+    assert (values[1:] > values[:-1]).all()
+    assert opacities.min() >= 0
+    assert opacities.max() <= 1
+
+
+def test_numbers_and_points_are_kept() -> None:
+    assert [part.tolist() for part in opacity_points(0.25, (1.0, 2.0))] == [[1.0], [0.25]]
+    assert [part.tolist() for part in opacity_points(((5, 0), (5, 1)), (1.0, 2.0))] == [[5, 5], [0, 1]]
+
+
+FACTS = VolumeInfo((4, 4, 4), (2.0, 4.0, 2.0), np.zeros((8, 3)), 0.0, 100.0, 10.0, 50.0)
+
+
+def test_most_is_transparent_only_where_every_magnitude_is(tmp_path: Path) -> None:
+    np.save(tmp_path / "t.npy", np.array([[0, 0, 0.5], [0, 0.25, 0]]))
+    table = load_table(Transfer2d(path=str(tmp_path / "t.npy"), values=(10, 30), magnitudes=(0, 1)))
+    assert table.colours is None
+    assert [part.tolist() for part in table.max_opacity_points] == [[10, 20, 30], [0, 0.25, 0.5]]
+
+
+def test_ranges_are_those_of_clim_and_of_a_quarter_of_it_a_voxel(tmp_path: Path) -> None:
+    np.save(tmp_path / "t.npy", np.ones((2, 3, 4), np.float32))
+    (tmp_path / "scene.yaml").write_text("volumes: [{path: a.npy, transfer_2d: {path: t.npy}}]")
+    volume = complete_scene(load_scene(tmp_path / "scene.yaml"), FACTS).volumes[0]
+    assert volume.transfer_2d == Transfer2d(path=str(tmp_path / "t.npy"), values=(10, 50), magnitudes=(0, 5))
+    assert volume.opacity is None
+    assert transfer_function(volume).opacity([9, 30, 99]).tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        (np.ones(3), "not a table"),
+        (np.ones((2, 3, 3)), "not a table"),
+        (np.ones((0, 3)), "not a table"),
+        (np.ones((2, 5000)), "not a table"),
+        (np.ones((2, 3), bool), "not a table"),
+        (np.full((2, 3), 1.5), "out of range"),
+        (np.full((2, 3), np.nan), "out of range"),
+        (np.array([["a"]], object), "not a .npy file"),
+        (None, "cannot read"),
+    ],
+)
+def test_what_is_no_table_is_refused(table: np.ndarray | None, problem: str, tmp_path: Path) -> None:
+    if table is not None:
+        np.save(tmp_path / "t.npy", table)
+    (tmp_path / "scene.yaml").write_text("volumes: [{path: a.npy, transfer_2d: {path: t.npy}}]")
+    with pytest.raises(SceneError, match=problem) as caught:
+        load_scene(tmp_path / "scene.yaml")
+    assert "volumes[0].transfer_2d.path" in str(caught.value)
+
+
+def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "t.npy"
+    for turn, value in enumerate((0.25, 0.5)):
+        np.save(path, np.full((1, 1), value))
+        os.utime(path, ns=(turn, turn))
+        assert read_table(str(path))[0].tolist() == [[value]]
+
+
+def test_a_table_of_a_volume_that_is_not_completed() -> None:
+    with pytest.raises(ValueError, match="completed"):
+        load_table(Volume(path="a", transfer_2d={"path": "t.npy"}).transfer_2d)  # type: ignore[arg-type]
