@@ -16,6 +16,7 @@ from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, o
 from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.settings import with_settings
 
 SCENE = scene_of_data("field:gaussian:16", ["automatic=false", "image.size=[24,18]", "cluster.brick=8"])
@@ -147,9 +148,9 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("blending", ["maximum", "average", "local-maximum"])
-def test_projections_are_composited_as_asked_and_give_one_picture(blending: str) -> None:
-    look = {"blending": blending} | ({"threshold": 0.3} if blending == "local-maximum" else {})
+@pytest.mark.parametrize("blending", ["maximum", "average", "local-maximum", "first-hit"])
+def test_projections_are_composited_as_asked_and_give_one_picture(blending: Blending) -> None:
+    look = {"blending": blending} | ({"threshold": 0.3} if BLEND_MODES[blending].threshold else {})
     scene = with_settings(SCENE, look)
     alone = render_frame(scene, LoopbackChannel()).image
     assert alone is not None

@@ -295,7 +295,7 @@ def _cost_probe(
         place = each.number, slice(rect.y_begin, rect.y_end), slice(rect.x_begin, rect.x_end)
         depth[place] = each.depth
         samples[place] = LONGER * scale**2 * _by_pixel(rect, each.work)
-    ends = plan.blend_mode.operator == "over" and plan.march.residual > 0
+    ends = plan.blend_mode.traits.composited and plan.march.residual > 0
     limit = -np.log(plan.march.residual) / LONGER if ends else np.inf
     taken = sum(rank.samples for rank in ranks)
     measured = sum(rank.seconds for rank in ranks if rank.samples) / taken if taken else UNKNOWN

@@ -107,7 +107,7 @@ def with_pixel(
 def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
     """Pick the format of partial images by the rest of the bound, if up to `images` cover each other."""
     bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
-    return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.operator == "over")
+    return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.traits.composited)
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:

@@ -93,6 +93,10 @@ class BlendMode:
                 hidden = hidden | transfer.is_transparent(-np.inf, high)
             case "transparent above":
                 hidden = hidden | transfer.is_transparent(low, np.inf)
+            case "below threshold":
+                # The threshold is rounded to float32, and so are samples.
+                below = self.threshold - 2.0**-20 * max(1.0, abs(self.threshold))
+                hidden = hidden | (in_units_of_clim(high, *transfer.domain) < below)
         for surface in self.surfaces:
             hidden = hidden & ~((low <= surface.value) & (surface.value <= high))
         return np.asarray(hidden)

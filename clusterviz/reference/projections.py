@@ -1,4 +1,4 @@
-"""Reference of projections: maximum, minimum, local maximum, average, sum."""
+"""Reference of projections: maximum, minimum, local maximum, first hit, average, sum."""
 
 from __future__ import annotations
 
@@ -56,6 +56,22 @@ class LocalMaximum:
         return _classified(scalar, np.isfinite(scalar), classify)
 
 
+class FirstHit:
+    """The ray's first scalar not below a threshold."""
+
+    def __init__(self, rays: int, threshold: float) -> None:
+        self.threshold, self.found = threshold, np.full(rays, np.nan)
+
+    def take(self, rays: NDArray[np.int64], scalar: Floats, valid: Flags, _: Floats) -> None:
+        """Add the next samples of rays."""
+        hit = valid & (scalar >= self.threshold) & np.isnan(self.found[rays])
+        self.found[rays[hit]] = scalar[hit]
+
+    def finish(self, classify: TransferFunction) -> Floats:
+        """Return rgba, float64 (rays, 4)."""
+        return _classified(self.found, ~np.isnan(self.found), classify)
+
+
 class Sum:
     """Average and sum of opacity × scalar, in grey.
 
@@ -85,13 +101,15 @@ class Sum:
         return np.where(hit[:, None], rgba, 0)
 
 
-Projection = Extreme | LocalMaximum | Sum
+Projection = Extreme | LocalMaximum | FirstHit | Sum
 
 
 def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Projection:
     """Return the projection for a completed volume's blending."""
     if volume.blending == "local-maximum":
         return LocalMaximum(rays, float(volume.threshold))  # type: ignore[arg-type]
+    if volume.blending == "first-hit":
+        return FirstHit(rays, float(volume.threshold))  # type: ignore[arg-type]
     if volume.blending in ("maximum", "minimum"):
         return Extreme(rays, 1 if volume.blending == "maximum" else -1)
     return Sum(rays, classify, None if volume.blending == "average" else classify.unit_distance)

@@ -111,7 +111,7 @@ class Raycaster:
         if bricks:
             self._last_frame.forget()
         # With early ray termination, a brick of one volume is uploaded only if a ray reaches it.
-        later = plan.march.residual > 0 and plan.blend_mode.operator == "over" and plan.multi_volume is None
+        later = plan.march.residual > 0 and plan.blend_mode.traits.composited and plan.multi_volume is None
         put = self.pool.put_later if later else self.pool.put
         put(bricks, store_as(plan, self.slot))
 
@@ -323,7 +323,7 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if count < 2 or not plan.march.residual or plan.blend_mode.operator != "over" or piece.rect is not None:
+    if count < 2 or not plan.march.residual or not plan.blend_mode.traits.composited or piece.rect is not None:
         return [piece] if len(members) else []
     box = bounding_box(members)
     present = np.zeros(box.shape_zyx)

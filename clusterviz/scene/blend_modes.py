@@ -12,7 +12,7 @@ from typing import Literal
 from clusterviz.image.merge import Operator
 
 Resolve = Literal["none", "colour", "colour of run", "mean", "integral"]
-Skip = Literal["nothing", "transparent", "transparent below", "transparent above", "all"]
+Skip = Literal["nothing", "transparent", "transparent below", "transparent above", "below threshold", "all"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class BlendModeTraits:
     operator : merge operator of partial images, see `image/merge.py`
     resolve : how merged pixels become colours, see `render/projection.py`
     skip : samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
-        those below, or above, which all opacities are 0; "all": samples, but not isosurfaces
+        those below, or above, which all opacities are 0; "below threshold": those below the key `threshold`;
+        "all": samples, but not isosurfaces
     constants : GLSL declarations for the shader
     surfaces : isosurfaces are "refused", "allowed" among the samples, or "required"
     absorbs : opacity accumulates with the length of the ray, so it can be pre-integrated, depend on the gradient, and
@@ -61,10 +62,10 @@ class BlendModeTraits:
     @property
     def composited(self) -> bool:
         """Whether partial images hold colours and opacities, which hide what lies behind; else it is a projection."""
-        return self.operator == "over"
+        return self.resolve == "none"
 
 
-Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "isosurface"]
+Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "first-hit", "isosurface"]
 """Names of the table, for type checkers."""
 BLEND_MODES: dict[Blending, BlendModeTraits] = {
     "composite": BlendModeTraits(
@@ -111,6 +112,13 @@ BLEND_MODES: dict[Blending, BlendModeTraits] = {
         "local_maximum.glsl",
         "stretch",
         "colour of run",
+        threshold=True,
+    ),
+    "first-hit": BlendModeTraits(
+        "colour and opacity of the first scalar not below threshold, transparent if there is none",
+        "first_hit.glsl",
+        resolve="colour",
+        skip="below threshold",
         threshold=True,
     ),
     "isosurface": BlendModeTraits(

@@ -34,10 +34,11 @@ LOW, HIGH = np.array([0.0, 1.0, 6.0, 0.0, np.inf]), np.array([1.5, 3.0, 8.0, 9.0
         ("average", [False, False, False, False, True]),
         ("additive", [False, False, False, False, True]),
         ("local-maximum", [False, False, False, False, True]),
+        ("first-hit", [True, False, False, False, True]),
     ],
 )
 def test_only_what_cannot_matter_is_hidden(blending: str, hidden: list[bool]) -> None:
-    assert BlendMode(blending).hides(BAND, LOW, HIGH).tolist() == hidden
+    assert BlendMode(blending, threshold=0.25).hides(BAND, LOW, HIGH).tolist() == hidden
 
 
 def test_threshold_is_in_units_of_clim() -> None:

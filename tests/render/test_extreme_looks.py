@@ -21,6 +21,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "maximum": {"look": {"blending": "maximum"}},
     "minimum": {"look": {"blending": "minimum"}},
     "local-maximum": {"look": {"blending": "local-maximum", "threshold": 0.6}},
+    "first-hit": {"look": {"blending": "first-hit", "threshold": 0.6}},
     "average": {"look": {"blending": "average"}},
     "additive": {"look": {"blending": "additive"}},
     "shade": {"look": LIT},

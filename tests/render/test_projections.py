@@ -69,8 +69,8 @@ def test_parts_drawn_apart_make_the_whole(context: moderngl.Context, blending: s
         for parts, where in product((2, 5, 7), (context, None)):
             (picture, samples), (found, taken) = wholes[where], projected(where, scene, prepared, parts)
             assert np.abs(found - picture).max() <= 1e-6, f"{camera}, {parts} parts"
-            # A part of a local maximum does not know that the stretch has ended in front of it.
-            assert taken == samples or blending == "local-maximum"
+            # A part does not know that the ray has ended in front of it.
+            assert taken == samples or BLEND_MODES[blending].threshold
 
 
 @pytest.mark.parametrize("blending", BLENDINGS)
@@ -121,12 +121,13 @@ def test_many_dispatches_keep_what_was_gathered(context: moderngl.Context) -> No
         assert np.abs(found - render_reference(scene, grid, voxels)).max() <= BOUND, blending
 
 
-def test_threshold_of_a_local_maximum_is_in_data_values(context: moderngl.Context) -> None:
+@pytest.mark.parametrize(("blending", "beyond"), [("local-maximum", 220.0), ("first-hit", 0.0)])
+def test_threshold_is_in_data_values(context: moderngl.Context, blending: Blending, beyond: float) -> None:
     voxels = np.zeros(SHAPE, np.uint8)
     voxels[:, :, 5], voxels[:, :, 13], voxels[:, :, 21] = 90, 150, 220
     camera = camera_at("parallel-along-an-axis", GRID)
-    for threshold, scalar in ((80.0, 90.0), (100.0, 150.0), (200.0, 220.0), (230.0, 220.0)):
-        look = {"blending": "local-maximum", "threshold": threshold}
+    for threshold, scalar in ((80.0, 90.0), (100.0, 150.0), (200.0, 220.0), (230.0, beyond)):
+        look = {"blending": blending, "threshold": threshold}
         # Midpoints lie on the odd planes of samples.
         scene = scene_of(voxels, camera, clim=(0, 255), opacity=((0, 0.0), (1, 1.0)), step=2 / 3, look=look)
         found, _ = projected(context, scene, prepare(scene, voxels))

@@ -12,7 +12,7 @@ from clusterviz.render.cpu.blending.local_maximum import LocalMaximum
 from clusterviz.render.cpu.blending.multi_volume import MultiVolume, Sampled, VolumeLayer
 from clusterviz.render.cpu.blending.preintegrated import Preintegrated
 from clusterviz.render.cpu.blending.preintegrated_layer import Ramped, SummedRamps
-from clusterviz.render.cpu.blending.projections import Extreme, Sum
+from clusterviz.render.cpu.blending.projections import Extreme, FirstHit, Sum
 from clusterviz.render.cpu.blending.samples import Samples
 from clusterviz.render.cpu.blending.surfaces import Surfaces
 from clusterviz.render.cpu.fields.cubic import CubicField, CubicGradient
@@ -109,6 +109,8 @@ def _blend_mode(
         return _preintegrated(kernel, code, job, field, samples)
     if kernel.blending == "local-maximum":
         return LocalMaximum(code, job, samples)
+    if kernel.blending == "first-hit":
+        return FirstHit(code, job, samples)
     if kernel.blending in ("maximum", "minimum"):
         return Extreme(code, samples, kernel.blending == "maximum")
     if cut and kernel.blending == "isosurface":

@@ -6,6 +6,7 @@ from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.cpu.blending.samples import ABREAST, Samples, add_exactly, four, zeros
 from clusterviz.render.cpu.fields.field import LARGEST, Spot
+from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.march import Four, Variables
 from clusterviz.render.cpu.transfer.classify import Classifier
 
@@ -43,6 +44,24 @@ class Extreme:
         better = valid & (further | exists.now.equals(0.0))
         scalar.set(code.select(better, s, scalar.now))
         exists.set(code.select(valid, 1.0, exists.now))
+
+
+class FirstHit(Extreme):
+    """The first scalar of a ray not below a threshold, the twin of first_hit.glsl; a `BlendMode`."""
+
+    def __init__(self, code: Code, job: Job, samples: Samples) -> None:
+        super().__init__(code, samples, True)
+        self._threshold = code.splat(job.part("optics", 2))
+
+    def is_done(self, kept: Variables) -> Value:
+        """Where there is one."""
+        return kept[3].now > 0.0
+
+    def _take(self, found: Variables, s: Value, valid: Value) -> None:
+        code, scalar, exists = self._code, found[0], found[3]
+        hit = valid & (s >= self._threshold) & exists.now.equals(0.0)
+        scalar.set(code.select(hit, s, scalar.now))
+        exists.set(code.select(hit, 1.0, exists.now))
 
 
 class Sum:
