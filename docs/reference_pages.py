@@ -1,10 +1,11 @@
-"""Reference pages that are made from the code: commands, scene keys, blend modes and the Python API.
+"""Reference pages that are made from the code: commands, scene keys, blend modes, the Python API and the modules.
 
 `conf.py` writes them before Sphinx reads the pages.
 """
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -130,10 +131,26 @@ def api() -> Iterator[str]:
             yield f"\n```{{eval-rst}}\n.. {kind}:: {home}.{name}\n```\n"
 
 
+def modules() -> Iterator[str]:
+    """What each module is, by package: the first lines of their docstrings."""
+    yield "# Modules\n\nThe [architecture](../../concepts/architecture.md) says how the packages work together."
+    root = Path(clusterviz.__file__).parent
+    for package in sorted(path.parent for path in root.rglob("__init__.py")):
+        rows: list[tuple[object, ...]] = []
+        for path in sorted(package.glob("*.py")):
+            text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            if path.name == "__init__.py":
+                yield f"\n## {'.'.join(path.parent.relative_to(root.parent).parts)}\n\n{text.partition(chr(10))[0]}"
+            else:
+                rows.append((f"`{path.stem}`", text.partition("\n")[0]))
+        yield from table(("module", "contents"), rows)
+
+
 def write_pages(folder: Path) -> None:
     """Write the pages into a folder."""
     folder.mkdir(exist_ok=True)
     pages = {"commands": commands(), "scene": scene(scene_schema()), "blend-modes": blend_modes(), "python": api()}
+    pages["modules"] = modules()
     for page, lines in pages.items():
         text = "\n".join(lines) + "\n"
         path = folder / f"{page}.md"
