@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,6 @@ import pytest
 
 # Tests of one room share its pictures: `from composite.images import ...`, whatever the import mode.
 sys.path.insert(0, str(Path(__file__).parent))
-import beside
-
 from clusterviz.comm.library import mpirun_folders
 
 # Tests marked `mpi` are started by the first mpirun on the path; the environment need not be activated.
@@ -23,9 +22,16 @@ os.environ["PATH"] = os.pathsep.join([*own_folders, os.environ.get("PATH", "")])
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-pytest_addoption = beside.pytest_addoption
 MARKERS = ("mpi", "gl", "fresh")
 SLOWEST = 3
+RANK = re.compile(r"\[rank=\d+\]$")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """A worker of pytest-xdist reports a test by the name under which it got it: without the rank that ran it."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        report.nodeid = RANK.sub("", report.nodeid)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
@@ -49,8 +55,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share the tests, if so asked; hypothesis judges answers alone, and starts with no rank of a test."""
-    beside.pytest_configure(config)
+    """Hypothesis judges answers alone, and starts with no rank of a test."""
     if config.pluginmanager.has_plugin("hypothesispytest"):
         from hypothesis import HealthCheck, settings
 
