@@ -24,7 +24,8 @@ def test_one_message_from_all_ranks(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.npy", "a.png", "a.exr"])
 def test_a_full_disk_leaves_nothing(name: str, tmp_path: Path) -> None:
     # A limit on the size of files meets the same calls as a full disk, and needs no disk of its own.
-    command = [sys.executable, "-m", "clusterviz", "render", FIELD, "-o", str(tmp_path / name), "--size", "90x70"]
+    # Under the limit, Python would keep modules that it compiled cut off, and stumble over them ever after: -B.
+    command = [sys.executable, "-B", "-m", "clusterviz", "render", FIELD, "-o", str(tmp_path / name), "--size", "90x70"]
     limited = ["sh", "-c", 'ulimit -f 2; exec "$0" "$@"', *command]
     done = subprocess.run(limited, capture_output=True, text=True, timeout=SECONDS, check=False)
     check_failure(Ended(done.returncode, done.stdout, done.stderr), 2, f"{name}: cannot be written", tmp_path)
