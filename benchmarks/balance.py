@@ -43,7 +43,7 @@ Costs = NDArray[np.float64]
 CORNERS = ((0.1, 0.15, 0.2, 0.18), (0.9, 0.8, 0.2, 0.15), (0.5, 0.1, 0.9, 0.25))  # centre and width
 SIDE, FRAMES, JUMP = 32, 30, 15
 EVEN = 1.10
-BRICK, DIRECTION = 16, (1.0, 0.5, 0.2)
+DIRECTION = (1.0, 0.5, 0.2)
 BRICK_BYTES = 17**3
 
 
@@ -72,7 +72,7 @@ def look(row: Row, owners: Owners, cost: Costs, eye: Eye, sent: int) -> None:
     """Note one frame."""
     row.imbalance.append(owners.imbalance(cost))
     row.slowest.append(float(owners.loads(cost).max()))
-    row.images.append(len(visible_groups(owners, eye, DIRECTION, BRICK)))
+    row.images.append(len(visible_groups(owners, eye, DIRECTION)))
     row.wire_bytes.append(sent)
 
 
@@ -89,7 +89,7 @@ def dynamic(
 ) -> Row:
     """Planes that move. What is expected is the model in all frames, or with `views` the samples of each camera."""
     row, held = Row([], [], [], []), np.where(model > 0, BRICK_BYTES, 0)
-    places = [ray_origin(eye, DIRECTION, BRICK) for eye in eyes]
+    places = [ray_origin(eye, DIRECTION) for eye in eyes]
     balance = begin(costs[0] + 1e-9 * model if views else model, ranks, held, policy, places[0])
     for cost, eye, place in zip(costs, eyes, places, strict=True):
         expected = cost if views else model
@@ -115,10 +115,8 @@ def rows(
         held = replicate(home, copies)
         name = f"static replicated, {copies} copies"
         yield name, fixed(lambda last, held=held: assign_replicas(held, np.where(shown, last + 1e-9, 0)), costs, eyes)
-    yield "dynamic, uniform", dynamic(model, costs, eyes, ranks, replace(policy, unit=2))
-    refined = replace(policy, unit=8, refined=True)
-    yield "dynamic, refined", dynamic(model, costs, eyes, ranks, refined)
-    yield "dynamic, refined, next view known", dynamic(model, costs, eyes, ranks, refined, views=True)
+    yield "dynamic", dynamic(model, costs, eyes, ranks, policy)
+    yield "dynamic, next view known", dynamic(model, costs, eyes, ranks, policy, views=True)
 
 
 def corner(z: float, y: float, x: float, width: float) -> Costs:
@@ -136,7 +134,7 @@ def back(imbalance: Sequence[float]) -> int | None:
 
 def corner_table(ranks: int) -> list[dict[str, Any]]:
     """A dear corner; after `JUMP` frames another one."""
-    model, eyes = np.ones((SIDE,) * 3), [(900.0, -700.0, 400.0)] * FRAMES
+    model, eyes = np.ones((SIDE,) * 3), [(56.25, -43.75, 25.0)] * FRAMES
     policy = Policy(model.size // 4 * BRICK_BYTES, 10**9)
     table = []
     for number, at in enumerate(CORNERS):
@@ -192,7 +190,7 @@ def orbit_table(ranks: int, nearer: float) -> list[dict[str, Any]]:
             "bricks sent": sum(row.wire_bytes) // BRICK_BYTES,
             "most bytes / budget": max(row.wire_bytes) / policy.budget_bytes,
         }
-        for name, row in rows(model, costs, [plan.view.eye for plan in views], ranks, policy)
+        for name, row in rows(model, costs, [plan.eye_in_bricks() or (0.0, 0.0, 0.0) for plan in views], ranks, policy)
     ]
 
 

@@ -93,7 +93,7 @@ def facts_of(source: Source, summary: VolumeSummary) -> VolumeInfo:
 
 def whole_pieces(plan: Plan) -> tuple[Piece, ...]:
     """All bricks as one piece."""
-    return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, plan.layout.brick)
+    return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward)
 
 
 def measure(path: str, size: int, frames: int, names: list[str], device: Device) -> list[dict[str, Any]]:

@@ -21,8 +21,7 @@ import numpy as np
 from clusterviz.comm import Channel, open_channel
 from clusterviz.data.samples import fetch_sample
 from clusterviz.distribution import balancer
-from clusterviz.distribution.flights import Migration, withdraw
-from clusterviz.distribution.rebalance import Move
+from clusterviz.distribution.flights import Migration, Move, withdraw
 from clusterviz.frame import FrameLoop
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import orbit

@@ -127,7 +127,7 @@ def deal(draw: Draw, plan: Plan) -> tuple[Piece, ...]:
         cluster = Cluster(distribution=draw.distribution)  # type: ignore[arg-type]
         return distribution_of(cluster, draw.ranks, 1, MemoryBudget(), True).assign(plan)
     owner = np.random.default_rng(draw.seed).integers(0, draw.ranks, plan.layout.counts_zyx).astype(np.int32)
-    return owner_pieces(Owners(draw.ranks, owner), plan.view.eye_point, plan.view.forward, plan.layout.brick)
+    return owner_pieces(Owners(draw.ranks, owner), plan.eye_in_bricks(), plan.view.forward)
 
 
 def scene_of(draw: Draw) -> Scene:

@@ -103,8 +103,7 @@ def partial_images(scene: Scene, ranks: int) -> Iterator[Floats]:
     if plan is None:
         return
     view = plan.view
-    eye = None if view.parallel else view.eye
-    pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, eye, view.forward, plan.layout.brick)
+    pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, plan.eye_in_bricks(), view.forward)
     caster = Raycaster(open_context(), plan)
     caster.load(plan, bricks)
     width, height = share.scene.image.size

@@ -1,6 +1,6 @@
 """Load balancer: fronts follow the expected cost, and bricks follow the fronts at a bounded rate.
 
-    measure -> predict -> place fronts -> choose the moves of this frame -> hand over bricks that have arrived
+    measure -> predict -> place fronts -> choose the moves of this frame (`rebalance`) -> hand over arrived bricks
 
 One frozen value goes from frame to frame. Only pure functions change it, so ranks with the same inputs agree without
 communication.
@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.distribution.brick_cost import Measured, measure, predict, unmeasured
-from clusterviz.distribution.flights import Migration, arrive, hand_over, launch, settled
-from clusterviz.distribution.rebalance import Goal, rebalance
+from clusterviz.distribution.flights import Migration, Move, arrive, hand_over, launch, settled
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
+from clusterviz.partition.edges import refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners
-from clusterviz.partition.owners import Owners
+from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.partition.search import move_planes, search_tree
 from clusterviz.partition.tree import BspTree, Index
+
+UNIT = 8  # longest side of blocks that move whole, in bricks; they are small near the planes of the tree
 
 
 @dataclass(frozen=True)
@@ -36,20 +37,16 @@ class Policy:
     limit_bytes : of bricks that a rank may hold
     damping : weight of earlier frames in the measured cost
     hysteresis : fronts stay if moving them would lower the cost of the busiest rank by no more than this share
-    unit : side, in bricks, of blocks that fronts do not divide; if `refined`, of blocks far from fronts that move whole
-    refined : fronts may divide blocks down to single bricks
     """
 
     budget_bytes: int
     limit_bytes: int
     damping: float = 0.0
     hysteresis: float = 0.01
-    unit: int = 1
-    refined: bool = False
 
     def __post_init__(self) -> None:
-        if min(self.budget_bytes, self.limit_bytes, self.hysteresis) < 0 or self.unit < 1:
-            raise InputError("impossible", where="balance", found=self, allowed="nothing negative, units of 1 or more")
+        if min(self.budget_bytes, self.limit_bytes, self.hysteresis) < 0:
+            raise InputError("impossible", where="balance", found=self, allowed="nothing negative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +73,9 @@ class Balance:
     wire_bytes: NDArray[np.int64]
 
 
-def first_owners(model: Costs, ranks: int, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
+def first_owners(model: Costs, ranks: int, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
     """Return the owners in the first frame; parameters as in `begin`."""
-    return front_owners(search_tree(model, ranks), model, eye, _atoms(policy, model.shape))
+    return front_owners(search_tree(model, ranks), model, eye)
 
 
 def begin(
@@ -103,7 +100,7 @@ def begin(
     InputError
         The bricks of a rank do not fit into its memory.
     """
-    owners = first_owners(model, ranks, policy, eye)
+    owners = first_owners(model, ranks, eye)
     migration = settled(owners, brick_bytes, policy.limit_bytes)
     tree = search_tree(model, ranks)
     wire = brick_bytes if wire_bytes is None else wire_bytes
@@ -140,7 +137,7 @@ def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = 
         return skip(balance)
     balance = _aimed(balance, cost, policy, eye)
     migration = _move_empty(balance)
-    goal = _goal(replace(balance, migration=migration), cost, policy)
+    goal = _goal(replace(balance, migration=migration), cost)
     moves = rebalance(migration.landed, goal, migration.free_bytes, policy.budget_bytes, migration.moving)
     launched = launch(migration, moves)
     return replace(balance, migration=hand_over(launched, cost), recalled=_recalled(migration, launched))
@@ -148,11 +145,10 @@ def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = 
 
 def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: RayOrigin) -> Balance:
     """Turn the fronts to the eye; move them to the cost if that clearly relieves the busiest rank."""
-    atoms, ranks = _atoms(policy, cost.shape), balance.tree.ranks
-    target = front_owners(balance.tree, balance.aim, eye, atoms)
+    target = front_owners(balance.tree, balance.aim, eye)
     busiest = float(target.loads(cost).max())
-    if busiest > (1 + policy.hysteresis) * float(cost.sum()) / ranks:
-        moved = front_owners(balance.tree, cost, eye, atoms)
+    if busiest > (1 + policy.hysteresis) * float(cost.sum()) / balance.tree.ranks:
+        moved = front_owners(balance.tree, cost, eye)
         if busiest > (1 + policy.hysteresis) * float(moved.loads(cost).max()):
             return replace(balance, tree=move_planes(balance.tree, cost), aim=cost, target=moved)
     return replace(balance, target=target)
@@ -165,21 +161,15 @@ def _move_empty(balance: Balance) -> Migration:
     return replace(migration, owners=Owners(migration.owners.ranks, owner.astype(np.int32)))
 
 
-def _goal(balance: Balance, cost: Costs, policy: Policy) -> Goal:
+def _goal(balance: Balance, cost: Costs) -> Goal:
     migration, target = balance.migration, balance.target
     wire = balance.wire_bytes.copy()
     for rank, bricks in enumerate(migration.cached):
         for brick in bricks:
             if target.owner[brick] == rank:
                 wire[brick] = 0
-    edges = refined_edges(balance.tree, policy.unit) if policy.refined else _atoms(policy, cost.shape)
-    return Goal(target, cost, wire, migration.brick_bytes, units(balance.tree.shape_zyx, edges))
-
-
-def _atoms(policy: Policy, shape: tuple[int, ...]) -> Edges:
-    """Return the edges of the blocks that fronts do not divide."""
-    z, y, x = shape
-    return uniform_edges((z, y, x), 1 if policy.refined else policy.unit)
+    unit = units(balance.tree.shape_zyx, refined_edges(balance.tree, UNIT))
+    return Goal(target, cost, wire, migration.brick_bytes, unit)
 
 
 def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
@@ -187,3 +177,147 @@ def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
     new = launched.flights[len(before.flights) :]
     targets = [flight.target for flight in new if flight.stage == "held" and before.brick_bytes[flight.brick]]
     return np.bincount(np.array(targets, np.int64), minlength=before.owners.ranks)
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Wanted owners of the bricks, with costs and sizes.
+
+    Attributes
+    ----------
+    target : wanted owners; bricks without an owner, here or at present, stay
+    cost : float64 (bz, by, bx), expected cost
+    wire_bytes : int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
+    held_bytes : int64 (bz, by, bx), size in the target's memory
+    unit : int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
+    """
+
+    target: Owners
+    cost: Costs
+    wire_bytes: NDArray[np.int64]
+    held_bytes: NDArray[np.int64]
+    unit: NDArray[np.int64]
+
+
+def rebalance(
+    present: Owners,
+    goal: Goal,
+    free_bytes: NDArray[np.int64],
+    budget_bytes: int,
+    moving: NDArray[np.bool_] | None = None,
+) -> tuple[Move, ...]:
+    """Choose the moves of one frame, by gain a byte.
+
+    The gain of a move is the decrease of the sum of squares of the ranks' costs, after all moves chosen before it.
+    Moves without a gain, which may enable others later, come last.
+
+    Parameters
+    ----------
+    present : owners after all flights
+    goal : wanted owners
+    free_bytes : int64 (ranks,), free memory of each rank
+    budget_bytes : that all ranks together may send in a frame; 0: only bricks that their targets have already
+    moving : bool (bz, by, bx), bricks in flight, which must not move
+
+    Returns
+    -------
+    moves : each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank; empty if
+        the goal is reached or nothing fits
+
+    Raises
+    ------
+    InputError
+        The budget is smaller than every brick that should move, so nothing would ever move.
+    """
+    goes = (present.owner != goal.target.owner) & (present.owner != UNASSIGNED) & (goal.target.owner != UNASSIGNED)
+    bricks = np.argwhere(goes & ~moving if moving is not None else goes)
+    if len(bricks) == 0:
+        return ()
+    at = tuple(bricks.T)
+    smallest = int(goal.wire_bytes[at].min())
+    if smallest > budget_bytes > 0:
+        raise InputError("cannot carry one brick", where="budget", found=budget_bytes, allowed=f"{smallest} bytes")
+    batches = _batches(present, goal, bricks, budget_bytes)
+    chosen = _choose(batches, present.loads(goal.cost), free_bytes, budget_bytes)
+    return tuple(
+        Move(
+            (int(z), int(y), int(x)),
+            int(present.owner[z, y, x]),
+            int(goal.target.owner[z, y, x]),
+            int(goal.wire_bytes[z, y, x]),
+        )
+        for z, y, x in bricks[_of_batches(batches, chosen)]
+    )
+
+
+def _of_batches(batches: _Batches, chosen: list[int]) -> NDArray[np.int64]:
+    """Return the bricks of the chosen batches, in the order of these."""
+    rank = np.full(len(batches.cost), len(chosen))
+    rank[chosen] = np.arange(len(chosen))
+    by_rank = np.argsort(rank[batches.members], kind="stable")
+    return by_rank[: int(np.count_nonzero(rank[batches.members] < len(chosen)))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Batches:
+    """Bricks that move together; `members` (bricks,) is the batch of each brick, all else is (batches,)."""
+
+    members: NDArray[np.int64]
+    source: NDArray[np.int64]
+    target: NDArray[np.int64]
+    cost: NDArray[np.float64]
+    wire: NDArray[np.int64]
+    held: NDArray[np.int64]
+
+
+def _batches(present: Owners, goal: Goal, bricks: NDArray[np.int64], budget_bytes: int) -> _Batches:
+    at = tuple(bricks.T)
+    source, target = present.owner[at].astype(np.int64), goal.target.owner[at].astype(np.int64)
+    key = (goal.unit[at] * present.ranks + source) * present.ranks + target
+    _, first, members = np.unique(key, return_index=True, return_inverse=True)
+    members = members.reshape(-1)
+    wire = np.bincount(members, goal.wire_bytes[at]).astype(np.int64)
+    if (wire > budget_bytes).any():
+        # A unit that exceeds the budget moves brick by brick.
+        alone = (wire > budget_bytes)[members]
+        _, first, members = np.unique(
+            np.where(alone, len(first) + np.arange(len(bricks)), members), return_index=True, return_inverse=True
+        )
+        members = members.reshape(-1)
+        wire = np.bincount(members, goal.wire_bytes[at]).astype(np.int64)
+    held = np.bincount(members, goal.held_bytes[at]).astype(np.int64)
+    return _Batches(
+        members, source[first], target[first], np.asarray(np.bincount(members, goal.cost[at]), np.float64), wire, held
+    )
+
+
+def _choose(
+    batches: _Batches, loads: NDArray[np.float64], free_bytes: NDArray[np.int64], budget_bytes: int
+) -> list[int]:
+    """Choose batches greedily: each time the best head of the queues, one queue for each source and target."""
+    loads, free = loads.copy(), free_bytes.copy()
+    wire = np.maximum(batches.wire, 1)
+    route = batches.source * len(loads) + batches.target
+    queue = np.lexsort((-batches.cost / wire, route))
+    heads = np.flatnonzero(np.diff(route[queue], prepend=-1))
+    ends = np.append(heads[1:], len(queue))
+    chosen: list[int] = []
+    while len(heads):
+        first = queue[heads]
+        fits = (batches.wire[first] <= budget_bytes) & (batches.held[first] <= free[batches.target[first]])
+        heads = heads + ~fits
+        if fits.any():
+            source, target, cost = batches.source[first], batches.target[first], batches.cost[first]
+            gain = cost * (loads[source] - loads[target] - cost)
+            # Batches without a gain come last, the least loss first.
+            a_byte = np.where(gain > 0, gain / wire[first], gain)
+            best = int(np.argmax(np.where(fits, a_byte, -np.inf)))
+            chosen.append(int(first[best]))
+            heads[best] += 1
+            loads[source[best]] -= cost[best]
+            loads[target[best]] += cost[best]
+            free[target[best]] -= batches.held[first[best]]
+            budget_bytes -= int(batches.wire[first[best]])
+        waiting = heads < ends
+        heads, ends = heads[waiting], ends[waiting]
+    return chosen

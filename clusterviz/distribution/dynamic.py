@@ -31,7 +31,6 @@ EVEN_SHARES = 3  # default memory limit in even shares: own bricks, arriving bri
 BUDGET, JUMP_BUDGET = 1 / 20, 1 / 4  # default share of all bricks to send in a frame: usual, and at a large imbalance
 LARGE_IMBALANCE = 1.25  # busiest over mean
 HANDLED = ("bytes_raw", "bytes_opened")  # statistics keys of the bytes that a rank packed and unpacked
-UNIT = 8  # longest side of blocks that move whole, in bricks
 FRAMES_AHEAD = 4  # frames that bricks in flight should need at most
 GUESS = 1e8  # bytes a second, before the first measurement
 MEMORY = 0.8  # weight of earlier measurements
@@ -236,7 +235,7 @@ class Dynamic:
         cost = predict(measured, model, sizes > 0)
 
         def shares(ranks: int) -> NDArray[np.int64]:
-            return first_owners(cost, ranks, Policy(0, 0), _eye(plan)).sums(sizes)
+            return first_owners(cost, ranks, _eye(plan)).sums(sizes)
 
         check_memory(shares, self._ranks, sizes, self._budget.limit_bytes)
         largest = int(shares(self._ranks).max())
@@ -244,7 +243,7 @@ class Dynamic:
         if self._budget_bytes is not None and self._budget_bytes < wire.max():
             found, allowed = f"{self._budget_bytes} bytes", f"{wire.max()} bytes or more, which a brick takes"
             raise InputError("cannot carry one brick", where="cluster.migration_bytes", found=found, allowed=allowed)
-        self._policy = Policy(self._share(BUDGET), limit, unit=UNIT, refined=True)
+        self._policy = Policy(self._share(BUDGET), limit)
         self.restarts += 1
         return replace(begin(cost, self._ranks, sizes, self._policy, _eye(plan), wire), measured=measured)
 

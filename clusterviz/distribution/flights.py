@@ -12,13 +12,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.distribution.rebalance import Move
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import Index
 
 Stage = Literal["planned", "sent", "held"]
+
+
+@dataclass(frozen=True)
+class Move:
+    """Planned move of a brick; `wire_bytes` is 0 if the target has it already."""
+
+    brick: Index
+    source: int
+    target: int
+    wire_bytes: int
 
 
 @dataclass(frozen=True)

@@ -4,21 +4,21 @@
 - bsp.py      BSP tree by recursive bisection of a cost per brick
 - search.py   best-balanced BSP tree by bounded search, and planes that move
 - order.py    visibility order of the leaves of a tree
-- edges.py    positions at which planes may cut
+- edges.py    units of bricks that move together
 - fronts.py   partition at fronts, which divide a layer of bricks
 - owners.py   the rank of each brick
 - groups.py   groups of bricks in visibility order, for any assignment
 - pieces.py   the partial images of a frame, in visibility order
 - interleave.py, replicate.py   assignments that are not a tree
 
-Arrays and boxes count bricks along (z, y, x); positions and directions are (x, y, z) in index space, where sample i
-lies at i, a cell is [i, i + 1], and the plane before brick b lies at b · brick_cells.
+Arrays and boxes count bricks along (z, y, x); positions and directions are (x, y, z) in units of bricks, in which the
+plane before brick b lies at b.
 """
 
 from __future__ import annotations
 
 from clusterviz.partition.bsp import build_tree
-from clusterviz.partition.edges import Edges, refined_edges, uniform_edges, units
+from clusterviz.partition.edges import Edges, refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
 from clusterviz.partition.groups import BrickGroup, ranks_of, visible_groups
 from clusterviz.partition.interleave import interleave
@@ -62,7 +62,6 @@ __all__ = [
     "refined_edges",
     "replicate",
     "search_tree",
-    "uniform_edges",
     "units",
     "visible_groups",
 ]

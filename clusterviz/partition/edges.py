@@ -1,8 +1,7 @@
-"""Positions at which planes may cut: borders between units of bricks that move together, uniform or refined.
+"""Units of bricks, which are small near the planes of a tree and large elsewhere.
 
-A renderer stores small bricks of one size. Units are boxes of such bricks; ranks exchange whole units, and planes pass
-between them. Many units balance well and cost many messages. Units that are small only near the planes of a tree
-balance as well with few messages (thesis, figure 5.10).
+Ranks exchange whole units. Many units balance well and cost many messages. Units that are small only near the planes of
+a tree balance as well with few messages (thesis, figure 5.10).
 """
 
 from __future__ import annotations
@@ -17,21 +16,7 @@ from clusterviz.errors import InputError
 from clusterviz.partition.tree import BspTree, Index, Leaf, Node
 
 Edges = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
-"""For each axis (z, y, x) the bricks before which a plane may pass, rising, within 1 … bricks − 1."""
-
-
-def uniform_edges(shape_zyx: Index, every: int = 1) -> Edges:
-    """A plane may pass before every `every`-th brick.
-
-    Raises
-    ------
-    InputError
-        `every` below 1.
-    """
-    if every < 1:
-        raise InputError("no distance of planes", where="every", found=every, allowed="1 or more")
-    z, y, x = (tuple(range(every, n, every)) for n in shape_zyx)
-    return z, y, x
+"""For each axis (z, y, x) the bricks at which units but the first begin, rising, within 1 … bricks − 1."""
 
 
 def refined_edges(tree: BspTree, coarsest: int = 8, fine: int = 2) -> Edges:

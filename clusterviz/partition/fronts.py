@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.edges import Edges, uniform_edges
 from clusterviz.partition.order import Vector
 from clusterviz.partition.owners import Owners
-from clusterviz.partition.tree import BspTree, Leaf, Node, leaves_below
+from clusterviz.partition.tree import BspTree, Index, Leaf, Node, leaves_below
 
 RayOrigin = tuple[float, float, float]
 """Origin of the rays along (z, y, x) in bricks; ±inf for parallel rays."""
@@ -25,16 +24,16 @@ PARALLEL_ORIGIN: RayOrigin = (-np.inf, -np.inf, -np.inf)
 """Origin of parallel rays with positive direction along all axes."""
 
 
-def ray_origin(eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1) -> RayOrigin:
+def ray_origin(eye_brick: Vector | None, direction_index: Vector) -> RayOrigin:
     """Return the origin of a camera's rays; parameters as in `front_to_back`."""
-    if eye_index is None:
+    if eye_brick is None:
         z, y, x = (-np.inf if towards >= 0 else np.inf for towards in direction_index[::-1])
     else:
-        z, y, x = (place / brick_cells for place in eye_index[::-1])
+        z, y, x = eye_brick[::-1]
     return z, y, x
 
 
-def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN, edges: Edges | None = None) -> Owners:
+def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
     """Divide the bricks by the axes and ranks of a tree's nodes, at fronts instead of planes.
 
     When to use: costs are known well, and whole layers are expensive. When not: every rank needs a box.
@@ -44,12 +43,11 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN, e
     tree : tree whose axes and ranks are used; its planes are not
     cost : float64 (bz, by, bx); bricks without a cost are assigned by their position
     eye : ray origin for which the number of images is small; their order is right for every origin
-    edges : borders of units of bricks that stay together; single bricks if None
 
     Returns
     -------
     owners : rank of every brick. At each node the cost of either side differs from its ranks' share by at most half the
-        cost of a unit. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
+        cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
         ranks can be ordered; from others some ranks need a few more images
 
     Raises
@@ -64,34 +62,23 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN, e
     """
     if cost.shape != tree.shape_zyx:
         raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
-    lines = [_line(n, each) for n, each in zip(cost.shape, edges or uniform_edges(tree.shape_zyx), strict=True)]
-    unit = np.stack([each.ravel() for each in np.meshgrid(*(number for number, _ in lines), indexing="ij")])
-    middle = lines[0][1], lines[1][1], lines[2][1]
     owner = np.empty(cost.size, np.int32)
-    _divide(_Bricks(unit, cost.ravel(), middle), np.arange(cost.size), tree.root, eye, owner)
+    index = np.indices(cost.shape).reshape(3, -1)
+    _divide(_Bricks(index, cost.ravel(), tree.shape_zyx), np.arange(cost.size), tree.root, eye, owner)
     return Owners(tree.ranks, owner.reshape(cost.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class _Bricks:
-    """All bricks in array order.
+    """All bricks in array order: `index` is int64 (3, bricks), that of each along (z, y, x)."""
 
-    `unit` is int64 (3, bricks), the unit of each along (z, y, x), `middle` the centres of each axis' units, in bricks.
-    """
-
-    unit: NDArray[np.int64]
+    index: NDArray[np.int64]
     cost: Costs
-    middle: tuple[Costs, Costs, Costs]
+    shape_zyx: Index
 
     def across(self, axis: int) -> list[int]:
-        """Return the other axes, the one with more units first."""
-        return sorted((side for side in range(3) if side != axis), key=lambda side: -len(self.middle[side]))
-
-
-def _line(bricks: int, edges: tuple[int, ...]) -> tuple[NDArray[np.int64], Costs]:
-    """Return the unit of each brick along an axis, and the centre of each unit."""
-    borders = np.array([0, *edges, bricks])
-    return np.searchsorted(borders[1:-1], np.arange(bricks), side="right"), (borders[1:] + borders[:-1]) / 2
+        """Return the other axes, the one with more bricks first."""
+        return sorted((side for side in range(3) if side != axis), key=lambda side: -self.shape_zyx[side])
 
 
 def _divide(bricks: _Bricks, inside: NDArray[np.int64], node: Node, eye: RayOrigin, owner: NDArray[np.int32]) -> None:
@@ -106,16 +93,16 @@ def _divide(bricks: _Bricks, inside: NDArray[np.int64], node: Node, eye: RayOrig
 
 
 def _below(bricks: _Bricks, inside: NDArray[np.int64], axis: int, share: float, eye: RayOrigin) -> NDArray[np.bool_]:
-    """Return the bricks below the front: layers of units, then rows of the next layer, then units of the next row."""
+    """Return the bricks below the front: layers, then rows of the next layer, then bricks of the next row."""
     below, left = np.zeros(len(inside), bool), np.arange(len(inside))
     wanted = share * float(bricks.cost[inside].sum())
     low_is_near, sides = True, [axis, *bricks.across(axis)]
     for side in sides:
         if len(left) == 0:
             break
-        place = bricks.unit[side, inside[left]]
-        first, last, middle = int(place.min()), int(place.max()), bricks.middle[side]
-        near_low = side == axis or eye[side] <= (middle[first] + middle[last]) / 2
+        place = bricks.index[side, inside[left]]
+        first, last = int(place.min()), int(place.max())
+        near_low = side == axis or eye[side] <= (first + last + 1) / 2
         turn = place - first if near_low == low_is_near else last - place
         sums = np.bincount(turn, bricks.cost[inside[left]])
         ends = np.cumsum(sums)
@@ -124,5 +111,5 @@ def _below(bricks: _Bricks, inside: NDArray[np.int64], axis: int, share: float, 
         wanted -= float(sums[:cut].sum())
         left = left[turn == cut]
         if side == axis:
-            low_is_near = eye[axis] <= middle[first + cut]
+            low_is_near = eye[axis] <= first + cut + 0.5
     return below

@@ -36,15 +36,13 @@ class BrickGroup:
     bricks: NDArray[np.int64]
 
 
-def visible_groups(
-    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
-) -> tuple[BrickGroup, ...]:
+def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[BrickGroup, ...]:
     """Return all assigned bricks in groups from front to back.
 
     Parameters
     ----------
     owners : rank of each brick; bricks that are `UNASSIGNED` are ignored
-    eye_index, direction_index, brick_cells : as in `front_to_back`
+    eye_brick, direction_index : as in `front_to_back`
 
     Returns
     -------
@@ -55,7 +53,7 @@ def visible_groups(
     Raises
     ------
     InputError
-        A position or direction is not finite, or the brick has no cells.
+        A position or direction is not finite.
 
     Notes
     -----
@@ -63,11 +61,9 @@ def visible_groups(
     is stricter than necessary: two bricks are ordered if one is farther from the eye along every axis, even if no ray
     meets both. Adjacent layers of bricks with the same owners are merged, so that trees take microseconds.
     """
-    if not all(map(math.isfinite, (*direction_index, *(eye_index or ())))):
-        raise InputError("not finite", where="camera", found=f"eye {eye_index}, direction {direction_index}")
-    if brick_cells < 1:
-        raise InputError("has no cells", where="brick", found=brick_cells, allowed="1 or more")
-    eye = _eye_brick(owners.owner.shape, eye_index, direction_index, brick_cells)
+    if not all(map(math.isfinite, (*direction_index, *(eye_brick or ())))):
+        raise InputError("not finite", where="camera", found=f"eye {eye_brick}, direction {direction_index}")
+    eye = _eye_layers(owners.owner.shape, eye_brick, direction_index)
     keys = [_merged_layers(owners.owner, axis, eye[axis]) for axis in range(3)]
     small = owners.owner[np.ix_(*[np.flatnonzero(np.diff(key, prepend=-1)) for key in keys])]
     z, y, x = (int(key[at]) for key, at in zip(keys, eye, strict=True))
@@ -80,14 +76,14 @@ def ranks_of(groups: tuple[BrickGroup, ...]) -> list[int]:
     return [group.rank for group in groups]
 
 
-def _eye_brick(shape: tuple[int, ...], eye: Vector | None, direction: Vector, brick_cells: int = 1) -> Index:
+def _eye_layers(shape: tuple[int, ...], eye: Vector | None, direction: Vector) -> Index:
     """Return the brick layer of the eye along each axis, clamped to the volume; an end layer for parallel rays."""
 
     def layer(axis: int) -> int:
         last, towards = shape[axis] - 1, direction[2 - axis]
         if eye is None:
             return 0 if towards >= 0 else last
-        return min(max(math.floor(eye[2 - axis] / brick_cells), 0), last)
+        return min(max(math.floor(eye[2 - axis]), 0), last)
 
     return layer(0), layer(1), layer(2)
 

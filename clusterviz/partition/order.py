@@ -15,17 +15,16 @@ from clusterviz.partition.tree import BspTree, Leaf, Node
 Vector = tuple[float, float, float]
 
 
-def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1) -> list[int]:
+def front_to_back(tree: BspTree, eye_brick: Vector | None, direction_index: Vector) -> list[int]:
     """Sort the ranks by visibility.
 
     Parameters
     ----------
-    tree : BSP tree; plane b lies at b · `brick_cells` in index space
-    eye_index : (x, y, z) position of the eye in index space (sample i lies at i), or None for parallel projection;
-        may lie inside the volume or on a plane
+    tree : BSP tree
+    eye_brick : (x, y, z) position of the eye in bricks, or None for parallel projection; may lie inside the volume or
+        on a plane
     direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
         lies on a plane, where either order is right
-    brick_cells : cells along the side of a brick; 1 if the eye is given in bricks
 
     Returns
     -------
@@ -34,28 +33,26 @@ def front_to_back(tree: BspTree, eye_index: Vector | None, direction_index: Vect
     Raises
     ------
     InputError
-        A position or direction is not finite, or the brick has no cells.
+        A position or direction is not finite.
 
     References
     ----------
     H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
     """
-    if not all(map(math.isfinite, (*direction_index, *(eye_index or ())))):
-        raise InputError("not finite", where="camera", found=f"eye {eye_index}, direction {direction_index}")
-    if brick_cells < 1:
-        raise InputError("has no cells", where="brick", found=brick_cells, allowed="1 or more")
+    if not all(map(math.isfinite, (*direction_index, *(eye_brick or ())))):
+        raise InputError("not finite", where="camera", found=f"eye {eye_brick}, direction {direction_index}")
     ranks: list[int] = []
-    _visit(tree.root, eye_index, direction_index, brick_cells, ranks)
+    _visit(tree.root, eye_brick, direction_index, ranks)
     return ranks
 
 
-def _visit(node: Node, eye: Vector | None, direction: Vector, brick_cells: int, ranks: list[int]) -> None:
+def _visit(node: Node, eye: Vector | None, direction: Vector, ranks: list[int]) -> None:
     if isinstance(node, Leaf):
         ranks.append(node.rank)
         return
     axis_xyz = 2 - node.axis_zyx
     # Signed distance from the eye to the plane: 0 for an eye on it, and in parallel projection.
-    ahead = 0.0 if eye is None else node.plane * brick_cells - eye[axis_xyz]
+    ahead = 0.0 if eye is None else node.plane - eye[axis_xyz]
     low_first = ahead > 0 or (ahead == 0 and direction[axis_xyz] >= 0)
     for side in (node.low, node.high) if low_first else (node.high, node.low):
-        _visit(side, eye, direction, brick_cells, ranks)
+        _visit(side, eye, direction, ranks)

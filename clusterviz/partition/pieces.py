@@ -47,27 +47,23 @@ class Piece:
         return np.argwhere(inside if self.bricks is None else inside & self.bricks) + self.box.begin_zyx
 
 
-def leaf_pieces(
-    tree: BspTree, cost: Costs, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
-) -> tuple[Piece, ...]:
+def leaf_pieces(tree: BspTree, cost: Costs, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
     """Return a piece for each leaf with a cost above 0, from front to back.
 
     Parameters
     ----------
     tree : one leaf a rank
     cost : float64 (bz, by, bx); may differ from the costs from which the tree was built
-    eye_index, direction_index, brick_cells : as in `front_to_back`
+    eye_brick, direction_index : as in `front_to_back`
     """
-    order = front_to_back(tree, eye_index, direction_index, brick_cells)
+    order = front_to_back(tree, eye_brick, direction_index)
     boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]
     return tuple(Piece(rank, box) for rank, box in boxes if box.bricks)
 
 
-def owner_pieces(
-    owners: Owners, eye_index: Vector | None, direction_index: Vector, brick_cells: int = 1
-) -> tuple[Piece, ...]:
+def owner_pieces(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
     """Return the pieces of any assignment, from front to back; parameters as in `visible_groups`."""
-    return group_pieces(visible_groups(owners, eye_index, direction_index, brick_cells))
+    return group_pieces(visible_groups(owners, eye_brick, direction_index))
 
 
 def group_pieces(groups: Sequence[BrickGroup]) -> tuple[Piece, ...]:

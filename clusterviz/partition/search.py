@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import SAME_COST, Costs, build_tree, replaced, trim
-from clusterviz.partition.edges import Edges, uniform_edges
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
 
 FEW_RANKS = 8  # up to this number of ranks all divisions are tried
@@ -31,12 +30,10 @@ class CostTable:
     ----------
     cost : float64 (bz, by, bx)
     corner : float64 (bz + 1, by + 1, bx + 1), sums over all bricks before each corner
-    edges : positions at which planes may cut
     """
 
     cost: Costs
     corner: NDArray[np.float64]
-    edges: Edges
 
     def total(self, box: BrickBox) -> float:
         """Return the cost of a box."""
@@ -44,8 +41,7 @@ class CostTable:
 
     def planes(self, box: BrickBox, axis: int) -> NDArray[np.int64]:
         """Return the positions at which planes may cut a box."""
-        edge = np.asarray(self.edges[axis], np.int64)
-        return edge[(edge > box.begin_zyx[axis]) & (edge < box.end_zyx[axis])]
+        return np.arange(box.begin_zyx[axis] + 1, box.end_zyx[axis])
 
     def below(self, box: BrickBox, axis: int, planes: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the cost of the parts of a box before planes across an axis."""
@@ -73,7 +69,7 @@ class _Cut:
     low_ranks: int
 
 
-def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
+def search_tree(cost: Costs, ranks: int) -> BspTree:
     """Divide the bricks among the ranks, minimizing the largest cost of a rank by a bounded search.
 
     A node of more than `FEW_RANKS` ranks is halved where its halves are most even. With fewer ranks, the best cut of
@@ -83,12 +79,10 @@ def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
     Parameters
     ----------
     cost, ranks : as in `build_tree`
-    edges : positions at which planes may cut; between any two bricks if None
 
     Returns
     -------
-    tree : the same on every rank for the same costs. If planes may cut anywhere, the largest cost is at most that of
-        `build_tree`
+    tree : the same on every rank for the same costs; the largest cost is at most that of `build_tree`
 
     Raises
     ------
@@ -98,20 +92,20 @@ def search_tree(cost: Costs, ranks: int, edges: Edges | None = None) -> BspTree:
     plain = build_tree(cost, ranks)
     if not cost.any():
         return plain
-    table = cost_table(cost, edges or uniform_edges(plain.shape_zyx))
+    table = cost_table(cost)
     # Without a limit the first trial of every node succeeds.
     root = _best(table, BrickBox((0, 0, 0), plain.shape_zyx), 0, ranks, np.inf) or plain.root
     found = BspTree(plain.shape_zyx, ranks, root)
-    return plain if edges is None and busiest(plain.root) < busiest(root) else found
+    return plain if busiest(plain.root) < busiest(root) else found
 
 
-def move_planes(tree: BspTree, cost: Costs, edges: Edges | None = None, still: float = 0.0) -> BspTree:
+def move_planes(tree: BspTree, cost: Costs, still: float = 0.0) -> BspTree:
     """Move the planes of a tree to where the costs are most even now, from the root down.
 
     Parameters
     ----------
     tree : tree of the last frame
-    cost, edges : as in `search_tree`
+    cost : as in `build_tree`
     still : hysteresis: a plane stays if the costlier side has at most this fraction more than at the best position
 
     Raises
@@ -127,7 +121,7 @@ def move_planes(tree: BspTree, cost: Costs, edges: Edges | None = None, still: f
     """
     if cost.shape != tree.shape_zyx:
         raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
-    table = cost_table(cost, edges or uniform_edges(tree.shape_zyx))
+    table = cost_table(cost)
     return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx), still))
 
 
@@ -136,11 +130,11 @@ def busiest(node: Node) -> float:
     return node.cost if isinstance(node, Leaf) else max(busiest(node.low), busiest(node.high))
 
 
-def cost_table(cost: Costs, edges: Edges) -> CostTable:
+def cost_table(cost: Costs) -> CostTable:
     """Return the prefix sums of a cost per brick."""
     corner = np.zeros(tuple(n + 1 for n in cost.shape))
     corner[1:, 1:, 1:] = cost.cumsum(0).cumsum(1).cumsum(2)
-    return CostTable(cost, corner, edges)
+    return CostTable(cost, corner)
 
 
 def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:

@@ -15,7 +15,7 @@ from frame.views import HIDDEN, check, draw_all, looks, views
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.distribution import balancer
-from clusterviz.distribution.rebalance import Move
+from clusterviz.distribution.flights import Move
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Rendered, Run, prepare
 from clusterviz.migration import wire_format

@@ -10,8 +10,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from clusterviz.distribution.flights import Migration, arrive, dispatch, forget, launch, settled, switch, withdraw
-from clusterviz.distribution.rebalance import Move
+from clusterviz.distribution.flights import Migration, Move, arrive, dispatch, forget, launch, settled, switch, withdraw
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners, build_tree, owners_of
 from clusterviz.partition.tree import Index

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.distribution.flights import Migration, arrive, dispatch, hand_over, launch, settled
-from clusterviz.distribution.rebalance import Move
+from clusterviz.distribution.flights import Migration, Move, arrive, dispatch, hand_over, launch, settled
 from clusterviz.partition import Owners
 
 COST = np.ones((1, 1, 8))

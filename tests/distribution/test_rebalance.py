@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.distribution.rebalance import Goal, Move, rebalance
+from clusterviz.distribution.balancer import Goal, rebalance
+from clusterviz.distribution.flights import Move
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners
 

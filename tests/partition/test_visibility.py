@@ -29,14 +29,13 @@ from clusterviz.partition import (
     visible_groups,
 )
 
-BRICK = 8
 RAYS = 20
 Vector = tuple[float, float, float]
 
 SEEDS = st.integers(0, 2**32 - 1)
 DIRECTIONS = st.tuples(*[st.sampled_from([-1.0, -0.3, 0.0, 0.4, 1.0])] * 3)
 # On planes, edges and corners of bricks, anywhere inside, and far away.
-EYES = st.tuples(*[st.integers(-1, 6).map(lambda b: float(b * BRICK)) | st.floats(-20, 60) | st.just(1e6)] * 3)
+EYES = st.tuples(*[st.integers(-1, 6).map(float) | st.floats(-2.5, 7.5) | st.just(1e6)] * 3)
 
 
 def scattered(cost: np.ndarray, ranks: int) -> Owners:
@@ -73,18 +72,18 @@ def visited(
     """The bricks along a ray: between two crossings of planes it is in one brick, that of the middle."""
     shape = np.array(shape_zyx[::-1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = [(np.arange(n + 1) * BRICK - s) / d for n, s, d in zip(shape, start, direction, strict=True) if d]
+        crossings = [(np.arange(n + 1) - s) / d for n, s, d in zip(shape, start, direction, strict=True) if d]
     times = np.unique(np.concatenate([*crossings, [0.0]]))
     times = times[times >= 0] if forwards else times
     # Where a ray only touches an edge, rounding decides which brick its middle is in.
     parts = [(a + b) / 2 for a, b in pairwise(times) if b - a > 1e-9 * (1 + abs(b))]
-    places = [np.floor((start + t * direction) / BRICK).astype(int) for t in parts]
+    places = [np.floor(start + t * direction).astype(int) for t in parts]
     return [tuple(place[::-1].tolist()) for place in places if ((place >= 0) & (place < shape)).all()]
 
 
 def assert_in_order(number: np.ndarray, eye: Vector | None, direction: Vector, seed: int) -> None:
     """No ray from the eye, or along the direction, meets a later number first; negative ones do not count."""
-    rng, size = np.random.default_rng(seed), np.array(number.shape[::-1]) * BRICK
+    rng, size = np.random.default_rng(seed), np.array(number.shape[::-1])
     for _ in range(RAYS):
         target = rng.random(3) * size
         start, along = (target, np.array(direction)) if eye is None else (np.array(eye), target - eye)
@@ -112,7 +111,7 @@ def test_no_ray_meets_a_later_group_first(
     name: str, seed: int, eye: Vector | None, direction: Vector, ranks: int
 ) -> None:
     owners = ASSIGNMENTS[name](random_cost(seed), ranks)
-    groups = visible_groups(owners, eye, direction, BRICK)
+    groups = visible_groups(owners, eye, direction)
     assert_in_order(numbered(owners, groups), eye, direction, seed + 1)
     if name.endswith("tree"):
         assert sorted(ranks_of(groups)) == sorted(set(owners.owner.flat)), "one group a rank"
@@ -123,7 +122,7 @@ def test_no_ray_meets_a_later_leaf_of_a_tree_first(
     seed: int, eye: Vector | None, direction: Vector, ranks: int
 ) -> None:
     tree = build_tree(random_cost(seed), ranks)
-    order = front_to_back(tree, eye, direction, BRICK)
+    order = front_to_back(tree, eye, direction)
     assert sorted(order) == list(range(ranks)), "empty leaves, too"
     number = np.full(tree.shape_zyx, -1)
     for place, rank in enumerate(order):
@@ -132,36 +131,36 @@ def test_no_ray_meets_a_later_leaf_of_a_tree_first(
 
 
 def test_the_rays_of_this_test_do_meet_several_bricks() -> None:
-    along = visited((2, 2, 2), np.array([-1.0, -2, -3]), np.array([1.0, 1.1, 1.2]), forwards=True)
+    along = visited((2, 2, 2), np.array([-1.0, -2, -3]) / 8, np.array([1.0, 1.1, 1.2]), forwards=True)
     assert along == [(0, 0, 0), (0, 0, 1), (0, 1, 1), (1, 1, 1)]
 
 
 def test_a_row_from_both_ends_and_from_within() -> None:
     tree = build_tree(np.ones((1, 1, 4)), 4)
     for eye, forward, order in (
-        ((-5, 0, 0), (1, 0, 0), [0, 1, 2, 3]),
-        ((50, 0, 0), (-1, 0, 0), [3, 2, 1, 0]),
-        ((1.5 * BRICK, 0, 0), (1, 0, 0), [1, 0, 2, 3]),
+        ((-0.6, 0, 0), (1, 0, 0), [0, 1, 2, 3]),
+        ((6.2, 0, 0), (-1, 0, 0), [3, 2, 1, 0]),
+        ((1.5, 0, 0), (1, 0, 0), [1, 0, 2, 3]),
         (None, (1, 0, 0), [0, 1, 2, 3]),
         (None, (-1, 0, 0), [3, 2, 1, 0]),
     ):
-        assert front_to_back(tree, eye, forward, BRICK) == order
+        assert front_to_back(tree, eye, forward) == order
 
 
 def test_bricks_of_nobody_are_passed_through() -> None:
     owners = Owners(2, np.array([[[0, UNASSIGNED, 0, 1, UNASSIGNED, 0]]], np.int32))
-    groups = visible_groups(owners, (-5, 0, 0), (1, 0, 0), BRICK)
+    groups = visible_groups(owners, (-0.6, 0, 0), (1, 0, 0))
     assert [group.bricks[:, 2].tolist() for group in groups] == [[0, 2], [3], [5]]
-    assert ranks_of(visible_groups(owners, None, (-1, 0, 0), BRICK)) == [0, 1, 0]
-    assert visible_groups(Owners(3, np.full((2, 1, 1), UNASSIGNED, np.int32)), None, (0, 0, 1), BRICK) == ()
+    assert ranks_of(visible_groups(owners, None, (-1, 0, 0))) == [0, 1, 0]
+    assert visible_groups(Owners(3, np.full((2, 1, 1), UNASSIGNED, np.int32)), None, (0, 0, 1)) == ()
 
 
-EYE, FORWARD = (40.0, -9.0, 3.0), (-1.0, 0.2, 0.1)
+EYE, FORWARD = (10.0, -2.25, 0.75), (-1.0, 0.2, 0.1)
 
 
 def test_groups_become_pieces_of_their_bricks() -> None:
     owner = np.random.default_rng(1).integers(-1, 3, (4, 3, 5)).astype(np.int32)
-    groups = visible_groups(Owners(3, owner), EYE, FORWARD, 4)
+    groups = visible_groups(Owners(3, owner), EYE, FORWARD)
     pieces = group_pieces(groups)
     assert [piece.rank for piece in pieces] == [group.rank for group in groups]
     drawn = np.full(owner.shape, UNASSIGNED)
@@ -172,7 +171,7 @@ def test_groups_become_pieces_of_their_bricks() -> None:
     np.testing.assert_array_equal(drawn, owner)
     # A whole box needs no mask.
     halves = np.arange(8, dtype=np.int32).reshape(2, 2, 2) // 4
-    whole = group_pieces(visible_groups(Owners(2, halves), EYE, FORWARD, 4))
+    whole = group_pieces(visible_groups(Owners(2, halves), EYE, FORWARD))
     assert [piece.bricks for piece in whole] == [None, None]
     assert {piece.box for piece in whole} == {BrickBox((0, 0, 0), (1, 2, 2)), BrickBox((1, 0, 0), (2, 2, 2))}
 
@@ -183,6 +182,6 @@ def test_leaves_become_pieces_trimmed_to_what_costs_now() -> None:
     cost = dealt.copy()
     cost[tree.leaves[1].box.slices] = 0
     cost[0, 0, :2] = 0
-    pieces = leaf_pieces(tree, cost, EYE, FORWARD, 4)
-    assert [piece.rank for piece in pieces] == [rank for rank in front_to_back(tree, EYE, FORWARD, 4) if rank != 1]
+    pieces = leaf_pieces(tree, cost, EYE, FORWARD)
+    assert [piece.rank for piece in pieces] == [rank for rank in front_to_back(tree, EYE, FORWARD) if rank != 1]
     assert sum(len(piece.members(cost > 0)) for piece in pieces) == np.count_nonzero(cost)

@@ -28,8 +28,7 @@ def in_parts(context: moderngl.Context | None, scene: Scene, prepared: Prepared,
     """
     plan = prepared.plan
     tree = build_tree(plan.cost, parts)
-    eye = None if plan.view.parallel else plan.view.eye
-    order = front_to_back(tree, eye, plan.view.forward, plan.layout.brick)
+    order = front_to_back(tree, plan.eye_in_bricks(), plan.view.forward)
     boxes = [tree.leaves[rank].trimmed for rank in order if tree.leaves[rank].cost > 0]
     drawn = [draw(context, prepared, box) if context else draw_on_cpu(prepared, box) for box in boxes]
     layers = [whole(part.partial, scene.image.size) for part in drawn]

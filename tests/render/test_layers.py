@@ -36,7 +36,7 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
 
 
 def whole(plan: Plan) -> Piece:
-    (piece,) = leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward, 8)
+    (piece,) = leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward)
     return piece
 
 

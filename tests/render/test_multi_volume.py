@@ -105,8 +105,7 @@ def drawn(
     plan, bricks = prepared(scene, parts)
     caster = Raycaster(context, plan, block_bytes)
     caster.load(plan, bricks)
-    eye = None if plan.view.parallel else plan.view.eye
-    pieces = leaf_pieces(build_tree(plan.cost, leaves), plan.cost, eye, plan.view.forward, plan.layout.brick)
+    pieces = leaf_pieces(build_tree(plan.cost, leaves), plan.cost, plan.eye_in_bricks(), plan.view.forward)
     each = caster.draw(plan, pieces)
     caster.release()
     return over([whole(one.partial, scene.image.size) for one in each]), sum(one.samples for one in each)

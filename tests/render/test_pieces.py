@@ -30,8 +30,7 @@ def planned(camera: str, **keys: object) -> Prepared:
 def dealt(plan: Plan, ranks: int, seed: int) -> tuple[Piece, ...]:
     """Bricks at random to ranks, in groups from front to back."""
     owner = np.random.default_rng(seed).integers(0, ranks, plan.cost.shape).astype(np.int32)
-    eye = None if plan.view.parallel else plan.view.eye
-    return group_pieces(visible_groups(Owners(ranks, owner), eye, plan.view.forward, plan.layout.brick))
+    return group_pieces(visible_groups(Owners(ranks, owner), plan.eye_in_bricks(), plan.view.forward))
 
 
 @pytest.mark.parametrize("camera", ["outside", "inside", "parallel"])

@@ -57,8 +57,7 @@ def drawn(scene: Scene, parts: tuple[Part, ...], leaves: int = 1, width: Width |
     plan, bricks = prepared(scene, parts)
     caster = VectorCaster(plan, width)
     caster.load(plan, bricks)
-    eye = None if plan.view.parallel else plan.view.eye
-    pieces = leaf_pieces(build_tree(plan.cost, leaves), plan.cost, eye, plan.view.forward, plan.layout.brick)
+    pieces = leaf_pieces(build_tree(plan.cost, leaves), plan.cost, plan.eye_in_bricks(), plan.view.forward)
     each = caster.draw(plan, pieces)
     return over([whole(one.partial, scene.image.size) for one in each]), sum(one.samples for one in each)
 
