@@ -27,7 +27,7 @@ from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.scene import Scene
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 Opener = Callable[[], Source]
 WAYS: dict[str, dict[str, Any]] = {

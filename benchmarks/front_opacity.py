@@ -38,8 +38,7 @@ from clusterviz.frame import FrameLoop, Rendered, Run
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Options
 from clusterviz.frame.work import RankWork
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
@@ -47,7 +46,7 @@ from clusterviz.render.render_result import SQUARE, RenderResult, footprint
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 Floats = NDArray[np.float64]
 WAYS = ("own", "same frame", "last frame")

@@ -18,7 +18,7 @@ from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import scenes_along
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 FIELDS = ("head", "hydrogen", "marschner-lobb", "shells")
 BOUNDS = (2 / 255, 1 / 255)

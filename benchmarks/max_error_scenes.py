@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.field import open_field
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.scene import Scene
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 BOUNDS = (0.02, 4 / 255, 2 / 255, 1 / 255)
 KINDS = ("waves", "blobs", "noise", "smoothed noise", "labels", "marschner-lobb", "hydrogen")

@@ -25,7 +25,7 @@ from clusterviz.distribution.flights import Migration, Move, withdraw
 from clusterviz.frame import FrameLoop
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "head.yaml"
 

@@ -19,10 +19,9 @@ from looks import whole_pieces
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.samples import fetch_sample
-from clusterviz.data.source import Source
+from clusterviz.data.source import Grid, Source
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
 from clusterviz.plan.plan import Plan

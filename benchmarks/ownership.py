@@ -22,9 +22,8 @@ import moderngl
 import numpy as np
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.distribution.contract import distribution_of
 from clusterviz.distribution.memory_budget import MemoryBudget

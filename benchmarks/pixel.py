@@ -17,7 +17,7 @@ from clusterviz.composite import rounding_bound
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.scene import scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 FORMATS = ("float32", "float16", "uint8")
 STAGES = ("encode", "exchange", "blend", "collect", "finish")

@@ -26,7 +26,7 @@ import numpy as np
 from clusterviz.cli.jobs import OVERSUBSCRIBE, find_mpirun
 from clusterviz.image import compare, read_image, write_image
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings
 
 PROGRAM = Path(__file__).with_name("pvbatch_pictures.py")

@@ -45,7 +45,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.animation import orbit
 from clusterviz.scene.files import load_scene
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 WAYS: dict[str, dict[str, Any]] = {
     "sort-last": {"mode": "sort-last", "transport": "messages"},

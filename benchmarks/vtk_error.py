@@ -28,9 +28,9 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import render_frame
-from clusterviz.report.pages.tradeoff.ground_truth import find_ground_truth
+from clusterviz.report.tradeoff.ground_truth import find_ground_truth
 from clusterviz.scene import Scene
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 Picture = np.ndarray[Any, Any]
 PROGRAM = Path(__file__).with_name("vtk_pictures.py")

@@ -21,12 +21,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from clusterviz.data.grid import Grid
-    from clusterviz.data.source import Source
+    from clusterviz.data.source import Grid, Source
     from clusterviz.image import compare, read_image, write_image
     from clusterviz.image.picture import Image
     from clusterviz.scene import Camera, Scene, Volume, load_scene
-    from clusterviz.scene.settings import Settings
+    from clusterviz.scene.overrides import Settings
 
     __version__: str
 
@@ -49,7 +48,7 @@ REACHED = perf_counter()
 
 _MODULES = {
     "Camera": "clusterviz.scene",
-    "Grid": "clusterviz.data.grid",
+    "Grid": "clusterviz.data.source",
     "Image": "clusterviz.image.picture",
     "Scene": "clusterviz.scene",
     "Volume": "clusterviz.scene",
@@ -107,7 +106,7 @@ def render(
     from clusterviz.frame import render_frame
     from clusterviz.image.picture import Image
     from clusterviz.scene import background_rgb
-    from clusterviz.scene.settings import with_settings
+    from clusterviz.scene.overrides import with_settings
 
     channel = open_channel() if comm is None else MpiChannel(comm)
     try:

@@ -18,7 +18,7 @@ import numpy as np
 
 from clusterviz.composite import ALGORITHMS
 from clusterviz.composite.model.network import Network, open_network, shipped_networks
-from clusterviz.composite.schedules.load import Load
+from clusterviz.composite.schedules.schedule import Load
 from clusterviz.composite.simulation.simulate import MOST_RANKS, MOST_SPARSE_RANKS, Options, count_load
 
 PICTURE = Path(__file__).with_name("measurements") / "compositing-times.svg"

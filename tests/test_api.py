@@ -27,7 +27,7 @@ from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
 from clusterviz.scene import cluster, values
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.settings import Settings, with_settings
+from clusterviz.scene.overrides import Settings, with_settings
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Light

@@ -17,7 +17,7 @@ from clusterviz.image import compare
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 SCENE = scene_of_data("field:gaussian:16", ["automatic=false", "image.size=[24,18]", "cluster.brick=8"])
 

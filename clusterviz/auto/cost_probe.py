@@ -19,8 +19,7 @@ from clusterviz.distribution.brick_cost import expected_samples
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import (
     UNASSIGNED,
     BspTree,

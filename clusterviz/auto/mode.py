@@ -30,7 +30,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.image.region import EMPTY
+from clusterviz.image.partial import EMPTY
 from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan

@@ -25,13 +25,13 @@ from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.errors import ClustervizError, SceneError
-from clusterviz.report.pages.output import check_folder, replacing_folder
-from clusterviz.report.pages.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
-from clusterviz.report.pages.scale.measure import Image, Measured, measure, measured_from_json
-from clusterviz.report.pages.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
-from clusterviz.report.pages.scale.points import DEGREES, FRAMES
-from clusterviz.report.pages.scale.survey import SurveyResult, run_survey, steps_of
-from clusterviz.report.pages.tradeoff.page import check_libraries
+from clusterviz.report.output import check_folder, replacing_folder
+from clusterviz.report.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
+from clusterviz.report.scale.measure import Image, Measured, measure, measured_from_json
+from clusterviz.report.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
+from clusterviz.report.scale.points import DEGREES, FRAMES
+from clusterviz.report.scale.survey import SurveyResult, run_survey, steps_of
+from clusterviz.report.tradeoff.page import check_libraries
 from clusterviz.scene import Cluster, Scene, open_scene
 
 PICTURE, RESULT = "picture.npy", "result.json"

@@ -31,8 +31,7 @@ from clusterviz.composite.node_memory import NodeMemory
 from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 Images = PartialImage | Pixels | Sequence[PartialImage]
 

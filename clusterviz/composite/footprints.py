@@ -20,8 +20,7 @@ from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import DTYPES
 from clusterviz.errors import InputError
 from clusterviz.image.merge import ORDER_FREE, Operator
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.image.partial import EMPTY, PartialImage, Rect
 
 Numbers = NDArray[np.int64]
 # Gathers one row of numbers from each rank on every rank.

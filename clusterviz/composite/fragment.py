@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.codec.contract import Pixels
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.image.partial import EMPTY, Rect
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from clusterviz.comm.agree import mark_agreed
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 # Tags above every stage of every schedule, and below the largest tag that each MPI allows.
 _HEADER, _TABLE, PIXELS = 32_001, 32_002, 32_003

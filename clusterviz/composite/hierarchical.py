@@ -31,8 +31,7 @@ from clusterviz.composite.schedules.algorithms import make_schedule
 from clusterviz.composite.schedules.schedule import Schedule
 from clusterviz.composite.shared import cut_strips
 from clusterviz.composite.traffic import Part, plan_traffic
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 Nodes = Sequence[Sequence[int]]
 

@@ -16,8 +16,7 @@ from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.window import Numbers, SharedWindow
 from clusterviz.composite.footprints import Footprint
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 # Images are aligned to cache lines.
 _LINE_BYTES = 64

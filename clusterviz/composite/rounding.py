@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Pixels
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 FULL_SCALE = 255
 

@@ -21,8 +21,7 @@ from clusterviz.composite.fragment import OwnedPixels, Patch
 from clusterviz.composite.node_memory import NOT_PLACED, NodeMemory
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.image.merge import Operator
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 
 def share_images(

@@ -26,8 +26,7 @@ from clusterviz.composite.gather import collect
 from clusterviz.composite.messages import compile_codecs, packer
 from clusterviz.composite.model.network import Network, default_network
 from clusterviz.errors import InputError
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 
 class TileCollector:

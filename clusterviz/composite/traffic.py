@@ -20,7 +20,7 @@ import numpy as np
 
 from clusterviz.composite.fragment import Patch, unite
 from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.scene.transfer import distinct
 
 

@@ -1,23 +1,13 @@
 """Volume data: files, formulas and arrays behind one contract, bricks, and summaries.
 
-In the order in which a frame uses them:
+Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Bricks divide a volume; summaries hold its
+extremes, histogram and exact percentiles.
 
-    grid.py, source.py        the contract: a `Source` knows its `Grid` and reads any box of samples
-    files.py, header.py       checks that all formats share: of the file, of its header
-    storage.py, strided.py    byte storage (files, streams, text), and boxes of samples in it
-    axes.py                   the volume in a stored array: array, time step, channel
-    npy, npz, raw, nrrd, metaimage, nifti, vti, vtk, tiff, mrc, hdf5, picture     one file a format
-    folder.py                 a folder of slices as one volume
-    vtk_image, vti_layout, vti_blocks     image data in VTK files: arrays and grid, XML, compressed blocks
-    field.py, memory.py       volumes by formula, and NumPy arrays
-    bricks.py                 division of the volume into bricks, and reading of a rank's bricks
-    summary.py, order_statistics.py       extremes, histogram and exact percentiles of distributed bricks
-    samples.py                sample volumes from installable packages, for the demo and the tests
-
-To add a format: one file with `open_<format>`, which raises `DataError` for every fault and compares sizes with the
-file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the shared checks
-of `tests/data/checks.py`; one line in `tests/fuzz/readers.py`. `open_source` turns any other exception into a
-`DataError`. If the samples lie at constant strides, the opener returns a `StridedSource` and needs no reading code.
+To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
+with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
+shared checks of `tests/data/checks.py`; one line in `tests/fuzz/readers.py`. `open_source` turns any other exception
+into a `DataError`. If the samples lie at constant strides, the opener returns a `StridedSource` and needs no reading
+code.
 """
 
 from __future__ import annotations
@@ -34,9 +24,8 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
-from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box, make_grid
-from clusterviz.data.source import Index, Source
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
 
@@ -52,36 +41,37 @@ class Format:
     name : for messages
     extensions : of its files
     magic : possible first bytes; empty if they vary
-    module : in clusterviz.data
+    opener : module in clusterviz.data.formats and its function, imported on first use
     """
 
     name: str
     extensions: tuple[str, ...]
     magic: tuple[bytes, ...]
-    module: str
+    opener: str
 
     def open(self, path: Path, subset: Subset) -> Source:
-        """Open a file by `open_<module>`; the module is imported on first use, because a render needs one format."""
-        source: Source = getattr(import_module(f"clusterviz.data.{self.module}"), f"open_{self.module}")(path, subset)
+        """Open a file."""
+        module, function = self.opener.split(".")
+        source: Source = getattr(import_module(f"clusterviz.data.formats.{module}"), function)(path, subset)
         return source
 
 
 FORMATS = (
-    Format("npy", (".npy",), (b"\x93NUMPY",), "npy"),
-    Format("npz", (".npz",), (b"PK",), "npz"),
-    Format("raw", (".raw", ".den", ".dat", ".bin"), (), "raw"),
-    Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), "nrrd"),
-    Format("metaimage", (".mha", ".mhd"), (), "metaimage"),
-    Format("nifti", (".nii",), (), "nifti"),
-    Format("nifti", (".nii.gz",), GZIP, "nifti"),
-    Format("vti", (".vti",), (), "vti"),
-    Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk"),
-    Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff"),
-    Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc"),
-    Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc"),
-    Format("hdf5", (".h5", ".hdf5", ".he5"), (), "hdf5"),
-    Format("netcdf", (".nc", ".nc4"), (), "hdf5"),
-    Format("picture", PICTURES, (), "picture"),
+    Format("npy", (".npy",), (b"\x93NUMPY",), "npy.open_npy"),
+    Format("npz", (".npz",), (b"PK",), "npy.open_npz"),
+    Format("raw", (".raw", ".den", ".dat", ".bin"), (), "raw.open_raw"),
+    Format("nrrd", (".nrrd", ".nhdr"), (b"NRRD",), "nrrd.open_nrrd"),
+    Format("metaimage", (".mha", ".mhd"), (), "metaimage.open_metaimage"),
+    Format("nifti", (".nii",), (), "nifti.open_nifti"),
+    Format("nifti", (".nii.gz",), GZIP, "nifti.open_nifti"),
+    Format("vti", (".vti",), (), "vti.open_vti"),
+    Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.open_vtk"),
+    Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff.open_tiff"),
+    Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc.open_mrc"),
+    Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc.open_mrc"),
+    Format("hdf5", (".h5", ".hdf5", ".he5"), (), "hdf5.open_hdf5"),
+    Format("netcdf", (".nc", ".nc4"), (), "hdf5.open_hdf5"),
+    Format("picture", PICTURES, (), "folder.open_picture"),
 )
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -169,7 +159,7 @@ def _open(text: str, part: Subset) -> Source:
         text, part = dataset[1], replace(part, array=dataset[2])
     file = Path(text)
     if file.is_dir():
-        from clusterviz.data.folder import open_folder
+        from clusterviz.data.formats.folder import open_folder
 
         return open_folder(file, part)
     found = format_of(file)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid, Triple
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index, Triple
 from clusterviz.errors import DataError
 
 MIN_DETERMINANT = 1e-6  # |det| of the unit axes, below which a placement counts as singular

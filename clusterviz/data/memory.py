@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box, check_dtype, check_shape
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.errors import DataError
 
 

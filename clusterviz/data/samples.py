@@ -37,7 +37,7 @@ class SampleVolume:
     member : path inside the package, or inside its tar file if `inside_tar` is set
     sha256 : of the extracted file
     file_name : in the cache
-    sidecar : description of a raw file; see `clusterviz.data.raw`
+    sidecar : description of a raw file; see `clusterviz.data.formats.raw`
     """
 
     package: str

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab
-from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_box
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import Storage
 
 MAX_READ_GAP = 4096  # bytes between two rows that are read rather than skipped by a second request

@@ -9,8 +9,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
 from clusterviz.data.header import check_shape, make_grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import DataError
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.plan.plan import Plan

@@ -17,7 +17,7 @@ from clusterviz.distribution.static import Coherent, Interleaved, Replicated
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import Mode, RankWork
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan

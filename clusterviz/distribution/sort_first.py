@@ -21,7 +21,7 @@ from clusterviz.distribution.brick_cost import Measured, expected_samples, measu
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.errors import InputError
 from clusterviz.frame.work import Mode
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition import (
     UNASSIGNED,
     BspTree,

@@ -13,7 +13,7 @@ from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen import (
     COARSE,
     CostMap,

@@ -15,8 +15,7 @@ from clusterviz.data.source import Index
 from clusterviz.frame.opening import BrickReader
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.render.stored_brick import stamp_of
 from clusterviz.report.frame_coherence import together
 from clusterviz.report.statistics import RankFrame

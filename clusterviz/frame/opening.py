@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data import open_volume, override_grid
 from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.grid import Grid
-from clusterviz.data.source import Index, Source
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary, block_sides, summarise
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run

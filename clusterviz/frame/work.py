@@ -19,8 +19,7 @@ from clusterviz.comm import abort_on_failure, mark_agreed
 from clusterviz.data.source import Index
 from clusterviz.errors import RankError
 from clusterviz.frame.run import Image, Run
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy, Change, Sharing

@@ -16,8 +16,7 @@ from __future__ import annotations
 from clusterviz.image.compare import Difference, compare
 from clusterviz.image.files import check_writable, read_image, write_image
 from clusterviz.image.finish import finish
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.image.partial import EMPTY, PartialImage, Rect, blank
 
 __all__ = [
     "EMPTY",

@@ -22,12 +22,11 @@ from clusterviz.partition.edges import Edges, refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
 from clusterviz.partition.groups import BrickGroup, ranks_of, visible_groups
 from clusterviz.partition.interleave import interleave
-from clusterviz.partition.order import front_to_back
 from clusterviz.partition.owners import UNASSIGNED, Owners, bricks_of, owners_of
 from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces, owner_pieces
 from clusterviz.partition.replicate import Replicas, assign_replicas, replicate
 from clusterviz.partition.search import busiest, move_planes, search_tree
-from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split, draw
+from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split, draw, front_to_back
 
 __all__ = [
     "PARALLEL_ORIGIN",

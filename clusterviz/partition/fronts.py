@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
-from clusterviz.partition.order import Vector
 from clusterviz.partition.owners import Owners
-from clusterviz.partition.tree import BspTree, Index, Leaf, Node, leaves_below
+from clusterviz.partition.tree import BspTree, Index, Leaf, Node, Vector, leaves_below
 
 RayOrigin = tuple[float, float, float]
 """Origin of the rays along (z, y, x) in bricks; ±inf for parallel rays."""

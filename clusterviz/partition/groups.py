@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.partition.order import Vector
 from clusterviz.partition.owners import UNASSIGNED, Owners
-from clusterviz.partition.tree import Index
+from clusterviz.partition.tree import Index, Vector
 
 Bools = NDArray[np.bool_]
 

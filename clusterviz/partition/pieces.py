@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.bsp import Costs, trim
 from clusterviz.partition.groups import BrickGroup, visible_groups
-from clusterviz.partition.order import Vector, front_to_back
 from clusterviz.partition.owners import Owners
-from clusterviz.partition.tree import BrickBox, BspTree
+from clusterviz.partition.tree import BrickBox, BspTree, Vector, front_to_back
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import is_graded
 from clusterviz.scene.blend_modes import BLEND_MODES

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box, BrickLayout
-from clusterviz.data.grid import Grid, Triple
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index, Triple
 from clusterviz.errors import InputError
 
 MOST_BRICKS = 1 << 20

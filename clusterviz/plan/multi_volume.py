@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.grid import Grid
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.plan.blend_mode import (
     BlendMode,

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.grid import Grid
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
 from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step

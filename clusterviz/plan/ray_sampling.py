@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import FAR
 from clusterviz.scene.values import Clip, Scene

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
 from clusterviz.scene.transfer_2d import load_table

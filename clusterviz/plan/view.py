@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
-from clusterviz.image.region import Rect
+from clusterviz.data.source import Grid
+from clusterviz.image.partial import Rect
 from clusterviz.scene.camera import camera_axes, camera_vectors
 from clusterviz.scene.values import Camera
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from clusterviz.reference.lighting import nearest_gradient, trilinear_gradient
 from clusterviz.reference.rays import Floats
-from clusterviz.reference.sample import nearest, trilinear
-from clusterviz.reference.spline import cubic, cubic_gradient
+from clusterviz.reference.sample import cubic, cubic_gradient, nearest, trilinear
 from clusterviz.scene.values import Volume
 
 SAMPLERS = {"linear": trilinear, "nearest": nearest, "cubic": cubic}

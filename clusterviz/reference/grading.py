@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
 from clusterviz.scene.transfer_2d import TransferTable, load_table

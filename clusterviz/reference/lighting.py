@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
 from clusterviz.scene.complete import transfer_function

@@ -4,25 +4,206 @@ Rays are cut into slabs in the axis-aligned box around all volumes. A slab lies 
 midpoint. The extinctions of these volumes add up, κ = Σ κ_i, and its colour is the mean Σ κ_i c_i / Σ κ_i. See
 `volume_layers.py` for pre-integrated classification and isosurfaces.
 
+The midpoint of a slab decides whether the slab lies in a volume. For pre-integrated classification and isosurfaces, the
+part of the slab in the volume is used: the scalar changes linearly from one end of that part to the other, or crosses
+an isosurface's value between them. The integral gives the optical depth of the part and its mean colour weighted by κ.
+The order of absorption within a slab is ignored, as it is mixed with other volumes.
+
 References
 ----------
 N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 2 and 4: particles of several kinds
 absorb and glow independently, so both densities are sums.
+K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
+Graphics Hardware 2001, section 3.3 (integral functions, without attenuation within a slab).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
-from clusterviz.reference.clipping import kept
-from clusterviz.reference.rays import Floats, Rays, to_index_space
+from clusterviz.data.source import Grid
+from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.grading import fading, magnitude_of, needs_gradient, optics
+from clusterviz.reference.lighting import lit
+from clusterviz.reference.preintegrated import integrate
+from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
-from clusterviz.reference.volume_layers import Body, SurfaceHit, VolumeRays, has_ends
-from clusterviz.scene.values import Scene
+from clusterviz.reference.surfaces import Crossings, RayField
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.values import Scene, Volume
+
+Flags = NDArray[np.bool_]
+SLACK = 1e-9
+"""Of its length, by which a volume's box is widened, so that rounding does not decide who sees what lies on a face."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One volume: its scene entry, its grid and its voxels (z, y, x)."""
+
+    volume: Volume
+    grid: Grid
+    voxels: NDArray[Any]
+
+    @property
+    def has_extent(self) -> bool:
+        """Whether it has an extent along every axis; else it is not drawn."""
+        return min(self.grid.shape_zyx) > 1
+
+
+@dataclass(frozen=True)
+class SurfaceHit:
+    """An isosurface in a slab of rays.
+
+    Attributes
+    ----------
+    place : float64 (m,), world length along the ray
+    opacity : float64 (m,), 0 where the slab has no surface
+    colour : float64 (m, 3), straight
+    """
+
+    place: Floats
+    opacity: Floats
+    colour: Floats
+
+
+def is_ramped(volume: Volume, scene: Scene) -> bool:
+    """Return whether classification is pre-integrated."""
+    has_ramps = volume.interpolation != "nearest" and not volume.isosurfaces and volume.transfer_2d is None
+    return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
+
+
+def has_ends(volume: Volume, scene: Scene) -> bool:
+    """Return whether the picture depends on the field at the ends of slabs."""
+    return bool(volume.isosurfaces) or is_ramped(volume, scene)
+
+
+class VolumeRays:
+    """Rays through one volume.
+
+    Parameters
+    ----------
+    rays : rays in the world
+    """
+
+    def __init__(self, rays: Rays, body: Body, scene: Scene) -> None:
+        self.volume, self.grid, self.voxels, self.scene = body.volume, body.grid, body.voxels, scene
+        self.rays, self.last = to_index_space(rays, body.grid), np.array(body.grid.shape_zyx[::-1], np.float64) - 1
+        self.transfer, self.sampler = transfer_function(body.volume), SAMPLERS[body.volume.interpolation]
+        wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
+        self.entry, self.leave = inside(wider, (1 + 2 * SLACK) * self.last)
+        entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in self.volume.isosurfaces)
+        self.wanted = sorted(entry for entry in entries if entry[1] > 0)
+        values = np.array([value for value, _ in self.wanted])
+        self.course = RayField(self.rays, self.voxels, self.volume.interpolation, values)
+
+    def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """Return the optical depth (m,) of a slab, and its colour times that (m, 3).
+
+        Parameters
+        ----------
+        seen : bool (m,), rays whose slab is not clipped
+        """
+        if self.volume.blending != "composite":
+            return np.zeros(len(seen)), np.zeros((len(seen), 3))
+        return self._ramp(slab, seen) if is_ramped(self.volume, self.scene) else self._midpoint(slab, seen)
+
+    def surfaces(self, slab: Slab) -> Iterator[SurfaceHit]:
+        """Return the isosurfaces in a slab; they are clipped at their own positions."""
+        if not self.wanted:
+            return
+        values, opacities = np.array(self.wanted).T
+        colours = self.transfer.colour(values)
+        for met in self.course.crossings(slab.rays, *self._part(slab)):
+            yield self._met(slab, met, opacities[met.surface], colours[met.surface])
+
+    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats) -> SurfaceHit:
+        """Return a surface at its position."""
+        here, count = met.slabs, len(slab.rays)
+        alpha, place, colours = np.zeros(count), np.full(count, np.inf), np.zeros((count, 3))
+        place[here] = met.place
+        point = self.rays.start[slab.rays[here]] + met.place[:, None] * self.rays.direction[slab.rays[here]]
+        alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
+        gradient = gradient_at(self.volume, self.voxels, met.inside) if self.volume.shade else None
+        colours[here] = self._lit(slab.rays[here], point, colour, gradient, ())
+        return SurfaceHit(place, alpha, colours)
+
+    def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """Return absorption of a slab with the sample of its midpoint."""
+        middle = slab.begin + (slab.end - slab.begin) / 2
+        inside = np.flatnonzero(seen & (middle >= self.entry[slab.rays]) & (middle <= self.leave[slab.rays]))
+        depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
+        point = np.clip(self._points(slab, middle)[inside], 0, self.last)
+        scalar, valid = self.sampler(self.voxels, *point.T)
+        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
+        colour, extinction = optics(self.volume, self.transfer, scalar, gradient, self.grid)
+        depth[inside] = np.where(valid, extinction, 0) * (slab.end - slab.begin)[inside]
+        colour = self._lit(slab.rays[inside], point, np.where(valid[:, None], colour, 0), gradient)
+        glow[inside] = depth[inside, None] * colour
+        return depth, glow
+
+    def _ramp(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
+        """Return absorption of a slab with a linear scalar.
+
+        Light and gradient opacity are those of the part's midpoint; an end without a scalar has the midpoint's.
+        """
+        begin, end = self._part(slab)
+        middle = begin + (end - begin) / 2
+        scalar, known = self._sample(slab, middle)
+        ends = [self._sample(slab, at) for at in (begin, end)]
+        front, back = (np.where(valid, found, scalar) for found, valid in ends)
+        there = seen & (known | (ends[0][1] & ends[1][1]))
+        way = np.where(there, np.maximum(end - begin, 0), 0)
+        point = np.clip(self._points(slab, middle), 0, self.last)
+        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
+        if gradient is not None:
+            gradient = np.where(known[:, None], gradient, 0)
+            if self.volume.gradient_opacity:
+                way = way * fading(self.volume, magnitude_of(gradient, self.grid))
+        glow, depth = integrate(self.transfer, front, back, way, attenuated=False)
+        colour = glow / np.where(depth > 0, depth, 1)[:, None]
+        return depth, depth[:, None] * self._lit(slab.rays, point, colour, gradient)
+
+    def _part(self, slab: Slab) -> tuple[Floats, Floats]:
+        """Return begin and end, (m,) each, of the part of a slab in the volume; end ≤ begin if there is none.
+
+        Both lie in the slab; rays that miss the volume enter it at infinity.
+        """
+        entry, leave = self.entry[slab.rays], self.leave[slab.rays]
+        return np.clip(entry, slab.begin, slab.end), np.clip(leave, slab.begin, slab.end)
+
+    def _points(self, slab: Slab, at: Floats) -> Floats:
+        """Return the points (m, 3) of a slab's rays at given lengths."""
+        points: Floats = self.rays.start[slab.rays] + at[:, None] * self.rays.direction[slab.rays]
+        return points
+
+    def _sample(self, slab: Slab, at: Floats) -> tuple[Floats, Flags]:
+        """Return the field at given lengths along a slab's rays, and where it is valid."""
+        scalar, valid = self.sampler(self.voxels, *np.clip(self._points(slab, at), 0, self.last).T)
+        return scalar, valid
+
+    def _lit(
+        self,
+        rays: NDArray[np.int64],
+        point: Floats,
+        colour: Floats,
+        gradient: Floats | None,
+        box: tuple[int, ...] | None = None,
+    ) -> Floats:
+        """Return straight colours (m, 3), lit by the scene's lights if the volume is lit; `box` as in `lit`."""
+        if not self.volume.shade:
+            return colour
+        if gradient is None:
+            gradient = gradient_at(self.volume, self.voxels, np.clip(point, 0, self.last))
+        direction = self.rays.direction[rays]
+        box = self.voxels.shape if box is None else box
+        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box)
+
 
 DARK = 2.0**-60
 LONGEST = 2.0

@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
-from clusterviz.reference.clipping import kept
+from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.rays import Floats, Rays
+from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction

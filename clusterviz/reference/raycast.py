@@ -16,19 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.reference.clipping import kept
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import needs_gradient, optics
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.multi_volume import march_mixture
+from clusterviz.reference.multi_volume import Body, march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
-from clusterviz.reference.rays import Floats, Rays, camera_rays, pixel_shifts, to_index_space
+from clusterviz.reference.rays import Floats, Rays, camera_rays, kept, pixel_shifts, to_index_space
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
-from clusterviz.reference.volume_layers import Body
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_block
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan

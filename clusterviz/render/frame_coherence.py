@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_block
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.kernels.objects import function_address, machine
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.brick_atlas import BrickPool, capacity

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.image.merge import EXISTS
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.frame_coherence import FrameCoherence

@@ -126,7 +126,7 @@ def check_cmap(value: Any) -> Any:
 
 def check_opacity(value: Any) -> Any:
     """Validate the form of an opacity: a number, a preset or control points."""
-    from clusterviz.scene.opacity import PRESET_NAMES, PRESETS
+    from clusterviz.scene.transfer import PRESET_NAMES, PRESETS
 
     value = to_builtin(value)
     if isinstance(value, str) and value not in PRESETS:

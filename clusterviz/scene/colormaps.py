@@ -1,7 +1,16 @@
-"""Colour maps: names, colour lists and ParaView presets as control points in data values."""
+"""Colour maps: names, colour lists and ParaView presets as control points in data values.
+
+The range of a preset is mapped to the range of the data (`clim`), as in ParaView.
+
+References
+----------
+K. Moreland, "Diverging Color Maps for Scientific Visualization", ISVC 2009: Msh space and the interpolation through
+white (section 5). CIE 1976 L*a*b* with the D65 white point and the sRGB transfer curve, as in VTK's vtkMath.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -10,8 +19,206 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import SceneError
-from clusterviz.scene.opacity import rescale
+from clusterviz.errors import SceneError, guard
+from clusterviz.scene.transfer import rescale
+from clusterviz.scene.yaml_text import read_text
+
+Floats = NDArray[np.float64]
+SPACES = ("RGB", "HSV", "Lab", "CIELAB", "Diverging", "Step")
+
+XYZ_FROM_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+WHITE = np.array([0.9505, 1.0, 1.089])
+MIN_SEGMENTS = 256
+"""Smallest number of linear segments for a map that is interpolated in another space than RGB."""
+
+
+def read_preset(path: str, *, where: str = "cmap") -> tuple[Floats, Floats, tuple[tuple[float, float], ...] | None]:
+    """Read a preset, over [0, 1].
+
+    Parameters
+    ----------
+    path : the file; its first preset is read
+    where : the file and key named in errors
+
+    Returns
+    -------
+    places : float64 (n,), ascending from 0 to 1
+    colours : float64 (n, 3), straight RGB, linear between the places
+    opacity : ((place, opacity), …), or None if the preset has none
+
+    Raises
+    ------
+    SceneError
+        The file is not a preset, or uses an unsupported colour space, midpoints or a logarithmic scale.
+    """
+    with guard(SceneError, f"{where}: {path}"):
+        return _read(_load(path, where), path, where)
+
+
+def _read(
+    preset: dict[str, Any], path: str, where: str
+) -> tuple[Floats, Floats, tuple[tuple[float, float], ...] | None]:
+    nodes = _table(preset.get("RGBPoints"), 4, "RGBPoints", where)
+    low, width = nodes[0, 0], nodes[-1, 0] - nodes[0, 0]
+    if not width > 0:
+        raise SceneError("RGBPoints covers no range", where=where, found=path, allowed="two different values")
+    space = str(preset.get("ColorSpace", "RGB"))
+    if space not in SPACES:
+        raise SceneError("unknown ColorSpace", where=where, found=space, allowed=", ".join(SPACES))
+    if preset.get("UseLogScale"):
+        raise SceneError("a logarithmic preset is not supported yet", where=where, found=path)
+    places, colours = _resampled((nodes[:, 0] - low) / width, nodes[:, 1:], space, bool(preset.get("HSVWrap", True)))
+    return places, colours, _opacity(preset, float(low), float(width), where)
+
+
+def _load(path: str, where: str) -> dict[str, Any]:
+    try:
+        content = json.loads(read_text(path, SceneError, f"{where}: {path}"))
+    except ValueError as error:
+        raise SceneError(f"the preset is not JSON: {error}", where=where, found=path) from None
+    preset = content[0] if isinstance(content, list) and content else content
+    if not isinstance(preset, dict):
+        raise SceneError("not a ParaView preset", where=where, found=path, allowed='[{"RGBPoints": […], …}]')
+    return preset
+
+
+def _table(numbers: Any, columns: int, name: str, where: str) -> Floats:
+    """Return a flat list of numbers as a table, validated and sorted by its first column."""
+    try:
+        table = np.asarray(numbers, np.float64).reshape(-1, columns)
+    except (TypeError, ValueError):
+        table = np.empty((0, columns))
+    if not len(table) or not np.isfinite(table).all() or (np.diff(table[:, 0]) < 0).any():
+        allowed = f"a list of finite numbers, {columns} a point, sorted by value"
+        raise SceneError(f"the preset's {name} cannot be used", where=where, allowed=allowed)
+    if ((table[:, 1:] < 0) | (table[:, 1:] > 1)).any():
+        raise SceneError(f"the preset's {name} is out of range", where=where, allowed="0 to 1")
+    return table
+
+
+def _resampled(places: Floats, colours: Floats, space: str, wrap: bool) -> tuple[Floats, Floats]:
+    """Return control points that are linear in RGB for a map that is linear in another space."""
+    if space == "RGB":
+        return places, colours
+    found_places, found_colours = [places[:1]], [colours[:1]]
+    for left in range(len(places) - 1):
+        count = max(1, int(np.ceil(MIN_SEGMENTS * (places[left + 1] - places[left]))))
+        share = np.linspace(0.0, 1.0, count + 1)
+        inner = interpolate_colours(space, colours[left], colours[left + 1], share, wrap)
+        inner[-1] = colours[left + 1]
+        skip = 0 if space == "Step" else 1
+        found_places.append((places[left] + (places[left + 1] - places[left]) * share)[skip:])
+        found_colours.append(inner[skip:])
+    return np.concatenate(found_places), np.clip(np.concatenate(found_colours), 0.0, 1.0)
+
+
+def _opacity(preset: dict[str, Any], low: float, width: float, where: str) -> tuple[tuple[float, float], ...] | None:
+    if preset.get("Points") is None:
+        return None
+    table = _table(preset["Points"], 4, "Points", where)
+    if (table[:, 2] != 0.5).any() or (table[:, 3] != 0.0).any():
+        raise SceneError("midpoints and sharpness of opacity are not supported yet", where=where, allowed="0.5 and 0")
+    return tuple((float((value - low) / width), float(alpha)) for value, alpha in table[:, :2])
+
+
+def interpolate_colours(space: str, first: Floats, second: Floats, share: Floats, wrap: bool = True) -> Floats:
+    """Interpolate between two colours in a colour space.
+
+    Parameters
+    ----------
+    space : one of `SPACES`
+    first, second : float64 (3,), straight RGB
+    share : float64 (n,), 0 for the first colour, 1 for the second
+    wrap : HSV only: interpolate hues along the shorter arc
+
+    Returns
+    -------
+    rgb : float64 (n, 3), straight RGB; outside [0, 1] for colours outside the gamut
+    """
+    if space == "Step":  # as in VTK, a segment has the colour of its right end
+        return np.broadcast_to(second, (len(share), 3)).copy()
+    if space == "HSV":
+        return _between_hsv(first, second, share, wrap)
+    if space in ("Lab", "CIELAB"):
+        return rgb_from_lab(_mix(lab_from_rgb(first), lab_from_rgb(second), share))
+    if space == "Diverging":
+        return _between_diverging(first, second, share)
+    return _mix(first, second, share)
+
+
+def lab_from_rgb(rgb: Floats) -> Floats:
+    """Convert sRGB (…, 3) to CIE L*a*b* (…, 3)."""
+    linear = np.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
+    scaled = linear @ XYZ_FROM_RGB.T / WHITE
+    f = np.where(scaled > 0.008856, np.cbrt(scaled), 7.787 * scaled + 16 / 116)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
+
+
+def rgb_from_lab(lab: Floats) -> Floats:
+    """Convert CIE L*a*b* (…, 3) to sRGB (…, 3)."""
+    y = (lab[..., 0] + 16) / 116
+    f = np.stack([y + lab[..., 1] / 500, y, y - lab[..., 2] / 200], -1)
+    scaled = np.where(f**3 > 0.008856, f**3, (f - 16 / 116) / 7.787)
+    linear = (scaled * WHITE) @ np.linalg.inv(XYZ_FROM_RGB).T
+    return np.asarray(np.where(linear > 0.0031308, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055, 12.92 * linear))
+
+
+def msh_from_lab(lab: Floats) -> Floats:
+    """Convert CIE L*a*b* (3,) to Msh (3,): magnitude, saturation angle, hue angle."""
+    magnitude = float(np.linalg.norm(lab))
+    saturation = float(np.arccos(np.clip(lab[0] / magnitude, -1, 1))) if magnitude > 0.001 else 0.0
+    hue = float(np.arctan2(lab[2], lab[1])) if saturation > 0.001 else 0.0
+    return np.array([magnitude, saturation, hue])
+
+
+def lab_from_msh(msh: Floats) -> Floats:
+    """Convert Msh (…, 3) to CIE L*a*b* (…, 3)."""
+    m, s, h = msh[..., 0], msh[..., 1], msh[..., 2]
+    return np.stack([m * np.cos(s), m * np.sin(s) * np.cos(h), m * np.sin(s) * np.sin(h)], -1)
+
+
+def _mix(first: Floats, second: Floats, share: Floats) -> Floats:
+    return (1 - share)[:, None] * first + share[:, None] * second
+
+
+def _between_hsv(first: Floats, second: Floats, share: Floats, wrap: bool) -> Floats:
+    import colorsys
+
+    a, b = np.array(colorsys.rgb_to_hsv(*first)), np.array(colorsys.rgb_to_hsv(*second))
+    if wrap and abs(a[0] - b[0]) > 0.5:
+        (a if a[0] > b[0] else b)[0] -= 1
+    mixed = _mix(a, b, share)
+    return np.array([colorsys.hsv_to_rgb(h % 1.0, s, v) for h, s, v in mixed])
+
+
+def _between_diverging(first: Floats, second: Floats, share: Floats) -> Floats:
+    a, b = msh_from_lab(lab_from_rgb(first)), msh_from_lab(lab_from_rgb(second))
+    turn = abs(a[2] - b[2])
+    if min(a[1], b[1]) > 0.05 and min(turn, 2 * np.pi - turn) > np.pi / 3:
+        # Between two saturated colours of different hue lies a white that is at least as bright as both.
+        white = np.array([max(a[0], b[0], 88.0), 0.0, 0.0])
+        left = _between_msh(a, white, 2 * share)
+        return np.where((share < 0.5)[:, None], left, _between_msh(white, b, 2 * share - 1))
+    return _between_msh(a, b, share)
+
+
+def _between_msh(a: Floats, b: Floats, share: Floats) -> Floats:
+    a, b = a.copy(), b.copy()
+    if a[1] < 0.05 < b[1]:
+        a[2] = _adjusted_hue(b, a[0])
+    elif b[1] < 0.05 < a[1]:
+        b[2] = _adjusted_hue(a, b[0])
+    return rgb_from_lab(lab_from_msh(_mix(a, b, np.clip(share, 0, 1))))
+
+
+def _adjusted_hue(saturated: Floats, magnitude: float) -> float:
+    """Return the hue of an unsaturated end for which the path to it appears straight."""
+    m, s, h = saturated
+    if m >= magnitude - 0.1:
+        return float(h)
+    spin = s * np.sqrt(magnitude**2 - m**2) / (m * np.sin(s))
+    return float(h + spin if h > -np.pi / 3 else h - spin)
+
 
 Colours = tuple[NDArray[np.float64], NDArray[np.float64]]
 MIN_FLAT_ENTRIES = 512
@@ -44,8 +251,6 @@ def colour_points(cmap: str | Sequence[Sequence[float]], clim: tuple[float, floa
             return rescale(np.linspace(0.0, 1.0, len(table)), clim), table
         return table[:, 0], table[:, 1:]
     if cmap.lower().endswith(".json"):
-        from clusterviz.scene.paraview import read_preset
-
         places, colours, _ = read_preset(cmap, where=where)
     else:
         places, colours = named_colour_points(cmap, where=where)

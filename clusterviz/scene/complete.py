@@ -8,15 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.scene.automatic import VolumeInfo as VolumeInfo
 from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.opacity import opacity_points, rescale
-from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
-from clusterviz.scene.volume_info import VolumeInfo as VolumeInfo
 
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 LARGEST = float(np.finfo(np.float64).max)
@@ -163,7 +162,7 @@ def _default_opacity(cmap: object, clim: tuple[float, float]) -> tuple[tuple[flo
     """Return the opacity of a ParaView preset if it has one, else `DEFAULT_OPACITY`, in data values."""
     points: tuple[tuple[float, float], ...] = DEFAULT_OPACITY
     if isinstance(cmap, str) and cmap.lower().endswith(".json"):
-        from clusterviz.scene.paraview import read_preset
+        from clusterviz.scene.colormaps import read_preset
 
         points = read_preset(cmap)[2] or DEFAULT_OPACITY
     places, opacities = np.array(points).T

@@ -13,7 +13,7 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import scenes_along
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
 RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"

@@ -25,7 +25,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Forecast
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 RANKS = 4
 NODES = tuple((rank,) for rank in range(RANKS))

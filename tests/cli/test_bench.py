@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from clusterviz.cli.bench import over
-from clusterviz.cli.bench.probes import BURSTS, LARGE_BYTES, SIZES
+from clusterviz.cli.bench.network import BURSTS, LARGE_BYTES, SIZES
 from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command, run_job
 from clusterviz.codec import CODECS
 from clusterviz.composite import ALGORITHMS

@@ -13,8 +13,7 @@ import pytest
 
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
-from clusterviz.cli.reference_check import compare_with_reference
-from clusterviz.cli.verify import Configuration
+from clusterviz.cli.verify import Configuration, compare_with_reference
 from clusterviz.scene import scene_of_data
 
 SCENE = ("field:marschner-lobb:20", "--size", "32x24")

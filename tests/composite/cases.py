@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.composite import CompositeCounters, Compositor, collect, composite
 from clusterviz.image.merge import CLOSED, EXISTS, STARTS, Operator, merge_partials
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 SIZE = (23, 17)
 OPERATORS: tuple[Operator, ...] = ("maximum", "minimum", "sum", "stretch")

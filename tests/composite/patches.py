@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 
 def canvas_of(width: int, height: int) -> Patch:

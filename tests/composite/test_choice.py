@@ -13,9 +13,9 @@ from clusterviz.composite.footprints import Footprint, Footprints
 from clusterviz.composite.model.choice import HANDICAPS, Request, choose
 from clusterviz.composite.model.network import Network, open_network, shipped_networks
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES
-from clusterviz.composite.simulation.cubes import cube_footprints
+from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.errors import InputError
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.image.partial import EMPTY, Rect
 
 AUTO = Request("auto", "auto", "auto")
 MESSAGES = Request("auto", "messages", "raw")

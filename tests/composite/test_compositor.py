@@ -39,8 +39,7 @@ from clusterviz.composite import (
 from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES
 from clusterviz.errors import InputError
 from clusterviz.image.merge import ORDER_FREE
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect, blank
 
 TRANSPORTS = ("messages", "shared", "hierarchical")
 NODES = {"messages": None, "shared": None, "hierarchical": 2}

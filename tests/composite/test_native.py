@@ -19,7 +19,7 @@ import numpy as np
 from clusterviz.composite.over.blend import over_into
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.fragment import Patch
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
 over_into(out, pixels, pixels)
 patch = Patch(8, 0, 8, Rect(0, 0, 8, 1))
@@ -35,7 +35,7 @@ from clusterviz.composite.over import vector_code
 from clusterviz.kernels import objects
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.fragment import Patch
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 # prepare
 halves = np.arange(0x7C00, dtype=np.uint16).view(np.float16)
 floats = halves.astype(np.float32)

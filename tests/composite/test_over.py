@@ -20,7 +20,7 @@ from clusterviz.composite.over.depth import DepthLayer, nearest, nearest_layers,
 from clusterviz.composite.over.layers import Layer, blend_layers, plain_layers
 from clusterviz.errors import InputError
 from clusterviz.image.merge import MERGES, Operator
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.reference.over import over as exact_over
 
 FLOAT = np.dtype(np.float32)

@@ -37,9 +37,9 @@ from clusterviz.composite.schedules.schedule import (
 )
 from clusterviz.composite.schedules.swap_2_3 import split
 from clusterviz.composite.simulation.closed_forms import direct_send_sparse
-from clusterviz.composite.simulation.cubes import cube_footprints
+from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 RANKS = range(1, 65)
 WIDTH, HEIGHT = 13, 11

@@ -13,7 +13,7 @@ from PIL import Image
 from clusterviz.composite import ALGORITHMS, Schedule
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.schedules import pipeline
-from clusterviz.composite.schedules.load import count_dense
+from clusterviz.composite.schedules.schedule import count_dense
 from clusterviz.composite.simulation.drawing import MOST_RANKS as MOST_DRAWN
 from clusterviz.composite.simulation.drawing import write_drawing
 from clusterviz.composite.simulation.simulate import Options, simulate

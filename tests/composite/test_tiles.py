@@ -10,8 +10,7 @@ from clusterviz.comm import Channel, run_loopback
 from clusterviz.composite import CompositeCounters
 from clusterviz.composite.tiles import TileCollector
 from clusterviz.errors import InputError, is_agreed
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect, blank
 
 SIZE = (150, 97)
 

@@ -15,9 +15,8 @@ from clusterviz.composite.exchange import Endpoint, run_exchange
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
 from clusterviz.composite.schedules import direct_send, pipeline
-from clusterviz.composite.schedules.load import Load, count_dense
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer, check, piece
+from clusterviz.composite.schedules.schedule import Load, Schedule, Stage, Transfer, check, count_dense, piece
 from clusterviz.composite.simulation.closed_forms import (
     direct_send_dense,
     direct_send_sparse,
@@ -25,10 +24,10 @@ from clusterviz.composite.simulation.closed_forms import (
     parallel_pipeline_sparse,
     pipeline_sparse,
 )
-from clusterviz.composite.simulation.cubes import cube_footprints
+from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.composite.traffic import layers_of, plan_traffic
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 WIDTH, HEIGHT = 13, 11
 PIXELS = WIDTH * HEIGHT

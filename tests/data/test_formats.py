@@ -21,8 +21,8 @@ from data.writers import SHORTS, write
 
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
+from clusterviz.data.formats.metaimage import TYPES as META_TYPES
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.metaimage import TYPES as META_TYPES
 
 ROOT = Path(__file__).parents[2]
 SHEARED = np.array([[-2, 0.5, 0, 10], [0, 3, 0.1, -20], [0.2, 0, 0.5, 30], [0, 0, 0, 1.0]])

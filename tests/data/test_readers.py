@@ -22,9 +22,9 @@ from PIL import Image
 
 from clusterviz.data import EXTENSIONS, open_source, open_volume
 from clusterviz.data.axes import Subset
-from clusterviz.data.grid import Grid
+from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.raw import KEYS
+from clusterviz.data.source import Grid
 from clusterviz.scene import Volume
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
@@ -17,7 +17,7 @@ from clusterviz.render.cpu.multi_volume_memory import MixedMemory
 from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.storage import slot_of
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 

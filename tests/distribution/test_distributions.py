@@ -12,7 +12,7 @@ from clusterviz.comm import run_loopback
 from clusterviz.errors import InputError
 from clusterviz.frame import Options, opening, render_frame
 from clusterviz.scene import scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 

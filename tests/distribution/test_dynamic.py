@@ -23,7 +23,7 @@ from clusterviz.migration.time_budget import TimeBudget
 from clusterviz.migration.transfer import BrickTransfer, Delivery
 from clusterviz.migration.wire_format import WireFormat
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 

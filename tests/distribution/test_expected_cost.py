@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.distribution.brick_cost import expected_samples
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
 

@@ -14,7 +14,7 @@ from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 

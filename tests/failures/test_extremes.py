@@ -16,7 +16,7 @@ from clusterviz.frame import Rendered, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.reference import render_reference
 from clusterviz.scene import Scene, Volume, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 TOLERANCE = 1e-5
 

@@ -17,7 +17,7 @@ from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.compositing import Compositing
 from clusterviz.render.renderer_cache import RendererCache
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 FIRST = scene_of_data("field:gaussian:16", ["image.size=[24,18]", "cluster.brick=8"])
 CAMERAS = ((60.0, 10.0, 5.0), (-40.0, 30.0, 9.0), (7.0, 7.0, -50.0), (8.0, 7.0, 6.0))

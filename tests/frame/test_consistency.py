@@ -15,7 +15,7 @@ from clusterviz.distribution.flights import Flight
 from clusterviz.errors import RankError
 from clusterviz.frame import Options, Run
 from clusterviz.frame.work import check_equal, digest_of
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece
 
 BOX = BrickBox((0, 1, 2), (2, 3, 4))

@@ -20,7 +20,7 @@ from clusterviz.render import frame_coherence
 from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 BOUND = 1e-5
 DEVICES = ["cpu", pytest.param(0, marks=pytest.mark.gl, id="opengl")]

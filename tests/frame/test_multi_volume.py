@@ -9,8 +9,8 @@ import pytest
 
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data import open_source
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, render_frame
 from clusterviz.image import compare

@@ -12,7 +12,7 @@ from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, render_frame
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 BYTES = {"float32": 16, "float16": 8, "uint8": 4}
 

@@ -13,7 +13,7 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import FrameLoop, Options, render_frame
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 RAMP = np.linspace(0, 255, 6 * 7 * 8).reshape(6, 7, 8).astype(np.float32)
 AWAY = {"position": (3, 3, -50), "focal_point": (3, 3, -90)}

@@ -11,7 +11,7 @@ from clusterviz.comm import Channel, LoopbackChannel
 from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.image import compare
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 FIELD = "field:gaussian:16"
 CENTRE = (0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-# Packages on one line do not import each other. `report` holds values; its pages, when there are any, are report.pages.
+# Packages on one line do not import each other. `report` holds values; its pages are report.scale and report.tradeoff.
 LEVELS = (
     ("errors",),
     ("image",),
@@ -27,7 +27,8 @@ LEVELS = (
     ("migration",),
     ("auto",),
     ("frame",),
-    ("report.pages", "viewer"),
+    ("report.output",),
+    ("report.scale", "report.tradeoff", "viewer"),
     ("cli",),
     ("__main__",),
 )

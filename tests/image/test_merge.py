@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.image.merge import CLOSED, EXISTS, MERGES, STARTS, merge_partials
-from clusterviz.image.partial import PartialImage
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect
 
 THRESHOLD = 0.5
 SAMPLES = st.lists(st.one_of(st.none(), st.floats(-1, 1, width=32)), max_size=8)

@@ -15,7 +15,7 @@ from clusterviz.image.replace import remove_leftovers, remove_temporaries, repla
 KILLED = """
 import os, signal, sys
 from clusterviz.image.replace import replacing
-from clusterviz.report.pages.output import replacing_folder
+from clusterviz.report.output import replacing_folder
 with replacing(sys.argv[1] + "/a.png"), replacing_folder(sys.argv[1] + "/b", "index.html") as folder:
     (folder / "page").touch()
     os.kill(os.getpid(), signal.SIGKILL)

@@ -10,7 +10,7 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 
 from clusterviz.codec import pack
 from clusterviz.codec.contract import CodecError
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.stored_brick import Stored, store
 

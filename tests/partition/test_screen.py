@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen import (
     COARSE,
     CostMap,

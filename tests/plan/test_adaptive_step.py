@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.plan.adaptive_step import LONGEST, AdaptiveStep, make_adaptive_step
 from clusterviz.scene.complete import transfer_function

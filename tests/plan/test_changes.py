@@ -12,7 +12,7 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.plan.blend_mode import step_of
 from clusterviz.plan.plan import changed_settings
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 PREINTEGRATED = {"classification": "pre-integrated"}
 SURFACES = {"isosurfaces": [0.5], "opacity": 0.3}

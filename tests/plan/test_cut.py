@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.plan.domain import Cut, count_in_boxes, domain_layout, make_cut, make_domain, samples_in_bricks
 
 OTHER = Grid((9, 12, 7), (1.0, 1.0, 1.0), (-3.0, 2.0, 1.0))

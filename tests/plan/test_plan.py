@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
 from clusterviz.plan.plan import Plan, brick_cost, make_plan

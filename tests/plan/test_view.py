@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from clusterviz.data.grid import Grid
-from clusterviz.image.region import EMPTY, Rect
+from clusterviz.data.source import Grid
+from clusterviz.image.partial import EMPTY, Rect
 from clusterviz.plan.view import View, make_view
 from clusterviz.reference.rays import Rays, camera_rays, inside, to_index_space
 from clusterviz.scene.values import Camera

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clusterviz.reference.crossings import RayField, extrema
 from clusterviz.reference.rays import Floats, Rays, inside
 from clusterviz.reference.sample import trilinear
+from clusterviz.reference.surfaces import RayField, extrema
 
 VALUES = np.array([0.2, 0.5, 0.93])
 SHAPE = (9, 11, 10)

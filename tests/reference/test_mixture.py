@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reference.scenes import RAMP, SHAPE, along_x, one_volume, perspective, random_voxels, x_ramp
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference import raycast, render_reference
 from clusterviz.scene.values import Scene

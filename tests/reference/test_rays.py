@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.rays import Rays, camera_rays, inside, to_index_space
 from clusterviz.scene.values import Camera

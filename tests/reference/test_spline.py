@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clusterviz.reference.sample import trilinear
-from clusterviz.reference.spline import cubic, cubic_gradient
+from clusterviz.reference.sample import cubic, cubic_gradient, trilinear
 
 SHAPE = (8, 9, 10)
 

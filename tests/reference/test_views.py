@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reference.scenes import SHAPE, along_x, one_volume, parallel, perspective, random_voxels, x_ramp
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Camera
 

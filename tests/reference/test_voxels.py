@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reference.scenes import RAMP, RED_TO_BLUE, SHAPE, along_x, one_volume, perspective, random_voxels
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 
 

@@ -10,9 +10,8 @@ import moderngl
 import numpy as np
 
 from clusterviz.data.bricks import BrickLayout, Edges, read_bricks
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import summarise
 from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree

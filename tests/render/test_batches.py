@@ -12,7 +12,7 @@ from render.cpu.test_windows import PLANES, SHAPE, SPARSE, blobs, sparse
 from render.scenes import Prepared, camera_at, prepare, scene_of, whole
 from render.test_shading import LIT
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render import brick_atlas

@@ -8,7 +8,7 @@ import pytest
 from render.scenes import camera_at, noise, prepare, scene_of
 
 from clusterviz.cli.arguments import parse_device
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.plan.plan import Plan
 from clusterviz.render import choice

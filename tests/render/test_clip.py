@@ -23,7 +23,7 @@ from render.scenes import (
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 
 pytestmark = pytest.mark.gl

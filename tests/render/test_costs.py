@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from render.scenes import camera_at, prepare, scene_of
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.render import raycast

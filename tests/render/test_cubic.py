@@ -13,7 +13,7 @@ from render.test_raycast import GRIDS
 from render.test_shading import LIGHTS, LIT, smooth
 from render.test_surfaces import FEW, most_wrong, surfaces
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Clip
 

@@ -11,7 +11,7 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 from render.test_projections import projected
 from render.test_shading import LIT, smooth
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 
 pytestmark = pytest.mark.gl

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from render.scenes import SHAPE, camera_at, draw, draw_on_cpu, noise, picture, pictures, prepare, scene_of, whole
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Camera, Scene
 

@@ -26,7 +26,7 @@ from render.scenes import (
 from render.test_independence import in_parts
 from render.test_shading import LIGHTS, LIT, smooth
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Scene
 

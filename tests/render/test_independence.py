@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from render.scenes import CAMERAS, SHAPE, Prepared, camera_at, draw, draw_on_cpu, noise, prepare, scene_of, whole
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import over
 from clusterviz.scene.values import Scene

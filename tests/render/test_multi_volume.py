@@ -12,8 +12,8 @@ from render.scenes import noise, rotation, whole
 from render.test_costs import Counted
 
 from clusterviz.comm import LoopbackChannel
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from render.scenes import SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, shown, whole
 
-from clusterviz.data.grid import Grid
-from clusterviz.image.region import Rect
+from clusterviz.data.source import Grid
+from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Owners, Piece, group_pieces, visible_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over

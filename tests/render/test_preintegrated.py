@@ -27,7 +27,7 @@ from render.test_independence import FAINT, in_parts
 from render.test_raycast import GRIDS
 from render.test_shading import LIGHTS, LIT, smooth
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Scene
 

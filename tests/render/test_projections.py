@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from render.scenes import SHAPE, Prepared, camera_at, draw, draw_on_cpu, noise, prepare, scene_of, whole
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.image.merge import merge_partials
 from clusterviz.partition import build_tree, front_to_back
 from clusterviz.reference import render_reference

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene_of
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.sample import nearest, trilinear

@@ -11,7 +11,7 @@ from render.scenes import SHAPE, camera_at, drawn_by_each, error, noise, picture
 from render.test_independence import in_parts
 from render.test_raycast import GRIDS
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Clip, Light
 

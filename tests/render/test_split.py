@@ -13,7 +13,7 @@ from render.test_independence import BOUND as PARTS_BOUND
 from render.test_independence import FAINT, in_parts
 from render.test_shading import LIT, smooth
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.scene.values import Cluster, Scene
 

@@ -8,7 +8,7 @@ import pytest
 from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 from render.variants import VARIANTS
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
 from clusterviz.render.storage import Slot
 from clusterviz.render.variant import Variant, variant_of

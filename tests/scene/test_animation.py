@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Camera, Scene, Volume
-from clusterviz.scene.animation import KeyFrames, load_path, orbit, scenes_along
-from clusterviz.scene.splines import centripetal, monotone
+from clusterviz.scene.animation import KeyFrames, centripetal, load_path, monotone, orbit, scenes_along
 
 CAMERA = Camera(position=(5.0, 1.0, 2.0), focal_point=(1.0, 1.0, 1.0), view_up=(0.0, 0.0, 2.0))
 SCENE = Scene(

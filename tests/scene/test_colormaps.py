@@ -14,9 +14,15 @@ from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.colormaps import colour_points, named_colour_points
-from clusterviz.scene.paraview import interpolate_colours, lab_from_rgb, read_preset, rgb_from_lab
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.colormaps import (
+    colour_points,
+    interpolate_colours,
+    lab_from_rgb,
+    named_colour_points,
+    read_preset,
+    rgb_from_lab,
+)
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.transfer import interpolate
 
 COOL = [0.0, 0.23137254902, 0.298039215686, 0.752941176471]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, dump_scene, load_scene, open_scene, scene_of_data, scene_schema
 from clusterviz.scene.files import _parse
-from clusterviz.scene.opacity import PRESETS
+from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

@@ -9,7 +9,7 @@ import pytest
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Camera, Scene, load_scene, parse_overrides, scene_of_data
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Light
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from clusterviz.errors import SceneError
 from clusterviz.scene import Volume, VolumeInfo, complete_scene, load_scene
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.opacity import PRESETS, opacity_points, preset_points
-from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
+from clusterviz.scene.transfer import OPAQUE, PRESETS, TransferFunction, interpolate, opacity_points, preset_points
 from clusterviz.scene.transfer_2d import Transfer2d, load_table, read_table
 
 

@@ -22,8 +22,8 @@ import pytest
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.field import marschner_lobb
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.reference import render_reference

@@ -24,7 +24,7 @@ from verification.analytic import (
 )
 
 from clusterviz.reference.rays import camera_rays
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Clip, Scene
 
 EACH_FIELD = pytest.mark.parametrize("interpolation", ["linear", "cubic"])

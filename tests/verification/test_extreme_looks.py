@@ -15,7 +15,7 @@ from verification.analytic import Record
 from verification.test_extremes import BOUND, SHAPE, Jobs, noise
 from verification.test_extremes import check as held_to_reference
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 
 pytestmark = pytest.mark.gl
 

@@ -14,15 +14,15 @@ import pytest
 from verification.analytic import Record
 
 from clusterviz.comm import run_loopback
-from clusterviz.data.grid import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.settings import with_settings
+from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 

@@ -25,7 +25,7 @@ from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
 from clusterviz.composite.over.depth import DepthLayer, put_nearest
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 CACHE_BYTES = 256 << 20  # of all sets together: more than any cache
 NUMPY_FRAMES = 3  # repetitions of the NumPy variant, which is slow

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from clusterviz.composite.schedules.load import Load
+from clusterviz.composite.schedules.schedule import Load
 from clusterviz.errors import InputError, OutputError
 from clusterviz.image.replace import replacing
 

@@ -30,7 +30,7 @@ from clusterviz.composite.over.job import (
 from clusterviz.composite.over.native import kernel
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 
 __all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_before", "put_behind"]
 

@@ -1,13 +1,82 @@
-"""Compiled loops of the merge operators of projections."""
+"""Merge operators of projections: LLVM code for vectors of float pixels, and the compiled loops around it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from clusterviz.composite.over import merge_code, vector_code
+from llvmlite import ir  # type: ignore[import-untyped]
+
+from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.intrinsics import compiled, define_intrinsic
 from clusterviz.composite.over.job import FLOAT, MAXIMUM, MINIMUM, SUM
+from clusterviz.composite.over.vector_code import splat
+from clusterviz.image.merge import CLOSED, EXISTS, STARTS
+
+_FLOAT, _I32 = ir.FloatType(), ir.IntType(32)
+
+
+def maximum(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the larger scalar, where there are two."""
+    return _where_both(builder, front, behind, _larger(builder, front, behind))
+
+
+def minimum(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the smaller scalar, where there are two."""
+    smaller = builder.select(builder.fcmp_ordered("<", behind, front), behind, front)
+    return _where_both(builder, front, behind, smaller)
+
+
+def add(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the sums of scalars and of slabs."""
+    return builder.fadd(front, behind)
+
+
+def stretch(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the first stretch: that of the front, the front's continued behind, or that behind."""
+    lanes = front.type.count
+    words = ir.VectorType(_I32, lanes)
+    ahead, after = (builder.fptosi(_component(builder, pixels, 2), words) for pixels in (front, behind))
+    starts, closed, exists, zero = (splat(_I32, bits, lanes) for bits in (STARTS, CLOSED, EXISTS, 0))
+    is_there = builder.icmp_signed("!=", builder.and_(ahead, exists), zero)
+    is_open = builder.icmp_signed("==", builder.and_(ahead, splat(_I32, EXISTS | CLOSED, lanes)), exists)
+    goes_on = builder.and_(is_open, builder.icmp_signed("!=", builder.and_(after, starts), zero))
+    larger = _larger(builder, front, behind)
+    first = builder.select(is_there, builder.select(goes_on, larger, front), behind)
+    ended = builder.or_(ahead, builder.select(goes_on, builder.and_(after, closed), closed))
+    known = builder.select(is_there, ended, builder.and_(after, builder.not_(starts)))
+    pixels = _put_component(builder, larger, 0, first)
+    pixels = _put_component(builder, pixels, 2, builder.sitofp(known, front.type))
+    return _where_both(builder, front, behind, pixels)
+
+
+def _larger(builder: Any, front: Any, behind: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", behind, front), behind, front)
+
+
+def _where_both(builder: Any, front: Any, behind: Any, both: Any) -> Any:
+    """Return `both` where each part has samples, else the part that has some."""
+    zero = splat(_FLOAT, 0.0, front.type.count)
+    merged = builder.select(builder.fcmp_ordered("==", _component(builder, behind, 3), zero), front, both)
+    return builder.select(builder.fcmp_ordered("==", _component(builder, front, 3), zero), behind, merged)
+
+
+def _component(builder: Any, pixels: Any, number: int) -> Any:
+    """Return one of the four floats of each pixel, in all lanes of the pixel."""
+    lanes = [lane // 4 * 4 + number for lane in range(pixels.type.count)]
+    return builder.shuffle_vector(pixels, pixels, _lanes(lanes))
+
+
+def _put_component(builder: Any, pixels: Any, number: int, given: Any) -> Any:
+    """Return the pixels with one of their floats replaced."""
+    count = pixels.type.count
+    return builder.shuffle_vector(
+        pixels, given, _lanes([lane + count if lane % 4 == number else lane for lane in range(count)])
+    )
+
+
+def _lanes(numbers: list[int]) -> Any:
+    return ir.Constant(ir.VectorType(_I32, len(numbers)), numbers)
 
 
 def _stepper(merge: Callable[[Any, Any, Any], Any], pixels: int) -> Any:
@@ -37,8 +106,8 @@ def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
     return merge_all
 
 
-_maximum, _minimum = _merger(merge_code.maximum), _merger(merge_code.minimum)
-_total, _stretch = _merger(merge_code.add), _merger(merge_code.stretch)
+_maximum, _minimum = _merger(maximum), _merger(minimum)
+_total, _stretch = _merger(add), _merger(stretch)
 
 
 @compiled

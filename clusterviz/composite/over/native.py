@@ -17,7 +17,7 @@ from clusterviz.kernels.objects import function_address, machine
 Kernel = Callable[[int], int]
 
 # Modules from which kernels are made.
-_PARTS = ("job", "vector_code", "merge_code", "intrinsics", "geometry", "merging_pixels", "sums")
+_PARTS = ("job", "vector_code", "intrinsics", "geometry", "merging_pixels")
 COMMON_KERNELS = (("layer_kernels", "blend_layers"), ("pair_kernels", "put"))
 """Module and name of the kernels that all compositing needs."""
 SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")

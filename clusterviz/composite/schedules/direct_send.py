@@ -20,9 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.load import sum_by
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
+from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders, sum_by
 from clusterviz.errors import InputError
 
 SEVERAL_IMAGES = True

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from clusterviz.composite.schedules.direct_send import choose_pieces
-from clusterviz.composite.schedules.load import Load, sum_by
 from clusterviz.composite.schedules.pipeline import automatic_batches
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, borders
+from clusterviz.composite.schedules.schedule import Indices, Load, borders, sum_by
 
 
 def direct_send_dense(ranks: int, pixels: int, owners: int | None = None, bands: int | None = None) -> Load:

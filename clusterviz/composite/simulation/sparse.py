@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clusterviz.composite.schedules.load import Load, count_transfers
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, Schedule
+from clusterviz.composite.schedules.schedule import Indices, Load, Schedule, count_transfers
 
 
 @dataclass(frozen=True, eq=False)

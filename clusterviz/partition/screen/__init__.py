@@ -22,8 +22,7 @@ from clusterviz.partition.screen.interleaved import interleaved_tiles
 from clusterviz.partition.screen.pattern import pattern_tiles
 from clusterviz.partition.screen.scheduled import tile_queue
 from clusterviz.partition.screen.temporal import adapt, carried
-from clusterviz.partition.screen.tiles import RankGroups, ScreenPartition, rank_groups
-from clusterviz.partition.screen.visible import brick_rects, visible_bricks
+from clusterviz.partition.screen.tiles import RankGroups, ScreenPartition, brick_rects, rank_groups, visible_bricks
 
 __all__ = [
     "COARSE",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.tiles import Size, tile_counts
 
 CELL = 16  # pixels along the side of a cell

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.cost_map import CostMap, Costs
 from clusterviz.partition.screen.tiles import ScreenPartition, Size
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.tiles import ScreenPartition
 from clusterviz.plan.plan import Plan
 

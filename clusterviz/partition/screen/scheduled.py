@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.cost_map import CostMap
 from clusterviz.partition.screen.tiles import tile_counts, tile_rect
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from clusterviz.errors import InputError
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.cost_map import CostMap
 from clusterviz.partition.screen.cuts import Cut, ScreenNode, ScreenTree, best_cut, build_cuts, halves, profile_of
 

@@ -23,18 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.placement import kernel_threads
-from clusterviz.image.partial import PartialImage, blank
-from clusterviz.image.region import Rect
+from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
-from clusterviz.render.cpu.job_of_plan import domain_tables, hand_over, job_of, tables_of
+from clusterviz.render.cpu.job_of_plan import VolumeJobs, domain_tables, hand_over, job_of, tables_of, volume_jobs
 from clusterviz.render.cpu.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
 from clusterviz.render.cpu.machine_code import compiled
 from clusterviz.render.cpu.marching.adaptive_step import with_doublings
 from clusterviz.render.cpu.marching.empty_space import skips_of
 from clusterviz.render.cpu.marching.starts import COUNTS
 from clusterviz.render.cpu.memory import Memory
-from clusterviz.render.cpu.multi_volume_job import VolumeJobs, volume_jobs
 from clusterviz.render.cpu.multi_volume_memory import MixedMemory
 from clusterviz.render.cpu.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.cpu.width import Width, cpu_name, host_width

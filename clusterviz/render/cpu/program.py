@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value
-from clusterviz.render.cpu.blending.classified import Optics
+from clusterviz.render.cpu.blending.classified import GradientShading, Optics
 from clusterviz.render.cpu.blending.composite import Composite
-from clusterviz.render.cpu.blending.gradient_shading import GradientShading
 from clusterviz.render.cpu.blending.light import Lights
-from clusterviz.render.cpu.blending.local_maximum import LocalMaximum
 from clusterviz.render.cpu.blending.multi_volume import MultiVolume, Sampled, VolumeLayer
-from clusterviz.render.cpu.blending.preintegrated import Preintegrated
-from clusterviz.render.cpu.blending.preintegrated_layer import Ramped, SummedRamps
-from clusterviz.render.cpu.blending.projections import Extreme, FirstHit, Sum
+from clusterviz.render.cpu.blending.preintegrated import Preintegrated, Ramped, SummedRamps
+from clusterviz.render.cpu.blending.projections import Extreme, FirstHit, LocalMaximum, Sum
 from clusterviz.render.cpu.blending.samples import Samples
 from clusterviz.render.cpu.blending.surfaces import Surfaces
 from clusterviz.render.cpu.fields.cubic import CubicField, CubicGradient
-from clusterviz.render.cpu.fields.field import Field
+from clusterviz.render.cpu.fields.field import BrickPitch, Field, Pitch
 from clusterviz.render.cpu.fields.gradient import CentralGradient, Gradient, NearestGradient
-from clusterviz.render.cpu.fields.pitch import BrickPitch, Pitch
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.kernel import Kernel
 from clusterviz.render.cpu.marching.adaptive_step import Stretch

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clusterviz.data.grid import Grid
-from clusterviz.image.region import Rect
+from clusterviz.data.source import Grid
+from clusterviz.image.partial import Rect
 from clusterviz.plan.view import View, make_view
 from clusterviz.render.frame_coherence import Box, is_coherent, project, rays_of, reproject
 from clusterviz.scene.values import Camera

@@ -10,8 +10,8 @@ import pytest
 from render.scenes import SHAPE, camera_at, draw_on_cpu, noise, prepare, scene_of, shown, whole
 from render.test_shading import LIT
 
-from clusterviz.data.grid import Grid
-from clusterviz.image.region import Rect
+from clusterviz.data.source import Grid
+from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
 from clusterviz.render.cpu import memory

@@ -8,7 +8,7 @@ import pytest
 from render.scenes import camera_at, noise, prepare, scene_of
 from render.test_shading import LIGHTS, LIT, places
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.render.cpu import program
 from clusterviz.render.cpu.kernel import Kernel, kernel_of
 from clusterviz.render.cpu.marching import rays

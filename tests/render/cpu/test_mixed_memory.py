@@ -6,7 +6,7 @@ import numpy as np
 from render.scenes import rotation
 from render.test_multi_volume import BYTES, FLOATS, WORDS, prepared, scene_of
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.partition import BrickBox
 from clusterviz.render.cpu.multi_volume_memory import MixedMemory
 from clusterviz.render.multi_volume_bricks import store_multi_volume

@@ -32,7 +32,7 @@ from render.test_multi_volume import (
 )
 from render.test_multi_volume_blending import CORES, SHELLS
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over

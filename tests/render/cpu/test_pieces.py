@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from render.scenes import camera_at, draw_on_cpu, noise, prepare, scene_of, whole
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render.cpu.transfer.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of

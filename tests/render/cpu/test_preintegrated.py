@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from render.scenes import SHAPE, camera_at, draw_on_cpu, noise, prepare, scene_of, whole
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.render.cpu.width import WIDTHS, Width
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.render.cpu import slots as slots_file
-from clusterviz.render.cpu.slots import Slots, Taken
+from clusterviz.render.cpu.memory import LEAST_CHUNK, Slots, Taken
 
-WORDS = slots_file.LEAST_CHUNK // 4 // 3  # so that the smallest array holds three
+WORDS = LEAST_CHUNK // 4 // 3  # so that the smallest array holds three
 
 
 def address(slot: Taken) -> int:

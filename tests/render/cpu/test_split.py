@@ -10,7 +10,7 @@ from render.scenes import draw_on_cpu, prepare, whole
 from render.test_independence import in_parts
 from render.test_split import split_scene
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 
 

@@ -11,7 +11,7 @@ from render.test_independence import in_parts
 from render.test_shading import LIT, smooth
 from render.test_surfaces import FEW, SIZE, surfaces, wrong
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.values import Scene

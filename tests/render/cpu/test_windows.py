@@ -10,7 +10,7 @@ import pytest
 from render.scenes import Prepared, camera_at, draw_on_cpu, prepare, scene_of, whole
 from render.test_shading import LIT
 
-from clusterviz.data.grid import Grid
+from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render.cpu import caster
 from clusterviz.render.render_result import RenderResult

@@ -8,13 +8,32 @@ from operator import or_
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import Value, Vector
 from clusterviz.render.cpu.blending.classified import Optics
-from clusterviz.render.cpu.blending.over import put_behind, take_sample, too_little_left
-from clusterviz.render.cpu.blending.samples import ABREAST, Samples, four, zeros
+from clusterviz.render.cpu.blending.samples import ABREAST, Samples, add_exactly, four, zeros
 from clusterviz.render.cpu.fields.field import Spot
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.adaptive_step import Stretch
 from clusterviz.render.cpu.marching.march import Four, Variables
 from clusterviz.render.cpu.transfer.classify import Class
+
+
+def take_sample(code: Code, sums: Variables, seen: Value, opacity: Value, colour: Vector) -> None:
+    """Put a sample behind those of its run, where it is seen; `colour` is straight."""
+    weight = code.select(seen, (1.0 - sums[3].now) * opacity, 0.0)
+    for part, channel in zip(sums, colour, strict=False):
+        part.set(code.select(seen, code.fma(weight, channel, part.now), part.now))
+    sums[3].set(sums[3].now + weight)
+
+
+def put_behind(code: Code, kept: Variables, run: Four, drawn: Value) -> None:
+    """Add a run behind what is kept, where it is drawn."""
+    rest = 1.0 - kept[3].now
+    r, g, b, a = (rest * part for part in run)
+    add_exactly(code, kept, (r, g, b, a), drawn)
+
+
+def too_little_left(kept: Variables, residual: Value) -> Value:
+    """Where so little light is left that the scene allows to stop."""
+    return 1.0 - kept[3].now <= residual
 
 
 class Composite:

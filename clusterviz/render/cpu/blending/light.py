@@ -13,7 +13,8 @@ from typing import Literal
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, I64, Value, Vector
-from clusterviz.render.cpu.fields.directions import (
+from clusterviz.render.cpu.fields.field import Spot
+from clusterviz.render.cpu.fields.gradient import (
     ROW_BYTES,
     dot,
     length,
@@ -23,9 +24,8 @@ from clusterviz.render.cpu.fields.directions import (
     unit,
     vector_at,
 )
-from clusterviz.render.cpu.fields.field import Spot
 from clusterviz.render.cpu.job import Job
-from clusterviz.render.cpu.transfer.opacity import power
+from clusterviz.render.cpu.transfer.classify import power
 
 Light = Literal["", "far", "near"]
 """None; all are far away or at the eye; some have a place."""

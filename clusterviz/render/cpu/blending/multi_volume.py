@@ -19,14 +19,14 @@ from typing import Protocol
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, I32, Value, Vector
 from clusterviz.render.cpu.blending.classified import Optics
-from clusterviz.render.cpu.blending.over import put_behind, take_sample, too_little_left
+from clusterviz.render.cpu.blending.composite import put_behind, take_sample, too_little_left
 from clusterviz.render.cpu.blending.samples import ABREAST, Samples, four, zeros
 from clusterviz.render.cpu.fields.field import Spot
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.march import Four, Variables
 from clusterviz.render.cpu.marching.starts import Starts
 from clusterviz.render.cpu.marching.volume_bounds import Body, RankWork, Spots
-from clusterviz.render.cpu.transfer.opacity import absorbed
+from clusterviz.render.cpu.transfer.classify import absorbed
 
 THINNEST = 1e-37
 """Less absorbs nothing: a colour cannot be told from it."""

@@ -12,20 +12,17 @@ from dataclasses import dataclass, replace
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import F32, F64, I32, Value, Vector
-from clusterviz.render.cpu.blending.cells import Cells
-from clusterviz.render.cpu.blending.classified import Optics
-from clusterviz.render.cpu.blending.cubic_along_ray import ROW_FLOATS, Courses, Mark, Noted, crossed
-from clusterviz.render.cpu.blending.gradient_shading import GradientShading
-from clusterviz.render.cpu.blending.over import put_behind, take_sample, too_little_left
-from clusterviz.render.cpu.blending.root import root
+from clusterviz.render.cpu.blending.cells import ROW_FLOATS, Cells, Courses, Mark, Noted, crossed
+from clusterviz.render.cpu.blending.classified import GradientShading, Optics
+from clusterviz.render.cpu.blending.composite import put_behind, take_sample, too_little_left
+from clusterviz.render.cpu.blending.crossings import Search, root
 from clusterviz.render.cpu.blending.samples import Samples, four, zeros
-from clusterviz.render.cpu.blending.search import Search
 from clusterviz.render.cpu.fields.cubic import CubicField
 from clusterviz.render.cpu.fields.field import Field, Spot
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.clip import Cut, keeps
 from clusterviz.render.cpu.marching.march import Four, Variables
-from clusterviz.render.cpu.transfer.tables import rows
+from clusterviz.render.cpu.transfer.classify import rows
 
 
 @dataclass(frozen=True)

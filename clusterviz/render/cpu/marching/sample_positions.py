@@ -8,8 +8,7 @@ from typing import Any
 
 from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
-from clusterviz.render.cpu.fields.field import Spot
-from clusterviz.render.cpu.fields.pitch import Pitch
+from clusterviz.render.cpu.fields.field import Pitch, Spot
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.adaptive_step import Stretch
 from clusterviz.render.cpu.marching.rays import cell_of

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import BYTES, F32, F64, I32, Value, Vector, vector_of
-from clusterviz.render.cpu.fields.field import Spot
-from clusterviz.render.cpu.fields.pitch import Pitch
+from clusterviz.render.cpu.fields.field import Pitch, Spot
 from clusterviz.render.cpu.job import Job
 from clusterviz.render.cpu.marching.clip import kept_by, side_of
 from clusterviz.render.cpu.marching.rays import FAR, Rays, between
 from clusterviz.render.cpu.marching.sample_positions import Place, Places, Window
 from clusterviz.render.cpu.marching.state import Layout, Packet
-from clusterviz.render.cpu.transfer.tables import rows
+from clusterviz.render.cpu.transfer.classify import rows
 
 SLACK = 1e-9
 """Of its length, by which a volume's box is widened: a ray along a face sees it from everywhere."""

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from clusterviz.kernels.code import Code, Variable
 from clusterviz.kernels.lanes import I32, I64, Value, Vector
-from clusterviz.render.cpu.fields.directions import ROW_BYTES, length, number_at, turned, vector_at
+from clusterviz.render.cpu.fields.gradient import ROW_BYTES, length, number_at, turned, vector_at
 from clusterviz.render.cpu.job import Job
-from clusterviz.render.cpu.transfer.classify import BELOW_ONE, Class, Classifier
-from clusterviz.render.cpu.transfer.opacity import slab_opacity
-from clusterviz.render.cpu.transfer.tables import rows
+from clusterviz.render.cpu.transfer.classify import BELOW_ONE, Class, Classifier, rows, slab_opacity
 
 FIRST_ROW, PIECES_ROW = 3, 4
 

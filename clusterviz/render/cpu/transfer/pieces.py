@@ -16,8 +16,7 @@ from clusterviz.kernels.code import Code
 from clusterviz.kernels.lanes import F32, I32, Value
 from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
 from clusterviz.render.cpu.job import Job
-from clusterviz.render.cpu.transfer.classify import BELOW_ONE, Class, Classifier
-from clusterviz.render.cpu.transfer.opacity import slab_opacity
+from clusterviz.render.cpu.transfer.classify import BELOW_ONE, Class, Classifier, slab_opacity
 from clusterviz.scene.transfer import OPAQUE, TransferFunction
 
 MOST = 16  # floats in a register of AVX-512

@@ -12,9 +12,7 @@ from clusterviz.kernels.lanes import F32, F64, Value, Vector
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.render.cpu.blending.samples import zeros
 from clusterviz.render.cpu.job import Job
-from clusterviz.render.cpu.transfer.classify import Classifier
-from clusterviz.render.cpu.transfer.opacity import absorbed, polynomial
-from clusterviz.render.cpu.transfer.tables import rows
+from clusterviz.render.cpu.transfer.classify import Classifier, absorbed, polynomial, rows
 
 RECORD_FLOATS = 12
 LEANING = (8.26719577e-7, -3.30687831e-5, 0.00138888889, -0.0833333333)

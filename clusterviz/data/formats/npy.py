@@ -1,0 +1,144 @@
+"""NumPy files (.npy), and archives of them (.npz), in C or Fortran order and any byte order.
+
+Four axes are (time, z, y, x), or (channel, z, y, x) if a channel is named; five are (time, channel, z, y, x). The files
+have no spacing: samples lie 1 apart, the first at the origin, unless the scene sets the grid. An archive with a single
+array, or a single one of three axes or more, needs no name; stored arrays are read box by box, compressed ones in file
+order.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.axes import Subset, select, unnamed_axes
+from clusterviz.data.files import readable, refuse_array, require_file
+from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.source import Grid
+from clusterviz.data.storage import FileBytes, FileRange, Inflated, Storage, StreamBytes
+from clusterviz.data.strided import StridedSource
+from clusterviz.errors import DataError
+
+
+def open_npy(path: Path, subset: Subset) -> StridedSource:
+    """Open an array of two to five axes in a .npy file.
+
+    Raises
+    ------
+    DataError
+        Not a .npy file, truncated or longer than its header says, or not a scalar volume.
+    """
+    size = require_file(path)
+    refuse_array(subset.array, path)
+    where = str(path)
+    with readable(path), path.open("rb") as file:
+        shape, fortran, stored = read_header(file, where)
+        begin = file.tell()
+    dtype = check_dtype(stored, where)
+    slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
+    needed = slab.samples * stored.itemsize
+    check_size(size - begin, needed, where, exact=True)
+    storage = FileBytes([FileRange(path, begin, needed)])
+    offset, strides = slab.strides(stored.itemsize, fortran)
+    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+
+
+def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read shape, whether in Fortran order, and stored dtype from the start of a .npy file."""
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, stored = read(file)
+    except ValueError as error:
+        raise DataError(f"the header cannot be read: {error}", where=where) from error
+    return shape, fortran, stored
+
+
+MAX_ARRAYS = 1 << 12
+LOCAL_HEADER = 30  # bytes, after which name and extra field follow
+RAW_DEFLATE = -15
+
+
+@dataclass(frozen=True)
+class _Member:
+    """Array of an archive; the first `header_bytes` of its .npy file lie before the samples."""
+
+    entry: zipfile.ZipInfo
+    shape: tuple[int, ...]
+    fortran: bool
+    stored: np.dtype[Any]
+    header_bytes: int
+
+
+def open_npz(path: Path, subset: Subset) -> StridedSource:
+    """Open one array of a .npz archive.
+
+    Raises
+    ------
+    DataError
+        Not a ZIP file, damaged or truncated, encrypted, no such array, several and none named, or not a scalar volume.
+    """
+    size = require_file(path)
+    try:
+        with readable(path), zipfile.ZipFile(path) as archive:
+            name, member = _choose(_members(archive, path), subset.array, path)
+            begin = _data_begin(archive, member.entry)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error) as error:
+        raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
+    entry, stored, where = member.entry, member.stored, f"{path}:{name}"
+    dtype = check_dtype(stored, where)
+    slab = select(member.shape, unnamed_axes(len(member.shape), subset), subset, where)
+    check_size(entry.file_size, member.header_bytes + slab.samples * stored.itemsize, where, exact=True)
+    check_size(size, begin + entry.compress_size, where)
+    offset, strides = slab.strides(stored.itemsize, member.fortran)
+    storage: Storage
+    if entry.compress_type == zipfile.ZIP_STORED:
+        check_size(entry.compress_size, entry.file_size, where)
+        storage = FileBytes([FileRange(path, begin, entry.file_size)])
+    elif entry.compress_type == zipfile.ZIP_DEFLATED:
+        check_packed(entry.compress_size, entry.file_size, "gzip", where)
+        checksum = entry.file_size, entry.CRC
+        storage = StreamBytes(path, lambda file: Inflated(file, RAW_DEFLATE, checksum), begin, max(strides))
+    else:
+        raise DataError("unsupported compression", where=where, found=entry.compress_type, allowed="none or deflate")
+    offset += member.header_bytes
+    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+
+
+def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, _Member]:
+    entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+    if len(entries) > MAX_ARRAYS:
+        raise DataError("too many arrays", where=str(path), found=len(entries), allowed=f"at most {MAX_ARRAYS}")
+    members = {}
+    for entry in entries:
+        with archive.open(entry) as stream:
+            name = entry.filename.removesuffix(".npy")
+            shape, fortran, stored = read_header(stream, f"{path}:{name}")
+            members[name] = _Member(entry, shape, fortran, stored, stream.tell())
+    return members
+
+
+def _choose(members: dict[str, _Member], array: str | None, path: Path) -> tuple[str, _Member]:
+    listed = ", ".join(f"{name} {member.shape}" for name, member in members.items()) or "none: the archive holds none"
+    if array is not None:
+        if array not in members:
+            raise DataError("no such array", where=str(path), found=array, allowed=listed)
+        return array, members[array]
+    volumes = {name: member for name, member in members.items() if len(member.shape) >= 3}
+    only = members if len(members) == 1 else volumes
+    if len(only) != 1:
+        raise DataError("several arrays: name one" if only else "no volume", where=str(path), allowed=listed)
+    return next(iter(only.items()))
+
+
+def _data_begin(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
+    """Return the offset of a member's bytes in the file, after its local header."""
+    file: Any = archive.fp
+    file.seek(entry.header_offset)
+    name_bytes, extra_bytes = struct.unpack("<26x2H", file.read(LOCAL_HEADER))
+    return int(entry.header_offset + LOCAL_HEADER + name_bytes + extra_bytes)

@@ -1,0 +1,243 @@
+"""Legacy VTK files (.vtk) with image data: DATASET STRUCTURED_POINTS, ASCII or BINARY (big endian).
+
+Point data lies on the samples; cell data is point data at the cells' centres. Without a name the first SCALARS are
+taken, or the only array; of vectors and tensors, `channel` is one component. Binary data is read box by box.
+
+References
+----------
+VTK File Formats, "Simple Legacy Formats", https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from clusterviz.data.axes import Subset, select
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.source import Grid
+from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.strided import StridedSource
+from clusterviz.data.vtk_image import choose_array, image_grid
+from clusterviz.errors import DataError
+
+TYPES = {
+    "char": "i1",
+    "unsigned_char": "u1",
+    "short": "i2",
+    "unsigned_short": "u2",
+    "int": "i4",
+    "unsigned_int": "u4",
+    "long": "i8",
+    "unsigned_long": "u8",
+    "vtktypeint64": "i8",
+    "vtktypeuint64": "u8",
+    "vtkidtype": "i4",
+    "float": "f4",
+    "double": "f8",
+}
+VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
+MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
+
+
+@dataclass(frozen=True)
+class VtkArray:
+    """Array of a legacy VTK file, at bytes `begin` to `end`."""
+
+    name: str
+    on_cells: bool
+    active: bool
+    components: int
+    kind: str
+    begin: int
+    end: int
+
+
+@dataclass
+class _Scan:
+    """One pass over the keywords of a file; samples are skipped."""
+
+    file: Any
+    where: str
+    size: int
+    binary: bool = False
+    numbers: dict[str, list[float]] = field(default_factory=dict)
+    arrays: list[VtkArray] = field(default_factory=list)
+    on_cells: bool | None = None
+    tuples: int = 0
+
+    def line(self) -> list[str]:
+        """Return the words of the next line that is not blank; none at the end of the file."""
+        while text := self.file.readline(MAX_LINE):
+            words = text.decode("utf-8", "replace").split()
+            if words:
+                return list(words)
+        return []
+
+    def run(self) -> None:
+        while words := self.line():
+            key, rest = words[0].upper(), words[1:]
+            if key in ("DIMENSIONS", "ORIGIN", "SPACING", "ASPECT_RATIO"):
+                self.numbers[key] = self.floats(rest, 3)
+            elif key in ("POINT_DATA", "CELL_DATA"):
+                self.on_cells, (self.tuples,) = key == "CELL_DATA", self.counts(rest, 1)
+            elif key == "SCALARS":
+                kind, components = self.word(rest, 1), self.counts(rest[2:3] or ["1"], 1)[0]
+                lookup = self.file.tell()
+                if self.line()[:1] != ["LOOKUP_TABLE"]:
+                    self.file.seek(lookup)
+                self.array(rest[0], True, kind, components, self.tuples)
+            elif key in VECTORS:
+                self.array(self.word(rest, 0), False, self.word(rest, 1), VECTORS[key], self.tuples)
+            elif key == "TEXTURE_COORDINATES":
+                self.array(self.word(rest, 0), False, self.word(rest, 2), self.counts(rest[1:2], 1)[0], self.tuples)
+            elif key == "COLOR_SCALARS":
+                kind = "unsigned_char" if self.binary else "float"
+                self.array(self.word(rest, 0), False, kind, self.counts(rest[1:2], 1)[0], self.tuples)
+            elif key == "LOOKUP_TABLE":
+                self.skip("unsigned_char" if self.binary else "float", 4 * self.counts(rest[1:2], 1)[0])
+            elif key == "FIELD":
+                self.fields(self.counts(rest[1:2], 1)[0])
+            elif key == "METADATA":
+                self.metadata()
+            else:
+                raise DataError("truncated, or not understood", where=self.where, found=f"the line {words[0]!r}")
+
+    def fields(self, count: int) -> None:
+        for _ in range(min(count, MAX_ARRAYS)):
+            words = self.line()
+            if words[:1] == ["METADATA"]:
+                self.metadata()
+                words = self.line()
+            components, tuples = self.counts(words[1:3], 2)
+            self.array(self.word(words, 0), False, self.word(words, 3), components, tuples)
+
+    def metadata(self) -> None:
+        """Skip the lines up to an empty one."""
+        while self.file.readline(MAX_LINE).strip():
+            pass
+
+    def array(self, name: str, active: bool, kind: str, components: int, tuples: int) -> None:
+        begin = self.file.tell()
+        self.skip(kind, components * tuples)
+        if self.on_cells is not None:
+            made = VtkArray(unquote(name), self.on_cells, active, components, kind.lower(), begin, self.file.tell())
+            self.arrays.append(made)
+        if len(self.arrays) > MAX_ARRAYS:
+            raise DataError("too many arrays", where=self.where, allowed=f"at most {MAX_ARRAYS}")
+
+    def skip(self, kind: str, count: int) -> None:
+        """Skip `count` numbers, or as many strings, one a line."""
+        begin = self.file.tell()
+        if kind.lower() == "string":
+            check_packed(self.size - begin, count, "text", self.where)
+            for _ in range(count):
+                self.skip_string()
+            return
+        if self.binary:
+            bits = 1 if kind.lower() == "bit" else 8 * np.dtype(self.type_of(kind)).itemsize
+            end = begin + -(-count * bits // 8)
+            check_size(self.size, end, self.where)
+            self.file.seek(end)
+            return
+        check_packed(self.size - begin, count, "text", self.where)
+        while count > 0:
+            words = self.file.readline(MAX_LINE).split()
+            if not words and self.file.tell() >= self.size:
+                raise DataError(f"the file ends {count} numbers early", where=self.where)
+            count -= len(words)
+
+    def skip_string(self) -> None:
+        """Skip a line, or a binary string with its length, whose first two bits give the length's size."""
+        if not self.binary:
+            self.file.readline(MAX_LINE)
+            return
+        first = self.file.read(1)
+        further = {3: 0, 2: 1, 1: 3, 0: 7}[first[0] >> 6] if first else 0
+        length = int.from_bytes(bytes([first[0] & 63 if first else 0]) + self.file.read(further), "big")
+        check_size(self.size, self.file.tell() + length, self.where)
+        self.file.seek(length, 1)
+
+    def type_of(self, kind: str) -> str:
+        if kind.lower() not in TYPES:
+            raise DataError("unknown type", where=self.where, found=kind, allowed=", ".join(TYPES))
+        return TYPES[kind.lower()]
+
+    def word(self, words: list[str], index: int) -> str:
+        if len(words) <= index:
+            raise DataError("truncated: a line lacks words", where=self.where, found=" ".join(words))
+        return words[index]
+
+    def counts(self, words: list[str], count: int) -> list[int]:
+        if len(words) != count or not all(word.isdecimal() and len(word) < 19 for word in words):
+            raise DataError("not a number", where=self.where, found=" ".join(words) or "nothing", allowed="0 or more")
+        return [int(word) for word in words]
+
+    def floats(self, words: list[str], count: int) -> list[float]:
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError:
+            numbers = []
+        if len(numbers) != count or not np.isfinite(numbers).all():
+            raise DataError("not numbers", where=self.where, found=" ".join(words), allowed=f"{count} numbers")
+        return numbers
+
+
+def open_vtk(path: Path, subset: Subset) -> StridedSource:
+    """Open one array, or one component of one, of a legacy VTK file.
+
+    Raises
+    ------
+    DataError
+        Not such a file, not image data, damaged or truncated, no such array, several and none named.
+    """
+    size = require_file(path)
+    with readable(path), path.open("rb") as file:
+        scan = _Scan(file, str(path), size)
+        file.readline(MAX_LINE)  # "# vtk DataFile Version 3.0", then a title
+        file.readline(MAX_LINE)
+        form, kind = scan.line()[:1], scan.line()
+        if form not in (["ASCII"], ["BINARY"]):
+            raise DataError("neither text nor binary", where=str(path), found=form, allowed="ASCII, BINARY")
+        scan.binary = form == ["BINARY"]
+        while kind[:1] in (["FIELD"], ["METADATA"]):  # of the file, before the image
+            if kind[0] == "FIELD":
+                scan.fields(scan.counts(kind[2:3], 1)[0])
+            else:
+                scan.metadata()
+            kind = scan.line()
+        if kind != ["DATASET", "STRUCTURED_POINTS"]:
+            raise DataError(
+                "not image data", where=str(path), found=" ".join(kind), allowed="DATASET STRUCTURED_POINTS"
+            )
+        scan.run()
+    chosen = choose_array(scan.arrays, subset.array, "array", path)
+    where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
+    stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
+    grid = _grid_of(scan, chosen.on_cells, where)
+    slab = select((*grid.shape_zyx, chosen.components), "ZYXC", subset, where)
+    begin, end, count = chosen.begin, chosen.end, slab.samples
+    data = FileBytes([FileRange(path, begin, end - begin)])
+    storage: Storage = data
+    if scan.binary:
+        check_size(end - begin, count * stored.itemsize, where, exact=True)
+    else:
+        storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
+    offset, strides = slab.strides(stored.itemsize)
+    return StridedSource(
+        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
+    )
+
+
+def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
+    if "DIMENSIONS" not in scan.numbers:
+        raise DataError("no DIMENSIONS", where=where, allowed="DIMENSIONS nx ny nz")
+    points = np.array(scan.numbers["DIMENSIONS"], np.int64)
+    steps = np.diag(scan.numbers.get("SPACING") or scan.numbers.get("ASPECT_RATIO") or [1.0, 1.0, 1.0])
+    origin = np.array(scan.numbers.get("ORIGIN", [0.0, 0.0, 0.0]))
+    return image_grid(points, steps, origin, np.zeros(3), on_cells, where)

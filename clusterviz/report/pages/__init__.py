@@ -1,1 +1,0 @@
-"""Report pages: measurements of a scene as an HTML page with a JSON file beside it."""
