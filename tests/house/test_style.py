@@ -39,6 +39,16 @@ def test_no_file_holds(pattern: re.Pattern[str]) -> None:
     assert found == []
 
 
+def test_files_that_pages_name_exist() -> None:
+    named = re.compile(
+        r"\b((?:clusterviz|tests|benchmarks|examples|docs|launch|shaders)/[\w./-]*\.(?:py|glsl|yaml|md))\b"
+    )
+    pages = [page for page in tracked("*.md") if page.name != "CHANGELOG.md"]
+    assert len(pages) > 30
+    found = [(page.name, name) for page in pages for name in named.findall(text_of(page)) if "NAME" not in name]
+    assert [(page, name) for page, name in found if not (ROOT / name).exists()] == []
+
+
 def test_shaders_are_files() -> None:
     assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if SHADER.search(path.read_text())] == []
 
