@@ -45,70 +45,45 @@ def noise(*shape: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(1).random(shape, np.float32)
 
 
-@pytest.mark.gl
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (3, 1)])
-def test_pictures_of_a_few_pixels_on_more_ranks(size: tuple[int, int]) -> None:
-    assert check(noise(9, 9, 9), (1, 2, 5), size=size, opacity=0.5)[..., 3].max() > 0
-
-
-@pytest.mark.gl
-def test_more_ranks_than_bricks() -> None:
-    assert check(noise(5, 5, 9), (1, 3, 5), opacity=0.3)[..., 3].max() > 0
-
-
-@pytest.mark.gl
-def test_not_finite_voxels() -> None:
+def not_finite() -> np.ndarray[Any, Any]:
     voxels = noise(9, 9, 9)
     voxels[2, 3, 4], voxels[5, 5, 5], voxels[7, 1, 1] = np.nan, np.inf, -np.inf
-    assert check(voxels, (1, 3), opacity=0.3)[..., 3].max() > 0
+    return voxels
 
 
-@pytest.mark.gl
-def test_a_constant_volume() -> None:
-    assert check(np.full((8, 8, 8), 7, np.int16), (1, 3), opacity=0.3)[..., 3].max() > 0
+AWAY = {"position": (50, 50, 50), "focal_point": (60, 60, 60)}
+INSIDE = {"focal_point": (4.5, 4.6, 4.4), "view_up": (0, 1, 0)}
+FLAT = [(1, 1, 1), (1, 8, 8), (8, 1, 8), (8, 8, 1)]
+FACES = [(4.1, 4.2, 4.3), (4, 4, 0), (0, 0, 4), (0, 0, 0)]  # in a brick, on a face, on an edge, at a corner
+SEEN: list[tuple[Any, Sequence[int], dict[str, Any], bool]] = [
+    *((noise(9, 9, 9), (1, 2, 5), {"size": size, "opacity": 0.5}, True) for size in [(1, 1), (1, 9), (9, 1), (3, 1)]),
+    (noise(5, 5, 9), (1, 3, 5), {}, True),  # more ranks than bricks
+    (not_finite(), (1, 3), {}, True),
+    (np.full((8, 8, 8), 7, np.int16), (1, 3), {}, True),
+    *((noise(*shape), (1, 2), {}, False) for shape in FLAT),
+    (noise(2, 2, 2), (1, 2), {}, True),
+    *((noise(9, 9, 9), (1, 4), INSIDE | {"position": position}, True) for position in FACES),
+    (noise(9, 9, 9), (1, 3), AWAY, False),
+]
+NOTHING = [(np.full((6, 6, 6), value), (1, 3), {}, False) for value in (np.nan, np.inf)]
 
 
-@pytest.mark.gl
-@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 8, 8), (8, 1, 8), (8, 8, 1), (2, 2, 2)])
-def test_volumes_without_extent_or_hardly_any(shape: tuple[int, int, int]) -> None:
-    visible = check(noise(*shape), (1, 2), opacity=0.3)[..., 3].max() > 0
-    assert visible == (min(shape) > 1)
-
-
-@pytest.mark.parametrize("voxels", [np.full((6, 6, 6), np.nan), np.full((6, 6, 6), np.inf)], ids=["nan", "inf"])
-def test_nothing_finite_at_all_is_an_empty_picture(voxels: Any) -> None:
-    assert check(voxels, (1, 3)).max() == 0
+@pytest.mark.parametrize(
+    ("voxels", "ranks", "settings", "seen"),
+    [*(pytest.param(*case, marks=pytest.mark.gl) for case in SEEN), *NOTHING],
+)
+def test_a_volume_at_the_edge_of_sense(voxels: Any, ranks: Sequence[int], settings: Any, seen: bool) -> None:
+    assert (check(voxels, ranks, **{"opacity": 0.3} | settings).max() > 0) == seen
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
-def test_a_transparent_transfer_function_leaves_all_ranks_empty(ranks: int) -> None:
-    rendered = draw(scene_of_data(FIELD, ["volumes.0.opacity=0", "image.size=[12,10]"]), ranks)
+@pytest.mark.parametrize("scene", [scene_of_data(FIELD, ["volumes.0.opacity=0"]), Scene()], ids=["transparent", "none"])
+def test_a_scene_in_which_nothing_is_seen_leaves_all_ranks_empty(scene: Scene, ranks: int) -> None:
+    rendered = draw(with_settings(scene, {"size": (12, 10)}), ranks)
     assert rendered.image is not None
     assert rendered.image.shape == (10, 12, 4)
     assert rendered.image.max() == 0
     assert sum(rank.bricks + rank.samples for rank in rendered.statistics.per_rank) == 0
-
-
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_a_scene_without_volumes_is_background(ranks: int) -> None:
-    rendered = draw(with_settings(Scene(), {"size": (12, 10)}), ranks)
-    assert rendered.image is not None
-    assert rendered.image.shape == (10, 12, 4)
-    assert rendered.image.max() == 0
-
-
-@pytest.mark.gl
-def test_a_camera_that_looks_away_sees_nothing() -> None:
-    assert check(noise(9, 9, 9), (1, 3), position=(50, 50, 50), focal_point=(60, 60, 60)).max() == 0
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("position", [(4.1, 4.2, 4.3), (4, 4, 0), (0, 0, 4), (0, 0, 0)])
-def test_a_camera_inside_on_a_face_on_an_edge_at_a_corner(position: tuple[float, float, float]) -> None:
-    picture = check(
-        noise(9, 9, 9), (1, 4), position=position, focal_point=(4.5, 4.6, 4.4), view_up=(0, 1, 0), opacity=0.3
-    )
-    assert picture[..., 3].max() > 0
 
 
 @pytest.mark.fresh

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,6 @@ from clusterviz.image import check_writable, finish, read_image, write_image
 from clusterviz.image.replace import replacing
 
 FORMATS = [".npy", ".png", ".exr"]
-FLOATS = [".npy", ".exr"]
 
 
 def picture(height: int = 9, width: int = 7) -> np.ndarray:
@@ -31,22 +31,25 @@ def picture(height: int = 9, width: int = 7) -> np.ndarray:
 def disk_full_after(size: int) -> Iterator[None]:
     """Limit files to `size` bytes, so that writing fails as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    sys.dont_write_bytecode = True  # modules that are compiled meanwhile would be kept cut off
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
         yield
     finally:
+        sys.dont_write_bytecode = False
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("extension", FLOATS)
+@pytest.mark.parametrize("extension", [".npy", ".exr"])
 @pytest.mark.parametrize("size", [(9, 7), (1, 1), (1, 300), (300, 1)])
 def test_float_formats_are_exact(tmp_path: Path, extension: str, size: tuple[int, int]) -> None:
     rgba = picture(*size)
     rgba[0, 0] = [2.5, -1e-30, 1e30, 1e-8]
-    write_image(tmp_path / f"a{extension}", rgba, (1, 1, 1))
-    read = read_image(tmp_path / f"a{extension}")
-    assert read.dtype == np.float32
-    assert np.array_equal(read, rgba)
+    for each in (rgba, rgba[::-1, ::2]):
+        write_image(tmp_path / f"a{extension}", each, (1, 1, 1))
+        read = read_image(tmp_path / f"a{extension}")
+        assert read.dtype == np.float32
+        assert np.array_equal(read, each)
 
 
 @pytest.mark.parametrize("background", [None, (1.0, 0.5, 0.0)])
@@ -60,12 +63,6 @@ def test_png_holds_the_finished_bytes(tmp_path: Path, background: tuple[float, f
 def test_png_reads_as_premultiplied(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", picture(), None)
     assert np.abs(read_image(tmp_path / "a.png") - picture()).max() <= 1 / 255
-
-
-def test_a_view_with_strides_is_written_as_it_looks(tmp_path: Path) -> None:
-    for extension in FLOATS:
-        write_image(tmp_path / f"a{extension}", picture()[::-1, ::2], None)
-        assert np.array_equal(read_image(tmp_path / f"a{extension}"), picture()[::-1, ::2])
 
 
 @pytest.mark.parametrize("extension", FORMATS)
@@ -88,32 +85,24 @@ def test_an_exr_that_lacks_its_last_bytes_is_noticed(tmp_path: Path, missing: in
     assert os.listdir(tmp_path) == ["whole.exr"]
 
 
-@pytest.mark.parametrize("extension", FORMATS)
-def test_missing_and_unwritable_folders_are_named(tmp_path: Path, extension: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        *((f"{folder}/a{extension}", folder) for folder in ("missing", "file", "/proc") for extension in FORMATS),
+        ("folder.png", "a folder"),
+        *((name, r"\.png, \.npy, \.exr") for name in ("a.bmp", "a", ".png")),
+    ],
+)
+def test_what_cannot_be_written_is_named(tmp_path: Path, name: str, said: str) -> None:
     (tmp_path / "file").touch()
-    for folder in (tmp_path / "missing", tmp_path / "file", Path("/proc")):
-        with pytest.raises(OutputError, match=str(folder)):
-            check_writable(folder / f"a{extension}")
-        with pytest.raises(OutputError, match=str(folder)):
-            write_image(folder / f"a{extension}", picture(), None)
-
-
-def test_a_folder_is_not_overwritten(tmp_path: Path) -> None:
-    (tmp_path / "a.png").mkdir()
-    with pytest.raises(OutputError, match="a folder"):
-        check_writable(tmp_path / "a.png")
-    with pytest.raises(OutputError, match="a folder"):
-        write_image(tmp_path / "a.png", picture(), None)
-
-
-@pytest.mark.parametrize("name", ["a.bmp", "a", ".png"])
-def test_unknown_extensions_name_the_known_ones(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder.png").mkdir()
     for attempt in (check_writable, lambda path: write_image(path, picture(), None)):
-        with pytest.raises(OutputError, match=r"\.png, \.npy, \.exr"):
+        with pytest.raises(OutputError, match=said):
             attempt(tmp_path / name)
-    with pytest.raises(InputError, match=r"\.png, \.npy, \.exr"):
-        read_image(tmp_path / name)
-    assert os.listdir(tmp_path) == []
+    if said.startswith(r"\."):
+        with pytest.raises(InputError, match=said):
+            read_image(tmp_path / name)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.png"]
 
 
 def test_check_writable_leaves_nothing_and_harms_nothing(tmp_path: Path) -> None:
@@ -150,29 +139,18 @@ def test_what_is_no_picture_is_not_written(tmp_path: Path, shape: tuple[int, ...
 
 
 @pytest.mark.parametrize("extension", FORMATS)
-@pytest.mark.parametrize("content", [b"", b"not a picture at all"])
-def test_damaged_files_are_named(tmp_path: Path, extension: str, content: bytes) -> None:
+def test_files_that_are_no_pictures_are_named(tmp_path: Path, extension: str) -> None:
     path = tmp_path / f"a{extension}"
     with pytest.raises(InputError, match=path.name):
         read_image(path)
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=path.name):
-        read_image(path)
-
-
-@pytest.mark.parametrize("extension", FORMATS)
-def test_truncated_files_are_named(tmp_path: Path, extension: str) -> None:
-    path = tmp_path / f"a{extension}"
     write_image(path, picture(90, 70), None)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(InputError, match=path.name):
-        read_image(path)
-
-
-def test_an_array_of_another_shape_is_not_a_picture(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.zeros((3, 3)))
+    for content in (path.read_bytes()[: path.stat().st_size // 2], b"", b"not a picture at all"):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=path.name):
+            read_image(path)
+    np.save(tmp_path / "b.npy", np.zeros((3, 3)))
     with pytest.raises(InputError, match=r"\(3, 3\)"):
-        read_image(tmp_path / "a.npy")
+        read_image(tmp_path / "b.npy")
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.jpeg", "a.gif"])

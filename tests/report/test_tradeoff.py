@@ -241,19 +241,24 @@ def test_the_front_is_what_nothing_beats(points: list[tuple[int, int]]) -> None:
     assert len({x for x, _ in best}) == len(best)  # of one time only one error
 
 
-def test_the_front_is_numbered_from_the_fastest_on() -> None:
-    rated = [
-        setting(0.2, 0.01),
-        setting(0.1, 0.1, step=2.0),
-        setting(0.3, 0.01, brick=32),
-        setting(0.4, 0.001, step=0.5),
-    ]
-    assert [one.front for one in with_front_numbers(rated, TRUTH)] == [2, 1, 0, 3]
-
-
-def test_what_is_below_the_truths_own_error_is_no_better() -> None:
-    rated = [setting(0.2, 5e-6), setting(0.3, 1e-9, step=0.5), setting(0.4, 1.0, step=4.0)]
-    assert [one.front for one in with_front_numbers(rated, TRUTH)] == [1, 0, 0]
+@pytest.mark.parametrize(
+    ("rated", "numbers"),
+    [
+        (
+            [
+                setting(0.2, 0.01),
+                setting(0.1, 0.1, step=2),
+                setting(0.3, 0.01, brick=32),
+                setting(0.4, 0.001, step=0.5),
+            ],
+            [2, 1, 0, 3],
+        ),
+        # Below the truth's own error nothing is better.
+        ([setting(0.2, 5e-6), setting(0.3, 1e-9, step=0.5), setting(0.4, 1.0, step=4.0)], [1, 0, 0]),
+    ],
+)
+def test_the_front_is_numbered_from_the_fastest_on(rated: list[RatedSetting], numbers: list[int]) -> None:
+    assert [one.front for one in with_front_numbers(rated, TRUTH)] == numbers
 
 
 def test_errors_are_those_of_the_picture() -> None:
@@ -273,41 +278,47 @@ def test_the_fastest_within_a_bound() -> None:
     assert fastest_within(rated, 1e-3, TRUTH) is None
 
 
-def test_the_verdict_names_what_is_faster_at_no_larger_error() -> None:
-    rated = [setting(0.2, 4 * LEVEL), setting(0.05, 4 * LEVEL, early_termination=0.01), setting(0.4, LEVEL, step=0.5)]
-    text = " ".join(verdict(rated, TRUTH))
-    assert "takes 200 ms and errs by up to 4.1 levels of 255" in text
-    assert "With early_termination 0.01 it is 4 times faster at no larger error." in text
-    assert "within 2 levels of 8 bits is step 0.5: 400 ms" in text
+SCENE_WINS = "No setting that was tried is faster at no larger error."
+OF_8_BITS = [setting(0.2, 4 * LEVEL), setting(0.05, 4 * LEVEL, early_termination=0.01), setting(0.4, LEVEL, step=0.5)]
+NOISY = replace(setting(0.2, 0.1), cost=replace(setting(0.2, 0.1).cost, total_seconds_min=0.1))
+BUSY = [setting(0.2, 0.1), setting(0.12, 0.1, brick=32)]
 
 
-def test_the_verdict_where_the_scene_is_best_and_nothing_is_exact() -> None:
-    text = " ".join(verdict([setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)], TRUTH))
-    assert "No setting that was tried is faster at no larger error." in text
-    assert (
-        "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4.1 levels of 255, and takes 200 ms"
-        in text
-    )
-
-
-def test_noise_is_no_gain() -> None:
-    scene = setting(0.2, 0.1)
-    noisy = replace(scene, cost=replace(scene.cost, total_seconds_min=0.1))
-    text = " ".join(verdict([noisy, setting(0.15, 0.1, brick=32)], TRUTH))
-    assert "No setting that was tried is faster" in text
-
-
-def test_a_busy_machine_is_told_and_smaller_gains_are_not() -> None:
-    rated = [setting(0.2, 0.1), setting(0.12, 0.1, brick=32)]
-    assert "1.7 times faster" in " ".join(verdict(rated, TRUTH, 1.1))
-    busy = " ".join(verdict(rated, TRUTH, 1.8))
-    assert "No setting that was tried is faster" in busy
-    assert "took 1.8 times as long" in busy
-
-
-def test_an_error_is_claimed_with_the_truths_own_and_rounded_up() -> None:
-    assert "errs by up to 1.1e-05 of full scale." in verdict([setting(0.1, 1e-9)], TRUTH)[0]
-    assert "errs by up to 4.2 levels of 255." in verdict([setting(0.1, 4.101 * LEVEL)], TRUTH)[0]
+@pytest.mark.parametrize(
+    ("rated", "drift", "parts"),
+    [
+        (
+            OF_8_BITS,
+            1.0,
+            [
+                "takes 200 ms and errs by up to 4.1 levels of 255",
+                "With early_termination 0.01 it is 4 times faster at no larger error.",
+                "within 2 levels of 8 bits is step 0.5: 400 ms",
+            ],
+        ),
+        (
+            [setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)],
+            1.0,
+            [SCENE_WINS, "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4.1 levels of 255"],
+        ),
+        (
+            [setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)],
+            1.0,
+            ["up to 4.1 levels of 255, and takes 200 ms"],
+        ),
+        ([NOISY, setting(0.15, 0.1, brick=32)], 1.0, [SCENE_WINS]),  # noise is no gain
+        (BUSY, 1.1, ["1.7 times faster"]),
+        (BUSY, 1.8, [SCENE_WINS, "took 1.8 times as long"]),
+        # An error is claimed with the truth's own, and rounded up.
+        ([setting(0.1, 1e-9)], 1.0, ["errs by up to 1.1e-05 of full scale."]),
+        ([setting(0.1, 4.101 * LEVEL)], 1.0, ["errs by up to 4.2 levels of 255."]),
+    ],
+)
+def test_the_verdict_names_what_is_faster_and_what_is_exact(
+    rated: list[RatedSetting], drift: float, parts: list[str]
+) -> None:
+    text = " ".join(verdict(rated, TRUTH, drift))
+    assert [part for part in parts if part not in text] == []
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, dump_scene, load_scene, open_scene, scene_of_data, scene_schema
-from clusterviz.scene.files import _parse
 from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml
 
@@ -185,7 +184,3 @@ def test_the_example_scenes_load() -> None:
     assert examples
     for example in examples:
         assert load_scene(example).volumes
-
-
-def test_json_constants_reach_the_check() -> None:
-    assert math.isnan(_parse('{"a": NaN}', "a.json")["a"])

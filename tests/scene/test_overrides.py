@@ -33,6 +33,11 @@ def test_values_are_yaml(path: Path) -> None:
     assert loaded(path, "volumes.0.clim.1=7").volumes[0].clim == (1, 7)
     assert loaded(path, "quality={step: 3}").quality.step == 3
     assert loaded(path, "volumes=[]").volumes == ()
+    assert loaded(path, "image.background=#ff0000").image.background == "#ff0000"  # no comment
+    assert loaded(path, "camera.view_angle=40").camera.view_angle == 40  # the file lacks the section
+    assert loaded(path, "quality.step=1", "quality.step=2").quality.step == 2
+    assert loaded(path, "quality.step=3", "quality={step: 4}").quality.step == 4
+    assert scene_of_data(path.with_name("a.npy"), ["quality.step=2"]).quality.step == 2
 
 
 LIGHT = "lights=[{position: [1, 2, 3]}]"
@@ -73,19 +78,6 @@ def test_whole_sections_can_be_set(path: Path) -> None:
     assert with_settings(loaded(path), {"lights": [Light(position=(1, 2, 3))]}) == loaded(path, LIGHT)
 
 
-def test_a_hash_begins_a_colour_not_a_comment(path: Path) -> None:
-    assert loaded(path, "image.background=#ff0000").image.background == "#ff0000"
-
-
-def test_sections_that_the_file_lacks_are_made(path: Path) -> None:
-    assert loaded(path, "camera.view_angle=40").camera.view_angle == 40
-
-
-def test_later_options_win(path: Path) -> None:
-    assert loaded(path, "quality.step=1", "quality.step=2").quality.step == 2
-    assert loaded(path, "quality.step=3", "quality={step: 4}").quality.step == 4
-
-
 @pytest.mark.parametrize(
     ("option", "message"),
     [
@@ -119,10 +111,6 @@ def test_a_bad_option_is_an_error_that_names_it(path: Path, option: str, message
 def test_an_item_of_an_empty_list_is_an_error(path: Path) -> None:
     with pytest.raises(SceneError, match="the list is empty"):
         loaded(path, "volumes=[]", "volumes.0.path=b")
-
-
-def test_overrides_reach_a_bare_data_file(tmp_path: Path) -> None:
-    assert scene_of_data(tmp_path / "a.npy", ["quality.step=2"]).quality.step == 2
 
 
 def test_parsed_overrides_hold_key_value_and_text() -> None:
