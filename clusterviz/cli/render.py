@@ -36,7 +36,10 @@ def command(
     size: Size = None,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
-    check: Annotated[bool, typer.Option("--check", help="Composite a second time, serially, and compare.")] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Check that each brick is drawn once; composite again, serially, and compare."),
+    ] = False,
     device: DeviceOption = None,
 ) -> None:
     """Render a scene or a data file into a picture; under mpirun, on all ranks."""

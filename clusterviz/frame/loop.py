@@ -23,7 +23,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import BrickReader, Bricks, Given, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
-from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency
+from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render.choice import on_cpu
 from clusterviz.report.decisions import Change
@@ -155,6 +155,8 @@ class FrameLoop:
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
+        if run.options.check:
+            check_cover(run, work)
         self._drawing.load(run, work)
         if work.accuracy and not run.options.keep_bricks:
             self._reader.clear()  # small pictures needed them, with other settings

@@ -44,7 +44,7 @@ class Options:
     Attributes
     ----------
     device : index of an EGL device; None: round robin over the node's GPUs; "cpu": no OpenGL
-    check : composite a second time, serially, and compare
+    check : check that each visible brick is drawn once; composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
     progress : called on every rank when a step begins, and repeatedly while it draws
     write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"

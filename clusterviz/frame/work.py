@@ -17,7 +17,7 @@ import numpy as np
 
 from clusterviz.comm import abort_on_failure, mark_agreed
 from clusterviz.data.source import Index
-from clusterviz.errors import RankError
+from clusterviz.errors import ClustervizError, RankError
 from clusterviz.frame.run import Image, Run
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
@@ -122,6 +122,40 @@ def check_consistency(run: Run, work: RankWork) -> None:
         scene = zlib.crc32(work.scene.model_dump_json().encode())
         sums = run.channel.allgather_numbers([scene, digest_of(work.pieces)])
     check_equal(run, {"what is to be shown": sums[:, 0].tolist(), "who draws what": sums[:, 1].tolist()})
+
+
+def check_cover(run: Run, work: RankWork) -> None:
+    """Check that at each pixel each visible brick is in exactly one piece, and that its rank holds it; collective.
+
+    In a tile, bricks that do not appear there need no piece. The tiles of a work queue are not checked, since they are
+    not known in advance.
+
+    Raises
+    ------
+    ClustervizError
+        Names the first brick for which this is wrong, and its ranks.
+    """
+    if work.plan is None:
+        return
+    shown, whole = work.plan.cost > 0, Rect(0, 0, *work.plan.view.size)
+    tiles: dict[Rect | None, list[Piece]] = {} if work.mode != "sort-last" else {None: []}
+    for piece in work.pieces:
+        if piece.rect != whole:
+            tiles.setdefault(piece.rect, []).append(piece)
+    with run.local("plan", "check"):
+        for rect, pieces in tiles.items():
+            count = np.zeros(shown.shape, np.int64)
+            for piece in pieces:
+                count[tuple(piece.members(shown).T)] += 1
+            for z, y, x in np.argwhere((count > 1) | (shown & (count == 0) & (rect is None)))[:1].tolist():
+                ranks = [piece.rank for piece in pieces if [z, y, x] in piece.members(shown).tolist()]
+                drawn = f"drawn {len(ranks)} times, by ranks {ranks}" if ranks else "drawn by no rank"
+                raise ClustervizError(f"visible brick {(z, y, x)} is {drawn}" + (f", in {rect}" if rect else ""))
+        drawn_here = {
+            tuple(brick) for piece in work.pieces_of(run.channel.rank) for brick in piece.members(shown).tolist()
+        }
+        if missing := sorted(drawn_here - work.holds):
+            raise ClustervizError(f"rank {run.channel.rank} draws brick {missing[0]}, which it does not hold")
 
 
 def check_equal(run: Run, checksums: Mapping[str, Sequence[int]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +13,9 @@ from frame.views import draw_all, views
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.distribution.dynamic import Dynamic
 from clusterviz.distribution.flights import Flight
-from clusterviz.errors import RankError
-from clusterviz.frame import Options, Run
+from clusterviz.distribution.static import Coherent
+from clusterviz.errors import ClustervizError, RankError
+from clusterviz.frame import Options, Run, render_frame
 from clusterviz.frame.work import check_equal, digest_of
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece
@@ -77,3 +79,23 @@ def test_a_rank_whose_distribution_differs_ends_all_ranks(
     monkeypatch.setattr(Dynamic, place, wrong)
     with pytest.raises(RankError, match=said):
         run_loopback(3, lambda channel: draw_all(views(5, 4, distribution="dynamic"), channel))
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong", "said"),
+    [
+        ("assign", lambda found: (*found, replace(found[0], rank=1)), r"visible brick \(\d, \d, \d\) is drawn 2 times"),
+        ("assign", lambda found: found[1:], r"visible brick \(\d, \d, \d\) is drawn by no rank"),
+        ("holds", lambda found: frozenset(), r"rank 0 draws brick \(\d, \d, \d\), which it does not hold"),
+    ],
+    ids=["twice", "missed", "not held"],
+)
+def test_a_brick_with_a_wrong_owner_is_named(
+    place: str, wrong: Callable[[Any], Any], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where all ranks agree on it, pictures are wrong and composited right."""
+    right = getattr(Coherent, place)
+    monkeypatch.setattr(Coherent, place, lambda *args: wrong(right(*args)))
+    options = Options(device="cpu", check=True)
+    with pytest.raises(ClustervizError, match=said):
+        run_loopback(2, lambda channel: render_frame(views(1, 2)[0], channel, options=options))
