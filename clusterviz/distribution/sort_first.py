@@ -154,10 +154,15 @@ class SortFirst:
     settings : of the tiles
     budget : memory of a rank for bricks, with a limit
     several : True if more than one frame may come; then bricks are kept
+
+    Attributes
+    ----------
+    groups : ranks of each group
+    tiling : tile strategy
     """
 
     def __init__(self, groups: RankGroups, settings: TileSettings, budget: MemoryBudget, several: bool) -> None:
-        self._groups, self._several = groups, several
+        self.groups, self._several = groups, several
         assert budget.limit_bytes is not None, "a shared screen needs a memory limit"
         self._budget, self._brick_bytes, self._limit_bytes = budget, 0, budget.limit_bytes
         self.tiling = Tiling(settings, tuple(map(len, groups)))
@@ -173,12 +178,7 @@ class SortFirst:
     @property
     def mode(self) -> Mode:
         """Mode of compositing: sort-first if each group is a single rank."""
-        return "sort-first" if max(map(len, self._groups)) == 1 else "hybrid"
-
-    @property
-    def groups(self) -> RankGroups:
-        """Ranks of each group."""
-        return self._groups
+        return "sort-first" if max(map(len, self.groups)) == 1 else "hybrid"
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, group by group; those of a group front to back in each of its tiles.
@@ -199,7 +199,7 @@ class SortFirst:
     def pieces(self, plan: Plan, partition: ScreenPartition) -> tuple[Piece, ...]:
         """Return the pieces of any partition of the screen, by the owners of the last assignment."""
         found: list[Piece] = []
-        for members, owners, seen, tiles in zip(self._groups, self._owners, self._seen, partition.rects, strict=True):
+        for members, owners, seen, tiles in zip(self.groups, self._owners, self._seen, partition.rects, strict=True):
             own = []
             for piece in _pieces(plan, owners, seen):
                 shown = self._shown[piece.box.slices]
@@ -214,10 +214,10 @@ class SortFirst:
 
         Bricks that it held before stay while they fit, since they may be needed again.
         """
-        group = next(number for number, members in enumerate(self._groups) if rank in members)
-        mine = self._owners[group].owner == self._groups[group].index(rank)
+        group = next(number for number, members in enumerate(self.groups) if rank in members)
+        mine = self._owners[group].owner == self.groups[group].index(rank)
         held = mine & self._seen[group]
-        if self._several and self._largest([self._shown] * len(self._groups)) <= self._limit_bytes:
+        if self._several and self._largest([self._shown] * len(self.groups)) <= self._limit_bytes:
             held = mine & self._shown
         if self._held is not None:
             old = np.argwhere(self._held & self._shown & ~held)
@@ -227,7 +227,7 @@ class SortFirst:
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """Learn the cost of bricks from the samples of each group's ranks; `follow` learns the cost of tiles."""
-        for members, owners, model in zip(self._groups, self._owners, self._models, strict=False):
+        for members, owners, model in zip(self.groups, self._owners, self._models, strict=False):
             if len(members) > 1 and self._measured is not None:
                 samples = [costs[rank].samples - costs[rank].samples_estimate for rank in members]
                 self._measured = measure(self._measured, model, owners, np.array(samples, np.float64))
@@ -240,7 +240,7 @@ class SortFirst:
         """Choose the tiles of the groups, find their visible bricks, and assign these to ranks."""
         partition = self.tiling.partition(plan)
         self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in partition.rects]
-        if self.tiling.is_static or max(map(len, self._groups)) == 1:
+        if self.tiling.is_static or max(map(len, self.groups)) == 1:
             self._assign_statically(plan)
         else:
             self._assign_by_cost(plan, partition)
@@ -250,7 +250,7 @@ class SortFirst:
         """Build one tree for each group; recomputed when an unassigned brick becomes visible."""
         if self._assigned is None or (self.tiling.is_static and shows_more(plan, self._assigned)):
             self._assigned = plan.cost
-            self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self._groups]
+            self._owners = [owners_of(build_tree(plan.cost, len(members))) for members in self.groups]
 
     def _assign_by_cost(self, plan: Plan, partition: ScreenPartition) -> None:
         """Assign the bricks of each group by their expected cost within its tiles."""
@@ -262,7 +262,7 @@ class SortFirst:
             self._models.append(np.sum(models, axis=0) if models else np.zeros_like(plan.cost))
         costs = [predict(self._measured, *each) for each in zip(self._models, self._seen, strict=True)]
         self._trees = self._trees or [
-            search_tree(cost, len(each)) for cost, each in zip(costs, self._groups, strict=True)
+            search_tree(cost, len(each)) for cost, each in zip(costs, self.groups, strict=True)
         ]
         before = self._owners or [owners_of(tree) for tree in self._trees]
         found = [self._assign_group(plan, *each) for each in zip(costs, self._seen, self._trees, before, strict=True)]
@@ -299,10 +299,10 @@ class SortFirst:
         most = self._largest(self._seen)
         if most <= self._limit_bytes:
             return
-        ranks = sum(map(len, self._groups))
-        text = f"the tiles of a rank show {most} bytes of bricks, in {len(self._groups)} groups of {ranks} ranks"
+        ranks = sum(map(len, self.groups))
+        text = f"the tiles of a rank show {most} bytes of bricks, in {len(self.groups)} groups of {ranks} ranks"
         fewer = next(
-            (n for n in range(len(self._groups) - 1, 1, -1) if self._shown_bytes() * n <= self._limit_bytes * ranks), 1
+            (n for n in range(len(self.groups) - 1, 1, -1) if self._shown_bytes() * n <= self._limit_bytes * ranks), 1
         )
         allowed = "mode: sort-last" if fewer == 1 else f"mode: hybrid with groups: {fewer} or fewer, sort-last"
         raise InputError(text, where="cluster.mode", found=f"{self._limit_bytes} bytes a rank", allowed=allowed)

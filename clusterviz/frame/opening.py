@@ -26,7 +26,7 @@ from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
 from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import VolumeInfo, complete_scene
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]
 """By index the samples (z, y, x) of one volume, or the `MultiVolumeBrick` of several."""
@@ -155,29 +155,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
             return complete(None, scene), None, {}
     with run.local("open", "load"):
         sources = _sources(scene, source)
-        margins = [
-            LARGEST_MARGIN
-            if scene.automatic
-            else margin_of(volume, classification_of(scene.quality), scene.quality.borders)
-            for volume in scene.volumes
-        ]
-        layouts = [
-            BrickLayout(each.grid.shape_zyx, scene.cluster.brick, margin)
-            for each, margin in zip(sources, margins, strict=True)
-        ]
+        layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
-    with run.collective("read", "load"):
-        most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
-    with run.local("read", "load"):
-        shares = [_equal_share(layout, run) for layout in layouts]
-        samples = sum(
-            len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * each.dtype.itemsize
-            for each, layout, share in zip(sources, layouts, shares, strict=True)
-        )
-        fits, parts = samples <= most_bytes, list(zip(sources, layouts, shares, strict=True))
-        held = [dict(read_bricks(*part)) if fits else {} for part in parts]
-    with run.collective("summarise", "load"):
-        summaries = [_summary(run, *part, bricks if fits else None) for part, bricks in zip(parts, held, strict=True)]
+    summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(each, layout, summary, (_info(each, summary),))
@@ -190,6 +170,32 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
             return scene, opened[0], held[0]
         return scene, _with_larger_bricks(opened[0], scene, run.channel.size), {}
+
+
+def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
+    """Return the bricks of a volume, with the margins that its blend mode needs."""
+    known = not scene.automatic
+    margin = margin_of(volume, classification_of(scene.quality), scene.quality.borders) if known else LARGEST_MARGIN
+    return BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
+
+
+def _summarised(
+    run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout]
+) -> tuple[list[VolumeSummary], list[Bricks]]:
+    """Read an equal share of each volume and summarise the volumes; also returns the bricks that fit into memory."""
+    with run.collective("read", "load"):
+        most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
+    with run.local("read", "load"):
+        parts = [(*pair, _equal_share(pair[1], run)) for pair in zip(sources, layouts, strict=True)]
+        share_bytes = sum(
+            len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * source.dtype.itemsize
+            for source, layout, share in parts
+        )
+        fits = share_bytes <= most_bytes
+        held = [dict(read_bricks(*part)) if fits else {} for part in parts]
+    with run.collective("summarise", "load"):
+        pairs = zip(parts, held, strict=True)
+        return [_summary(run, *part, bricks if fits else None) for part, bricks in pairs], held
 
 
 def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:

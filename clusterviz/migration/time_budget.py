@@ -30,13 +30,14 @@ class TimeBudget:
     Attributes
     ----------
     seconds : spent since the frame began
+    left : seconds that are left; negative if earlier frames took too many
     """
 
     def __init__(self, share: float, clock: Callable[[], float] = perf_counter) -> None:
         self._share, self._clock = share, clock
         self._frames: deque[float] = deque(maxlen=FRAMES)
         self._rates: dict[str, float] = {}
-        self._left = self._slice = 0.0
+        self.left = self._slice = 0.0
         self._has_stepped = False
         self._doubted: set[str] = set()
         self._saving = self._reserved = 0.0
@@ -47,16 +48,11 @@ class TimeBudget:
         """Expected seconds of the next frame; 0 before any frame has ended."""
         return min(self._frames, default=0.0)
 
-    @property
-    def left(self) -> float:
-        """Seconds that are left; negative if earlier frames took too many."""
-        return self._left
-
     def begin(self, planning: float = 0.0) -> None:
         """Begin a frame, and reserve time: `planning` seconds, and the usual time of posting receives."""
         frame = self.frame_seconds
         self._slice = self._share * frame
-        self._left = max(-MOST_DEBT * frame, min(self._left + self._slice, max(self._slice, self._saving)))
+        self.left = max(-MOST_DEBT * frame, min(self.left + self._slice, max(self._slice, self._saving)))
         for kind in self._doubted:
             self._rates[kind] *= DOUBT
         self._doubted, self._saving = set(), 0.0
@@ -73,7 +69,7 @@ class TimeBudget:
             return True
         expected = self._rates.get(kind, 0.0) * size
         # Saved time is for a single step.
-        available = min(self._left, self._slice - self.seconds) if self._has_stepped else self._left
+        available = min(self.left, self._slice - self.seconds) if self._has_stepped else self.left
         if available >= expected + self._reserved:
             return True
         self._refuse(kind, expected)
@@ -81,7 +77,7 @@ class TimeBudget:
 
     def spend(self, seconds: float) -> None:
         """Count the time of planning, and end its reservation."""
-        self._left -= seconds
+        self.left -= seconds
         self.seconds += seconds
         self._reserved = 0.0
 
@@ -93,7 +89,7 @@ class TimeBudget:
             yield
         finally:
             took = self._clock() - began
-            self._left -= took
+            self.left -= took
             self.seconds += took
             if size:
                 self._has_stepped = True
@@ -105,7 +101,7 @@ class TimeBudget:
     def _refuse(self, kind: str, expected: float) -> None:
         """Save time for a step that does not fit into a slice; lower its expected time if no slice could hold it."""
         needed = expected + self._reserved
-        if kind in self._rates and self._left >= 0 and needed > self._slice:
+        if kind in self._rates and self.left >= 0 and needed > self._slice:
             self._saving = max(self._saving, needed)
             if expected > self._slice:
                 self._doubted.add(kind)
