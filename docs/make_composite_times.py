@@ -63,7 +63,9 @@ with more ranks until their messages count. At 3·2^k ranks the fold makes binar
 
 ## Networks
 
-The constants of the time model for these networks. `clusterviz bench network` measures those of your own.
+The constants of the time model for these networks. `clusterviz bench network` measured those of `laptop`, with 2 ranks
+on 2 cores of a virtual machine (AMD EPYC, Zen 4; MPICH). The others have the line rates of their networks and round
+figures for latency and overhead; the files say where each constant is from.
 """
 
 
@@ -169,12 +171,12 @@ def text(loads: Loads) -> str:
 
 
 def networks() -> list[str]:
-    """Return the table of network constants, and their sources."""
+    """Return the table of network constants."""
     found = [open_network(name) for name in shipped_networks()]
-    rows = ["| file | α (s) | o (s) | β (s) | γ (s) | source |", "|---|---|---|---|---|---|"]
+    rows = ["| file | α (s) | o (s) | β (s) | γ (s) |", "|---|---|---|---|---|"]
     for name, n in zip(shipped_networks(), found, strict=True):
         constants = (n.latency_seconds, n.overhead_seconds, n.seconds_per_byte, n.seconds_per_pixel)
-        rows.append(f"| `{name}` | {' | '.join(f'{constant:g}' for constant in constants)} | {n.source} |")
+        rows.append(f"| `{name}` | {' | '.join(f'{constant:g}' for constant in constants)} |")
     return [*rows, ""]
 
 
