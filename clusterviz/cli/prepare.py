@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json as json_text
 import multiprocessing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import starmap
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -17,9 +18,11 @@ from typing import Annotated, Any
 import typer
 
 from clusterviz.cli.console import print_info, show_progress
+from clusterviz.codec import kernels as codecs
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
+from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
 from clusterviz.render.cpu.kernel import Kernel, common_kernels, first_kernels
 from clusterviz.render.cpu.machine_code import compiled, sources
@@ -36,7 +39,8 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON: compiled, kept, seconds, folder.")] = False,
 ) -> None:
     """Compile the kernels that most scenes need, so that no render waits for them; cached kernels are kept."""
-    began, files = perf_counter(), _files((first_kernels if common else common_kernels)(host_width().lanes))
+    began, kernels = perf_counter(), (first_kernels if common else common_kernels)(host_width().lanes)
+    files = _files(kernels, () if common else codecs.KERNELS)
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
     with show_progress(["compiling kernels"]) as progress:
@@ -61,13 +65,11 @@ def command(
         )
 
 
-def _files(kernels: list[Kernel]) -> dict[Path, Job]:
+def _files(kernels: list[Kernel], others: Iterable[CompiledKernel]) -> dict[Path, Job]:
     """Return the cache file and the job of each kernel, including the kernels of compositing."""
     texts = sources()
     files: dict[Path, Job] = {object_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
-    for module, name in native.COMMON_KERNELS:
-        files[object_path(name, native.sources())] = native.kernel, (module, name)
-    return files
+    return files | {each.path: (each.prepare, ()) for each in (*starmap(native.kernel, native.COMMON_KERNELS), *others)}
 
 
 def _run(job: Job) -> None:

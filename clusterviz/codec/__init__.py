@@ -4,7 +4,7 @@
 - chain.py         codecs as chains of stages: the registry
 - message.py       packing and unpacking of messages, and their layout
 - active.py, rectangle.py, delta.py, shuffle.py, lz4_block.py    the stages
-- active_kernels.py, filter_kernels.py, intrinsics.py    their compiled loops
+- kernels.py, active_kernels.py, filter_kernels.py, intrinsics.py    their compiled loops
 - auto.py          automatic choice of a codec for each message
 """
 

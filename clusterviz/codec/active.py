@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.codec import kernels
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
 
 MAX_PIXELS = 2**31 - 1
@@ -27,14 +28,12 @@ GAP_BYTES = 16
 
 def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
     """Find the runs, which are also the table; None if they save no bytes."""
-    from clusterviz.codec import active_kernels
-
     pixel_bytes = 4 * pixels.itemsize
     if len(pixels) > MAX_PIXELS:
         return None
     # A run has at least one pixel, so a longer table cannot save bytes.
     table = np.empty((pixels.nbytes // (pixel_bytes + ENTRY_BYTES), 2), np.int32)
-    count, kept = active_kernels.find_runs(active_mask(pixels), GAP_BYTES // pixel_bytes, table)
+    count, kept = kernels.find_runs(active_mask(pixels), GAP_BYTES // pixel_bytes, table)
     if count < 0 or count * ENTRY_BYTES + kept * pixel_bytes >= pixels.nbytes:
         return None
     runs = table[:count]
@@ -49,13 +48,11 @@ def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
     CodecError
         The runs are not ascending, disjoint, and within the message's pixels.
     """
-    from clusterviz.codec import active_kernels
-
     if table.size % ENTRY_BYTES:
         raise CodecError(f"a table of runs of {table.size} bytes, which is no multiple of {ENTRY_BYTES}")
     runs = table.view(np.int32).reshape(-1, 2)
     runs.flags.writeable = False
-    kept = int(active_kernels.check_runs(runs, count))
+    kept = kernels.check_runs(runs, count)
     if kept < 0:
         raise CodecError(f"runs that are not ascending, disjoint, and within {count} pixels")
     return runs, kept
@@ -63,11 +60,7 @@ def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
 
 def active_mask(pixels: Pixels) -> NDArray[np.uint64]:
     """Return one bit a pixel, set if the pixel is not blank: uint64 (pixels / 64, rounded up)."""
-    from clusterviz.codec import active_kernels
-
     mask = np.empty(-(-len(pixels) // 64), np.uint64)
     flat = pixels.reshape(-1).view(np.uint8)
-    # numba compiles separately for read-only arrays: all sources are made read-only.
-    flat.flags.writeable = False
-    active_kernels.make_mask(flat, 4 * pixels.itemsize, mask)
+    kernels.make_mask(flat, 4 * pixels.itemsize, mask)
     return mask

@@ -144,7 +144,7 @@ class AutoCodec:
         name = (key, pixels.itemsize)
         stream = self._streams.get(name)
         if stream is None:
-            prepare_codecs((pixels.dtype,))
+            prepare_codecs()
             stream = self._streams[name] = _Stream(self._candidates(pixels.itemsize))
         if stream.untried:
             return self._pack_candidate(stream, pixels, rows, out)

@@ -14,19 +14,16 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.codec import kernels
 from clusterviz.codec.contract import Bytes
 
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Subtract the previous pixel."""
-    from clusterviz.codec import filter_kernels
-
     bits = np.dtype(f"i{dtype.itemsize}")
-    filter_kernels.subtract(source.view(bits), target.view(bits))
+    kernels.subtract[dtype.itemsize](source.view(bits), target.view(bits))
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Add up the differences."""
-    from clusterviz.codec import filter_kernels
-
-    filter_kernels.add(source, 8 * dtype.itemsize, target)
+    kernels.add(source, 8 * dtype.itemsize, target)

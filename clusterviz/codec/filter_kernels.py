@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import types
 
 from clusterviz.codec.intrinsics import LONG, address, copy_bytes, intrinsic, jit, lane_indices, vector
+from clusterviz.codec.kernels import TILE
 
 _BLOCK = 64  # bytes of a vector
 _PIXELS = 16  # split at once, so that each plane gets 16 bytes in one store
-_TILE = 256  # pixels
 
 
 @jit
@@ -170,43 +169,42 @@ _join_4, _join_8, _join_16 = _join(4), _join(8), _join(16)
 
 
 @jit
-def split_planes(source, planes, target):  # type: ignore[no-untyped-def]
+def split_planes(source, planes, target, tile):  # type: ignore[no-untyped-def]
     """target[p · n + i] = source[i · planes + p], uint8, for 4, 8 or 16 planes of n bytes.
 
-    The tile in the first-level cache avoids conflict misses between planes of a power of two bytes.
+    The tile, `TILE` bytes a plane in the first-level cache, avoids conflict misses between planes of a power of two
+    bytes.
     """
     size = source.size // planes
-    whole = size // _TILE * _TILE
-    tile = np.empty(_TILE * planes, np.uint8)
-    for first in range(0, whole, _TILE):
-        for pixel in range(0, _TILE, _PIXELS):
+    whole = size // TILE * TILE
+    for first in range(0, whole, TILE):
+        for pixel in range(0, TILE, _PIXELS):
             if planes == 4:
-                _split_4(source, (first + pixel) * 4, tile, pixel, _TILE)
+                _split_4(source, (first + pixel) * 4, tile, pixel, TILE)
             elif planes == 8:
-                _split_8(source, (first + pixel) * 8, tile, pixel, _TILE)
+                _split_8(source, (first + pixel) * 8, tile, pixel, TILE)
             else:
-                _split_16(source, (first + pixel) * 16, tile, pixel, _TILE)
+                _split_16(source, (first + pixel) * 16, tile, pixel, TILE)
         for plane in range(planes):
-            copy_bytes(target, plane * size + first, tile, plane * _TILE, _TILE)
+            copy_bytes(target, plane * size + first, tile, plane * TILE, TILE)
     for k in range(whole * planes, source.size):
         target[k % planes * size + k // planes] = source[k]
 
 
 @jit
-def join_planes(source, planes, target):  # type: ignore[no-untyped-def]
+def join_planes(source, planes, target, tile):  # type: ignore[no-untyped-def]
     """Invert `split_planes`."""
     size = source.size // planes
-    whole = size // _TILE * _TILE
-    tile = np.empty(_TILE * planes, np.uint8)
-    for first in range(0, whole, _TILE):
+    whole = size // TILE * TILE
+    for first in range(0, whole, TILE):
         for plane in range(planes):
-            copy_bytes(tile, plane * _TILE, source, plane * size + first, _TILE)
-        for start in range(0, _TILE * planes, _BLOCK):
+            copy_bytes(tile, plane * TILE, source, plane * size + first, TILE)
+        for start in range(0, TILE * planes, _BLOCK):
             if planes == 4:
-                _join_4(target, first * 4 + start, tile, start // 4, _TILE)
+                _join_4(target, first * 4 + start, tile, start // 4, TILE)
             elif planes == 8:
-                _join_8(target, first * 8 + start, tile, start // 8, _TILE)
+                _join_8(target, first * 8 + start, tile, start // 8, TILE)
             else:
-                _join_16(target, first * 16 + start, tile, start // 16, _TILE)
+                _join_16(target, first * 16 + start, tile, start // 16, TILE)
     for k in range(whole * planes, source.size):
         target[k] = source[k % planes * size + k // planes]

@@ -1,4 +1,4 @@
-"""numba decorator with a cache, and LLVM intrinsics for the compiled loops."""
+"""numba decorator and LLVM intrinsics for the compiled loops."""
 
 from __future__ import annotations
 
@@ -20,12 +20,8 @@ _memset: Callable[..., Any] = cgutils.memset
 LONG = ir.IntType(64)
 
 
-def jit(function: Callable[..., Any]) -> Any:
-    """Compile with numba, cached on disk if a cache folder can be written."""
-    try:
-        return numba.njit(cache=True, nogil=True)(function)
-    except RuntimeError:
-        return numba.njit(nogil=True)(function)
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}  # no errors, no counts of references
+jit: Callable[..., Any] = numba.njit(**_OPTIONS)
 
 
 def vector(bits: int, lanes: int) -> Any:

@@ -16,12 +16,11 @@ Table and pixels have the sender's byte order, as in a raw message.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
-from functools import cache
 from typing import Any
 
 import numpy as np
 
+from clusterviz.codec import kernels
 from clusterviz.codec.chain import BY_FLAG, CODECS, Chain
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
 
@@ -75,8 +74,6 @@ def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Byt
 
     The body is written at its position in the message: the table, then the pixels of the runs.
     """
-    from clusterviz.codec import active_kernels
-
     selected = chain.selection.select(pixels, rows) if chain.selection else None
     if chain.selection and selected:
         table, runs, kept = selected
@@ -84,7 +81,7 @@ def _selected(pixels: Pixels, flat: Bytes, chain: Chain, rows: Rows, target: Byt
         if size < flat.size:
             body = target[HEADER_BYTES:size]
             body[: table.size] = table
-            active_kernels.gather(_read_only(flat), _read_only(runs), 4 * pixels.itemsize, body[table.size :])
+            kernels.gather(flat, runs, 4 * pixels.itemsize, body[table.size :])
             return chain.selection.bit, table.size, kept, body
     return 0, 0, len(pixels), flat
 
@@ -94,7 +91,7 @@ def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any])
     for number, stage in enumerate(chain.filters):
         filtered = scratch(body.size, number % 2)
         filtered[:table_bytes] = body[:table_bytes]
-        stage.apply(_read_only(body[table_bytes:]), filtered[table_bytes:], dtype)
+        stage.apply(body[table_bytes:], filtered[table_bytes:], dtype)
         body = filtered
     return body
 
@@ -103,7 +100,7 @@ def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
     """Undo the filters in place."""
     source, target = pixels, scratch(pixels.size, 0) if chain.filters else pixels
     for stage in reversed(chain.filters):
-        stage.undo(_read_only(source), target, dtype)
+        stage.undo(source, target, dtype)
         source, target = target, source
     if source is not pixels:
         pixels[:] = source
@@ -149,7 +146,6 @@ def open_message(
         runs, held = chain.selection.restore(body[:table_bytes], count, rows or Rows(0, count))
         if held != kept:
             raise CodecError(f"runs of {held} pixels in a message that says that it holds {kept}")
-        runs = _read_only(runs)
     pixels = body[table_bytes:]
     _unfilter(pixels, chain, dtype)
     return pixels.view(dtype).reshape(-1, 4), runs
@@ -194,33 +190,16 @@ def unpack(
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:
         return pixels
-    from clusterviz.codec import active_kernels
-
     whole: Pixels = np.empty((count, 4), dtype) if out is None else out
-    packed = _read_only(pixels.reshape(-1).view(np.uint8))
-    active_kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
+    packed = pixels.reshape(-1).view(np.uint8)
+    kernels.scatter(packed, runs, 4 * dtype.itemsize, whole.reshape(-1).view(np.uint8))
     return whole
 
 
-def _read_only(array: Any) -> Any:
-    """Return a read-only view; numba compiles separately for read-only arrays."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-def prepare_codecs(dtypes: Iterable[np.dtype[Any]]) -> None:
-    """Compile the kernels for pixels of these types, or load them from numba's cache, ahead of the first frame."""
-    for dtype in dtypes:
-        _prepare(np.dtype(dtype))
-
-
-@cache
-def _prepare(dtype: np.dtype[Any]) -> None:
-    pixels = np.zeros((4096, 4), dtype)
-    pixels[1000:2000] = 1
-    for codec in _CODECS:
-        unpack(pack(pixels, codec, Rows(0, 64)), len(pixels), dtype, Rows(0, 64))
+def prepare_codecs() -> None:
+    """Compile the kernels of all codecs, or load them, ahead of the first frame."""
+    for each in kernels.KERNELS:
+        each.prepare()
 
 
 class _Kept(threading.local):

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from clusterviz.codec import kernels
 from clusterviz.codec.active import MAX_PIXELS, active_mask
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows, Runs
 
@@ -23,12 +24,10 @@ TABLE_BYTES = 16
 
 def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
     """Find the rows of the bounding box; None if it saves no bytes."""
-    from clusterviz.codec import active_kernels
-
     if len(pixels) > MAX_PIXELS:
         return None
     first, width = rows.first % rows.width, rows.width
-    box = np.array(active_kernels.find_box(active_mask(pixels), len(pixels), first, width), np.int32)
+    box = np.array(kernels.find_box(active_mask(pixels), len(pixels), first, width), np.int32)
     runs, kept = _rows_of(box, len(pixels), first, width)
     if TABLE_BYTES + kept * 4 * pixels.itemsize >= pixels.nbytes:
         return None

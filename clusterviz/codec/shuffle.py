@@ -15,18 +15,19 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.codec import kernels
 from clusterviz.codec.contract import Bytes
 
 
 def apply(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Split the pixels into byte planes."""
-    from clusterviz.codec import filter_kernels
-
-    filter_kernels.split_planes(source, 4 * dtype.itemsize, target)
+    kernels.split_planes(source, 4 * dtype.itemsize, target, _tile(dtype))
 
 
 def undo(source: Bytes, target: Bytes, dtype: np.dtype[Any]) -> None:
     """Join the byte planes."""
-    from clusterviz.codec import filter_kernels
+    kernels.join_planes(source, 4 * dtype.itemsize, target, _tile(dtype))
 
-    filter_kernels.join_planes(source, 4 * dtype.itemsize, target)
+
+def _tile(dtype: np.dtype[Any]) -> Bytes:
+    return np.empty(4 * dtype.itemsize * kernels.TILE, np.uint8)

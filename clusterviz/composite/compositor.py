@@ -93,7 +93,7 @@ class Compositor:
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._frame_plan: _FramePlan | None = None
-        self._codec, self._prepared_dtypes = codec, set[np.dtype[Any]]()
+        self._codec, self._has_codecs = codec, False
 
     def image(self, rect: Rect, dtype: Any) -> Pixels:
         """Return memory for this rank's next partial image, (height, width, 4), which is composited without a copy.
@@ -161,7 +161,7 @@ class Compositor:
     ) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
         choice, memory = frame_plan.choice, self._memory
         if choice.transport != "shared":
-            self._prepare_codecs(footprints.dtype)
+            self._prepare_codecs()
         if frame_plan.messages:
             return run_messages(images, footprints, frame_plan.messages, self._channel, self._pack)
         if frame_plan.strip and memory:
@@ -171,11 +171,11 @@ class Compositor:
         placed = place_images(images, footprints, self._channel, memory)
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
-    def _prepare_codecs(self, dtype: np.dtype[Any]) -> None:
-        """Compile the kernels of codecs, once for each pixel type; collective."""
-        if self._codec != "raw" and dtype not in self._prepared_dtypes:
-            compile_codecs(self._channel, dtype)
-            self._prepared_dtypes.add(dtype)
+    def _prepare_codecs(self) -> None:
+        """Compile the kernels of codecs, once; collective."""
+        if self._codec != "raw" and not self._has_codecs:
+            compile_codecs(self._channel)
+            self._has_codecs = True
 
     def _plan(self, footprints: Footprints) -> _FramePlan:
         """Return the plan of the last frame if the footprints and the shared memory are the same, else a new one."""

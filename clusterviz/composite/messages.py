@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -84,9 +83,9 @@ def packer(codec: str, network: Network, nodes: int) -> Pack:
     return lambda pixels, rows, key: pack(pixels, codec, rows)
 
 
-def compile_codecs(channel: Channel, dtype: np.dtype[Any]) -> None:
+def compile_codecs(channel: Channel) -> None:
     """Compile the kernels of codecs on one rank of each node, and load them on the others; collective."""
     if channel.placement().local_rank == 0:
-        prepare_codecs((dtype,))
+        prepare_codecs()
     channel.barrier()
-    prepare_codecs((dtype,))
+    prepare_codecs()

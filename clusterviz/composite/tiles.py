@@ -68,7 +68,7 @@ class TileCollector:
         nodes = len(channel.nodes())
         self._pack = packer(codec, network or default_network(nodes), nodes)
         if codec != "raw":
-            compile_codecs(channel, self._dtype)
+            compile_codecs(channel)
 
     def collect(self, tiles: Sequence[PartialImage]) -> tuple[Pixels | None, CompositeCounters]:
         """Collect one picture.

@@ -1,6 +1,7 @@
 """Machine code of kernels: generated with LLVM, saved as object files, and loaded without a compiler.
 
-- objects.py  object files, made once for a CPU and its sources
-- lanes.py    expressions of numbers and vectors
-- code.py     functions, loops and branches
+- objects.py   object files, made once for a CPU and its sources
+- compiled.py  kernels written in Python, made by numba
+- lanes.py     expressions of numbers and vectors
+- code.py      functions, loops and branches
 """

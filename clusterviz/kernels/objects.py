@@ -1,6 +1,6 @@
 """Object files of machine code: compiled once, loaded by later runs.
 
-Importing numba and loading from its cache takes each rank a quarter of a second; loading an object file takes a few
+Importing numba and loading from its cache takes each rank half a second; loading an object file takes a few
 hundredths. The name of a file contains a hash of the sources, the compilers and the CPU, and its first bytes are a
 checksum.
 """

@@ -25,7 +25,7 @@ from clusterviz.composite.model.network import default_network
 from clusterviz.data.source import Index
 from clusterviz.distribution.flights import Flight
 from clusterviz.migration.time_budget import TimeBudget
-from clusterviz.migration.wire_format import PIXEL, WireFormat
+from clusterviz.migration.wire_format import WireFormat
 from clusterviz.render.stored_brick import Stored
 from clusterviz.report.trace import Span
 
@@ -110,7 +110,7 @@ class BrickTransfer:
         nodes = len(channel.nodes())
         network = default_network(nodes)
         if wire_format.most_bytes(0) > MIN_BYTES:  # smaller ones are never packed
-            compile_codecs(channel, PIXEL[wire_format.slot.kind])
+            compile_codecs(channel)
         self._codec = AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte)
         self._outgoing: deque[_Outgoing] = deque()
         self._awaited: list[_Awaited] = []

@@ -13,11 +13,8 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-import ctypes
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +23,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_block
 from clusterviz.image.partial import Rect
-from clusterviz.kernels.objects import function_address, machine
+from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
@@ -170,6 +167,12 @@ def _box_of(plan: Plan, box: BrickBox) -> Box:
     return Box(begin[::-1], end[::-1])
 
 
+_REPROJECT = CompiledKernel(
+    "clusterviz.render.reprojection_kernel",
+    "reproject",
+    "float64[::1]; int64[::1]; float32[:,:,::1]; float32[:,:,::1]; float32[:,::1]",
+    [Path(__file__).with_name("reprojection_kernel.py")],
+)
 JUMP = 1 / 8
 """Share of the picture's longer side that a corner of the box may move from frame to frame."""
 Corner = tuple[float, float, float]
@@ -256,12 +259,12 @@ def reproject(
     bounds = (*hits.shape[1:], *_numbers(now), starts.shape[1], cut, *shown, *found)
     sizes = np.array([*_numbers(before), *bounds], np.int64)
     places = np.empty((4, before.height, before.width), np.float32)
-    _kernel()(*(array.__array_interface__["data"][0] for array in (numbers, sizes, hits, places, starts)))
+    _REPROJECT(numbers, sizes, hits, places, starts)
 
 
 def prepare_reprojection() -> None:
     """Compile the kernel, or load it."""
-    _kernel()
+    _REPROJECT.prepare()
 
 
 def _lens(view: View) -> NDArray[np.float64]:
@@ -301,39 +304,6 @@ def _sides(view: View, box: Box) -> NDArray[np.bool_]:
         return np.array([forward > 0, forward < 0])
     eye = np.array(view.eye)
     return np.array([eye < box.begin, eye > box.end])
-
-
-@cache
-def _kernel() -> Callable[..., None]:
-    source = Path(__file__).with_name("reprojection_kernel.py").read_bytes()
-    address = function_address("reproject", [source], _object)
-    function = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_int64] * 7)(address)
-    unused = np.zeros(2, np.int64)
-
-    def call(*addresses: int) -> None:
-        # numba's calling convention: addresses of the result and of an exception (there is none), and the arguments.
-        place = unused.__array_interface__["data"][0]
-        function(place, place + 8, *addresses)
-
-    return call
-
-
-def _object() -> bytes:
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-    from numba import float32, float64, int64, njit, types
-
-    from clusterviz.render import reprojection_kernel
-
-    pointer: Any = types.CPointer
-    kinds: tuple[Any, ...] = tuple(pointer(kind) for kind in (float64, int64, float32, float32, float32))
-    # The object must not need Python, so numba writes no wrappers for it.
-    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compiled = njit(error_model="numpy", **options)(reprojection_kernel.reproject)
-    compiled.compile(kinds)
-    unit = llvm.parse_assembly(compiled.inspect_llvm(kinds))
-    unit.get_function(compiled.overloads[kinds].fndesc.llvm_func_name).name = "reproject"
-    code: bytes = machine().emit_object(unit)
-    return code
 
 
 STARTS = np.dtype(

@@ -15,43 +15,38 @@ R. Yagel, Z. Shi: Accelerating volume animation by space-leaping, Visualization 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba
-import numpy as np
-from numba import carray  # type: ignore[attr-defined]
 
 LENS = 16  # numbers of a camera: three rows of four, half the width and height, pixel, 1 for parallel projection
 BOX = 6  # least and greatest x, y, z
-SIZES = 20
 ROUNDED = 1e-3  # pixels
 RIM = 1.0  # pixels around cells whose rays did not all hit, or at different depths
 
-_inline = numba.njit(error_model="numpy", inline="always")
-_called = numba.njit(error_model="numpy")
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_inline = numba.njit(inline="always", **_OPTIONS)
+_called = numba.njit(**_OPTIONS)
 
 
-def reproject(numbers_at, sizes_at, hits_at, places_at, starts_at):  # type: ignore[no-untyped-def]
-    """Lower view depths in `starts` to those at which rays may meet something that the last frame hit or hid.
+def reproject(numbers, sizes, hits, places, target):  # type: ignore[no-untyped-def]
+    """Lower view depths in `target` to those at which rays may meet something that the last frame hit or hid.
 
     Parameters
     ----------
-    numbers_at : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and the
+    numbers : float64: rays and projection of the last frame and of this one (LENS each), the box (BOX), and the
         largest difference between depths on one surface
-    sizes_at : int64: the last frame's rectangle of pixels (x, y, width, height), its rows and columns in memory; this
+    sizes : int64: the last frame's rectangle of pixels (x, y, width, height), its rows and columns in memory; this
         frame's rectangle and columns in memory; 1 if the box may extend beyond the last picture; a rectangle of pixels
         (begin and end) whose rays certainly enter the box where it was shown; the last frame's rectangle around all
         hits
-    hits_at : float32 (3, rows, columns), (x, y, z) of the last frame; NaN where a ray met nothing
-    places_at : float32 (4, height, width), memory for their pixels and depths in this frame, and depths in the last
-    starts_at : float32 (…, columns), of this frame
+    hits : float32 (3, rows, columns), (x, y, z) of the last frame; NaN where a ray met nothing
+    places : float32 (4, height, width), memory for their pixels and depths in this frame, and depths in the last
+    target : float32 (rows, columns), view depths at which rays start in this frame
     """
-    numbers, sizes = carray(numbers_at, 4 * LENS + BOX + 1, np.float64), carray(sizes_at, SIZES, np.int64)
     ray, last, seen = numbers[:LENS], numbers[LENS : 2 * LENS], numbers[3 * LENS : 4 * LENS]
     box, smooth_depth = numbers[4 * LENS : 4 * LENS + BOX], numbers[4 * LENS + BOX]
     rect, bounds, part, width, height = sizes[:4], sizes[6:10], sizes[16:20], sizes[2], sizes[3]
-    target = carray(starts_at, (sizes[9], sizes[10]), np.float32)
-    hits = carray(hits_at, (3, sizes[4], sizes[5]), np.float32)
-    places = carray(places_at, (4, height, width), np.float32)
     for y in range(max(part[1] - 1, 0), min(part[3] + 1, height)):
         for x in range(max(part[0] - 1, 0), min(part[2] + 1, width)):
             u, v, depth = _projected(seen, hits[0, y, x], hits[1, y, x], hits[2, y, x])

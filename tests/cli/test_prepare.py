@@ -19,14 +19,14 @@ from clusterviz.render.cpu.kernel import Kernel
 
 def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     path = tmp_path / "cast-1.o"
-    monkeypatch.setattr(prepare, "_files", lambda kernels: {path: (objects._save, (path, b"code"))})
+    monkeypatch.setattr(prepare, "_files", lambda *_: {path: (objects._save, (path, b"code"))})
     found = [json.loads(cli("prepare", "--json").out) for _ in range(2)]
     assert [(each["compiled"], each["kept"]) for each in found] == [(["cast"], []), ([], ["cast"])]
 
 
 def test_only_those_of_a_first_picture(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Kernel] = []
-    monkeypatch.setattr(prepare, "_files", lambda kernels: asked.extend(kernels) or {})
+    monkeypatch.setattr(prepare, "_files", lambda kernels, _: asked.extend(kernels) or {})
     assert cli("prepare", "--common").status == 0
     assert asked == prepare.first_kernels(prepare.host_width().lanes)
 
@@ -34,7 +34,7 @@ def test_only_those_of_a_first_picture(cli: Callable[..., Any], monkeypatch: pyt
 def test_a_folder_that_cannot_be_written_is_said(
     cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(prepare, "_files", lambda kernels: {tmp_path / "cast-1.o": (len, ("",))})
+    monkeypatch.setattr(prepare, "_files", lambda *_: {tmp_path / "cast-1.o": (len, ("",))})
     outcome = cli("prepare")
     assert (outcome.status, "kernels cannot be kept" in outcome.err) == (2, True)
 

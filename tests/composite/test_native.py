@@ -7,19 +7,26 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from clusterviz.codec import kernels
 from clusterviz.composite.over import native
-from clusterviz.kernels import objects
+from clusterviz.kernels import compiled, objects
 
 NAME = ("pair_kernels", "put")
 BLEND = """
 import sys
 import numpy as np
+from clusterviz.codec import CODECS, Rows, pack, unpack
 from clusterviz.composite.over.blend import over_into
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.fragment import Patch
 from clusterviz.image.partial import Rect
+for codec in CODECS:
+    image = np.zeros((640, 4), np.uint8)
+    image[100:300] = 7
+    assert np.array_equal(unpack(pack(image, codec, Rows(0, 64)), 640, image.dtype, Rows(0, 64)), image)
 pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
 over_into(out, pixels, pixels)
 patch = Patch(8, 0, 8, Rect(0, 0, 8, 1))
@@ -70,18 +77,26 @@ def test_a_second_process_needs_no_numba() -> None:
     assert runs[1].stdout.split() == ["192", "False"]
 
 
+def test_an_array_of_another_type_or_order_is_refused() -> None:
+    mask, table = np.zeros(4, np.uint64), np.zeros((8, 2), np.int32)
+    assert kernels.find_runs(mask, 0, table) == (0, 0)
+    for wrong in (table[::2], table[0], table.astype(np.int64)):
+        with pytest.raises(TypeError, match=r"find_runs: int.* instead of int32 with 2 axes"):
+            kernels.find_runs(mask, 0, wrong)
+
+
 def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    native.kernel(*NAME)
+    native.kernel(*NAME).prepare()
     (file,) = folder.iterdir()
     whole, code, names = file.read_bytes(), objects.read_code(file), []
-    monkeypatch.setattr(native, "_compile", lambda module, name: (names.append(name), code)[1])
+    monkeypatch.setattr(compiled, "compile_kernel", lambda kernel: (names.append(kernel.name), code)[1])
     native.kernel.cache_clear()
-    native.kernel(*NAME)
+    native.kernel(*NAME).prepare()
     assert names == []
     for damaged in (b"", whole[:100], whole[:200] + bytes([whole[200] ^ 1]) + whole[201:], whole + b"\0"):
         file.write_bytes(damaged)
         native.kernel.cache_clear()
-        native.kernel(*NAME)
+        native.kernel(*NAME).prepare()
         assert names.pop() == "put"
         assert file.read_bytes() == whole
 
@@ -90,18 +105,18 @@ def test_code_beside_the_package_serves_users_who_cannot_write_there(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in a container image; what is missing there goes into their own folder."""
-    native.kernel(*NAME)
+    native.kernel(*NAME).prepare()
     (file,) = folder.iterdir()
     code, names = objects.read_code(file), []
-    monkeypatch.setattr(native, "_compile", lambda module, name: (names.append(name), code)[1])
+    monkeypatch.setattr(compiled, "compile_kernel", lambda kernel: (names.append(kernel.name), code)[1])
     monkeypatch.setattr(objects, "folders", lambda: (folder, tmp_path / "home"))
     monkeypatch.setattr("os.access", lambda path, mode: False)
     native.kernel.cache_clear()
-    native.kernel(*NAME)
+    native.kernel(*NAME).prepare()
     assert (names, (tmp_path / "home").exists()) == ([], False)
     file.unlink()
     native.kernel.cache_clear()
-    native.kernel(*NAME)
+    native.kernel(*NAME).prepare()
     assert (names, [each.name for each in (tmp_path / "home").iterdir()]) == (["put"], [file.name])
 
 
@@ -109,19 +124,22 @@ def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeyp
     (tmp_path / "file").touch()
     native.kernel.cache_clear()
     monkeypatch.setattr(objects, "folders", lambda: (tmp_path / "file",))
-    assert native.kernel(*NAME) is not None
+    native.kernel(*NAME).prepare()
     native.kernel.cache_clear()
 
 
-def test_other_sources_or_processors_make_other_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    names = {objects.fingerprint(native.sources())}
+def test_other_sources_or_processors_make_other_files(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = {native.kernel(*NAME).path}
     for source in native.SOURCES:
         (tmp_path / f"{source}.py").write_text("changed")
     monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
-    names.add(objects.fingerprint(native.sources()))
+    native.kernel.cache_clear()
+    paths.add(native.kernel(*NAME).path)
     monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
-    names.add(objects.fingerprint(native.sources()))
-    assert len(names) == 3
+    paths.add(native.kernel(*NAME).path)
+    assert len(paths) == 3
 
 
 def test_processors_without_half_floats_get_the_same_bits(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[2]
 LEVELS = (
     ("errors",),
     ("image",),
-    ("scene", "codec", "kernels", "report"),
+    ("kernels",),
+    ("scene", "codec", "report"),
     ("data", "gl", "comm"),
     ("plan", "spmd"),
     ("partition",),

@@ -117,7 +117,7 @@ def measure(pictures: Iterator[tuple[str, NDArray[Any]]], frames: int) -> list[d
 
 def _measure(picture: NDArray[Any], codec: str, frames: int) -> dict[str, float | None]:
     """Measure one codec on one picture; the minimum over repetitions is the least disturbed."""
-    prepare_codecs((picture.dtype,))
+    prepare_codecs()
     pixels, rows = picture.reshape(-1, 4), Rows(0, max(picture.shape[1], 1))
     count, kind = len(pixels), pixels.dtype
     out, back = np.empty(pixels.nbytes, np.uint8), np.empty_like(pixels)

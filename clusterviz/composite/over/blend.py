@@ -27,7 +27,7 @@ from clusterviz.composite.over.job import (
     run,
     runs_at,
 )
-from clusterviz.composite.over.native import kernel
+from clusterviz.composite.over.native import COMMON_KERNELS, kernel
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import Rect
@@ -156,5 +156,5 @@ def compile_kernels(channel: Channel) -> None:
 
 
 def _load_kernels() -> None:
-    kernel("layer_kernels", "blend_layers")
-    kernel("pair_kernels", "put")
+    for names in COMMON_KERNELS:
+        kernel(*names).prepare()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from array import array
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.native import Kernel
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
+from clusterviz.kernels.compiled import CompiledKernel
 
-# Head: result of the kernel, unused word of numba's calling convention; address, type and number of the target's
-# pixels, address of its depths or runs; number of layers, mode, operator, width of the canvas, geometry.
-RESULT, UNUSED, OUT, KIND, SIZE, OUT_EXTRA, LAYERS, MODE, OPERATOR, WIDTH, TARGET = range(11)
+# Head: address, type and number of the target's pixels, address of its depths or runs; number of layers, mode,
+# operator, width of the canvas, geometry.
+OUT, KIND, SIZE, OUT_EXTRA, LAYERS, MODE, OPERATOR, WIDTH, TARGET = range(9)
 HEAD = TARGET + 6
 
 # Layer: address, type and number of its stored pixels; address of its runs or depths, number of runs (-1 for none);
@@ -79,7 +79,7 @@ def job_head(
     """
     if not out.flags.writeable:
         raise InputError("the target is read-only")
-    return [0, 0, *pixels_at(out, "target"), extra, layers, mode, _OPERATORS[operator], patch.width, *_geometry(patch)]
+    return [*pixels_at(out, "target"), extra, layers, mode, _OPERATORS[operator], patch.width, *_geometry(patch)]
 
 
 def check_floats(operator: Operator, *images: NDArray[Any]) -> None:
@@ -130,7 +130,7 @@ def runs_at(runs: NDArray[np.int32]) -> tuple[int, int]:
     return runs.__array_interface__["data"][0], runs.shape[0]
 
 
-def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], threads: int = 1) -> int:
+def run(kernel: CompiledKernel, numbers: Sequence[int], patches: Sequence[Patch], threads: int = 1) -> int:
     """Run a job on the patches of the target and the layers, with several threads if the target is large enough.
 
     Returns
@@ -145,13 +145,10 @@ def run(kernel: Kernel, numbers: Sequence[int], patches: Sequence[Patch], thread
     job = array("q", numbers)
     threads = min(threads, job[SIZE] // PIXELS_A_THREAD)
     parts = [job] if threads < 2 else _parts(job, patches[0], threads)
-    if len(parts) == 1:
-        kernel(job.buffer_info()[0])
-    else:
-        others = [_pool(os.getpid()).submit(kernel, part.buffer_info()[0]) for part in parts[1:]]
-        kernel(parts[0].buffer_info()[0])
-        wait(others)
-    result = min(part[RESULT] for part in parts)
+    kernel.prepare()
+    others = [_pool(os.getpid()).submit(kernel, part.buffer_info()[0]) for part in parts[1:]]
+    first: int = kernel(parts[0].buffer_info()[0])
+    result: int = min([first, *(other.result() for other in others)])
     if result < OK:
         wrong = FIRST_BAD - result
         where = f"layer {wrong - 1}" if wrong else "target"
