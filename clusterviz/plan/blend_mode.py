@@ -94,9 +94,9 @@ class BlendMode:
             case "transparent above":
                 hidden = hidden | transfer.is_transparent(low, np.inf)
             case "below threshold":
-                # The threshold is rounded to float32, and so are samples.
-                below = self.threshold - 2.0**-20 * max(1.0, abs(self.threshold))
-                hidden = hidden | (in_units_of_clim(high, *transfer.domain) < below)
+                # The threshold is rounded to float32, and so are samples, in data values and in units of clim.
+                most = in_units_of_clim(np.maximum(high * (1 - 2.0**-20), high * (1 + 2.0**-20)), *transfer.domain)
+                hidden = hidden | (most < self.threshold - 2.0**-20 * max(1.0, abs(self.threshold)))
         for surface in self.surfaces:
             hidden = hidden & ~((low <= surface.value) & (surface.value <= high))
         return np.asarray(hidden)

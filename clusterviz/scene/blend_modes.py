@@ -24,7 +24,7 @@ class BlendModeTraits:
     pixel : what a pixel shows, in one line of the documentation
     shader : file in `shaders/` that blends samples
     operator : merge operator of partial images, see `image/merge.py`
-    resolve : how merged pixels become colours, see `render/projection.py`
+    resolve : how merged pixels become colours, see `render/render_result.py`
     skip : samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
         those below, or above, which all opacities are 0; "below threshold": those below the key `threshold`;
         "all": samples, but not isosurfaces
