@@ -22,7 +22,8 @@ from clusterviz.reference import over as reference_over
 
 SIZE = (23, 17)
 MEASURED = [*ALGORITHMS, "auto"]
-ONE_AFTER_ANOTHER = Path(__file__).parent / "one_after_another.py"
+# Commands in one job, one after another; the first status that is not 0.
+ONE_AFTER_ANOTHER = "import json, sys; from clusterviz.cli import run; sys.exit(any(map(run, json.loads(sys.argv[1]))))"
 
 
 @pytest.mark.gl
@@ -66,8 +67,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray
     for name in MEASURED:
         outputs = ["--out", str(folder / f"{name}.rgba"), "--json", str(folder / f"{name}.json")]
         commands.append(["bench", "composite", *options, "--algorithm", name, *outputs])
-    (folder / "commands").write_text(json.dumps(commands))
-    job = [*job_command(3, [])[:-2], str(ONE_AFTER_ANOTHER), str(folder / "commands")]
+    job = [*job_command(3, [])[:-2], "-c", ONE_AFTER_ANOTHER, json.dumps(commands)]
     subprocess.run(job, check=True, timeout=120, env=OVERSUBSCRIBE | os.environ)
     return folder, reference_over(list(layers / 255.0))
 

@@ -87,22 +87,17 @@ def test_flat_colours_stay_flat() -> None:
     assert interpolate(np.array([0, 4.98, 5.02, 10.0]), values, colours).tolist() == [[1, 0, 0]] * 2 + [[0, 0, 1]] * 2
 
 
-def test_colours_without_values_lie_evenly_over_clim() -> None:
-    values, colours = colour_points(Volume(path="a.npy", cmap=[[0, 0, 0], [1, 0, 0], [1, 1, 1]]).cmap or "", (2.0, 6.0))
-    assert values.tolist() == [2, 4, 6]
-    assert colours.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 1]]
-
-
-def test_a_named_map_spreads_over_clim() -> None:
-    values, colours = colour_points("gray", (20.0, 220.0))
-    assert values.tolist() == [20, 220]
-    assert colours.tolist() == [[0, 0, 0], [1, 1, 1]]
-
-
-def test_points_stay_where_they_are() -> None:
-    values, colours = colour_points(((3, 0, 0, 1), (4, 1, 0, 0)), (0.0, 1.0))
-    assert values.tolist() == [3, 4]
-    assert colours.tolist() == [[0, 0, 1], [1, 0, 0]]
+@pytest.mark.parametrize(
+    ("cmap", "clim", "values", "colours"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [1, 1, 1]], (2.0, 6.0), [2, 4, 6], [[0, 0, 0], [1, 0, 0], [1, 1, 1]]),  # evenly
+        ("gray", (20.0, 220.0), [20, 220], [[0, 0, 0], [1, 1, 1]]),
+        (((3, 0, 0, 1), (4, 1, 0, 0)), (0.0, 1.0), [3, 4], [[0, 0, 1], [1, 0, 0]]),  # where they are
+    ],
+)
+def test_points_of_a_colour_map(cmap: Any, clim: tuple[float, float], values: Any, colours: Any) -> None:
+    found = colour_points(Volume(path="a.npy", cmap=cmap).cmap or "", clim)
+    assert [part.tolist() for part in found] == [values, colours]
 
 
 def test_an_unknown_name_gets_near_ones() -> None:
