@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame.views import ALL, CORE, HIDDEN, check_same, draw_all, on_ranks, pixels
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
-from clusterviz.frame import STEPS, FrameLoop, Options, Rendered, compositing, opening, render_frame
-from clusterviz.image import compare
+from clusterviz.frame import STEPS, Options, Rendered, compositing, opening, render_frame
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending
@@ -141,10 +141,7 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
 ) -> None:
     plain = draw(2)[0]
     monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
-    again = draw(2)[0]
-    assert plain.image is not None
-    assert again.image is not None
-    np.testing.assert_array_equal(again.image, plain.image)
+    np.testing.assert_array_equal(pixels(draw(2)[0]), pixels(plain))
 
 
 @pytest.mark.gl
@@ -152,13 +149,11 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
 def test_projections_are_composited_as_asked_and_give_one_picture(blending: Blending) -> None:
     look = {"blending": blending} | ({"threshold": 0.3} if BLEND_MODES[blending].threshold else {})
     scene = with_settings(SCENE, look)
-    alone = render_frame(scene, LoopbackChannel()).image
-    assert alone is not None
+    alone = pixels(render_frame(scene, LoopbackChannel()))
     for transport, algorithm in (("messages", "binary-swap"), ("messages", "tree"), ("shared", "auto")):
         asked = with_settings(scene, {"transport": transport, "compositing": algorithm})
         made = run_loopback(3, lambda channel: render_frame(asked, channel, options=Options(check=True)))[0]  # noqa: B023
-        assert made.image is not None
-        assert np.abs(made.image - alone).max() <= (1e-5 if blending == "average" else 1e-6)
+        assert np.abs(pixels(made) - alone).max() <= (1e-5 if blending == "average" else 1e-6)
         told = [(rank.compositing["transport"], rank.compositing["algorithm"]) for rank in made.statistics.per_rank]
         assert told == [(transport, "direct-send" if algorithm == "auto" else algorithm)] * 3
         sent = sum(rank.messages_sent for rank in made.statistics.per_rank)
@@ -166,7 +161,6 @@ def test_projections_are_composited_as_asked_and_give_one_picture(blending: Blen
 
 
 CAMERAS = ((60.0, 10.0, 5.0), (-40.0, 30.0, 9.0), (7.0, 7.0, -50.0), (8.0, 7.0, 6.0))
-HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
 LOOKS = ({}, {"blending": "maximum"}, {"shade": True}, {"interpolation": "cubic", "filter": "exact"})
 
 
@@ -181,19 +175,9 @@ def scenes_of(look: dict[str, Any], path: str = "field:gaussian:16") -> list[Sce
     return [with_settings(first, change) for change in changes]
 
 
-def draw_all(scenes: list[Scene], channel: Channel, keep: bool = False) -> list[Rendered]:
-    with FrameLoop(scenes[0], channel, options=Options(keep_bricks=keep)) as loop:
-        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
-
-
 def check_frames(frames: list[Rendered], scenes: list[Scene]) -> None:
     """Each is what is drawn alone."""
-    assert len(frames) == len(scenes)
-    for frame_, scene in zip(frames, scenes, strict=True):
-        alone = render_frame(scene, LoopbackChannel()).image
-        assert frame_.image is not None
-        assert alone is not None
-        assert compare(frame_.image, alone, 1e-5).count == 0
+    check_same(frames, [render_frame(scene, LoopbackChannel()) for scene in scenes])
 
 
 @pytest.mark.gl
@@ -201,7 +185,7 @@ def check_frames(frames: list[Rendered], scenes: list[Scene]) -> None:
 @pytest.mark.parametrize("look", LOOKS, ids=str)
 def test_every_frame_of_a_loop_is_what_is_drawn_alone(look: dict[str, Any], ranks: int) -> None:
     scenes = scenes_of(look)
-    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel, keep=ranks == 3))[0]
+    frames = on_ranks(ranks, scenes, keep_bricks=ranks == 3)
     check_frames(frames, scenes)
     assert [frame_.statistics.number for frame_ in frames] == list(range(len(scenes)))
 
@@ -232,7 +216,7 @@ def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypa
     read = opening.read_bricks
     monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
-    draw_all(scenes, LoopbackChannel())
+    on_ranks(1, scenes)
     assert sorted(done) == ["__init__", "load", "read", "read"]
 
 
@@ -241,21 +225,17 @@ def test_chunks_are_ordered_anew_for_every_camera(monkeypatch: pytest.MonkeyPatc
     """Bricks that need several buffers: each view has its own order of them."""
     monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
     scenes = scenes_of({})[: len(CAMERAS)]
-    alone = [render_frame(scene, LoopbackChannel()).image for scene in scenes]
+    alone = [render_frame(scene, LoopbackChannel()) for scene in scenes]
     monkeypatch.setattr(import_module("clusterviz.render.raycast"), "capacity", lambda *_: 2)
-    for drawn, picture in zip(draw_all(scenes, LoopbackChannel()), alone, strict=True):
-        assert drawn.image is not None
-        assert picture is not None
-        assert compare(drawn.image, picture, 1e-5).count == 0
+    check_same(on_ranks(1, scenes), alone)
 
 
 @pytest.mark.gl
 def test_a_camera_that_sees_nothing_gives_a_blank_frame_and_the_next_is_right() -> None:
     scenes = scenes_of({})[:2]
     away = with_settings(scenes[0], {"position": (60.0, 10.0, 5.0), "focal_point": (90.0, 10.0, 5.0)})
-    frames = run_loopback(3, lambda channel: draw_all([scenes[0], away, scenes[1]], channel))[0]
-    assert frames[1].image is not None
-    assert not frames[1].image.any()
+    frames = on_ranks(3, [scenes[0], away, scenes[1]])
+    assert not pixels(frames[1]).any()
     check_frames(frames, [scenes[0], away, scenes[1]])
 
 
@@ -271,7 +251,7 @@ def test_a_camera_that_sees_nothing_gives_a_blank_frame_and_the_next_is_right() 
 def test_a_frame_that_differs_in_more_is_refused(change: dict[str, Any], said: str) -> None:
     first = scenes_of({})[0]
     with pytest.raises(SceneError) as raised:
-        run_loopback(2, lambda channel: draw_all([first, with_settings(first, change)], channel))
+        on_ranks(2, [first, with_settings(first, change)])
     assert said in str(raised.value)
 
 
@@ -291,7 +271,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Raycaster, "draw", fail_later)
     with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):
-        draw_all(scenes, LoopbackChannel())
+        on_ranks(1, scenes)
 
 
 @pytest.mark.gl
@@ -306,14 +286,13 @@ def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pyte
     def tell(step: str, done: float = 0.0) -> None:
         told.extend([done] if step == "render" and done else [])
 
-    at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device)).image
+    at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device))
     monkeypatch.setattr(caster, "TELL_SECONDS", 0.0)
     monkeypatch.setattr(raycast, "TELL_SECONDS", 0.0)
     monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 8)
     monkeypatch.setattr(raycast, "FIRST_BAND_PIXELS", 1 << 10)
-    in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell)).image
-    assert in_parts is not None
-    assert np.array_equal(in_parts, at_once)
+    in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell))
+    assert np.array_equal(pixels(in_parts), pixels(at_once))
     assert len(told) > 1
     assert told == sorted(told)
     assert 0 < told[0] < told[-1] <= 1

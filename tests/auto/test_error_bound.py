@@ -1,7 +1,8 @@
-"""Error bound from frame to frame: settings follow the view, at a small cost."""
+"""Error bound: held against the float64 reference, alike on any ranks, and followed from frame to frame."""
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,22 +10,28 @@ import pytest
 
 from clusterviz.auto.calibration import FOLLOWED
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.frame import FrameLoop, Options
+from clusterviz.composite import rounding_bound
+from clusterviz.data import open_source
+from clusterviz.errors import SceneError
+from clusterviz.frame import FrameLoop, Options, Run, prepare, render_frame
+from clusterviz.image import compare
+from clusterviz.reference import render_reference
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.overrides import with_settings
 
-PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
 RAMP = "[[0.2, 0.0], [0.6, 0.5], [1.0, 0.1]]"
+PEAK = "[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]"
+JUMP = "[[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [1.0, 0.5]]"
 BOUND = 4 / 255
 
 VIEW = ["automatic=false", "camera.position=[3.864, 3.864, 3.864]", "camera.focal_point=[0, 0, 0]"]
 
 
-def scene_of(field: str, opacity: str, bound: float, size: str) -> Scene:
-    keys = [f"image.size={size}", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
-    return scene_of_data(f"field:{field}:16", [*VIEW, *keys, f"quality.max_error={bound}"])
+def scene_of(field: str, opacity: str, bound: float, *more: str) -> Scene:
+    keys = ["image.size=[28,20]", "volumes.0.clim=[0,1]", f"volumes.0.opacity={opacity}", "cluster.brick=8"]
+    return scene_of_data(f"field:{field}:16", [*VIEW, *keys, f"quality.max_error={bound}", *more])
 
 
 def turned(loop: FrameLoop) -> list[Scene]:
@@ -52,8 +59,57 @@ def largest_errors(frames: list[Any], truths: list[Any]) -> list[float]:
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize(
+    ("field", "opacity", "bound"),
+    [("gaussian", RAMP, 1e-3), ("marschner-lobb", PEAK, 2 / 255), ("hydrogen", JUMP, 1 / 255)],
+)
+def test_the_bound_is_held(field: str, opacity: str, bound: float) -> None:
+    rendered = render_frame(scene_of(field, opacity, bound), LoopbackChannel())
+    accuracy = accuracy_of(rendered)
+    source = open_source(f"field:{field}:16", None)
+    truth = render_reference(rendered.scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx), 1 / 100)
+    difference = compare(rendered.image.astype(np.float64), truth)  # type: ignore[union-attr]
+    assert accuracy.reached
+    assert difference.max <= accuracy.error <= bound
+    assert rendered.scene.quality.step == accuracy.step
+    assert rendered.scene.quality.max_error is None
+
+
+@pytest.mark.gl
+def test_what_is_chosen_depends_neither_on_ranks_nor_on_bricks() -> None:
+    chosen = []
+    for ranks, brick in ((1, 8), (3, 5)):
+        scene = scene_of("marschner-lobb", PEAK, 2 / 255, f"cluster.brick={brick}")
+        every = run_loopback(ranks, lambda channel, scene=scene: accuracy_of(render_frame(scene, channel)))
+        assert {(a.step, a.classification) for a in every} == {(every[0].step, every[0].classification)}
+        chosen.append(every[0])
+    one, other = chosen
+    assert (other.step, other.classification) == (one.step, one.classification)
+    errors = [each.error - (rounding_bound(each.pixel, 3) if each.pixel != "float32" else 0) for each in chosen]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+
+
+@pytest.mark.gl
+def test_a_bound_out_of_reach_is_drawn_as_well_as_can_be_and_told_once() -> None:
+    scene = scene_of("hydrogen", JUMP, 1e-7)
+    with FrameLoop(scene, LoopbackChannel()) as loop:
+        with pytest.warns(UserWarning, match=r"max_error 1e-07 is out of reach: the error may be about"):
+            first = loop.frame()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            loop.frame(number=1)
+    assert not accuracy_of(first).reached
+    assert accuracy_of(first).error < 0.1
+
+
+def test_what_draws_without_frames_refuses_to_choose() -> None:
+    with pytest.raises(SceneError, match=r"quality.max_error: no settings are chosen here; found 0.001"):
+        prepare(Run(LoopbackChannel(), Options()), scene_of("gaussian", RAMP, 1e-3))
+
+
+@pytest.mark.gl
 def test_the_bound_is_held_in_views_where_the_first_choice_breaks_it() -> None:
-    scene = scene_of("marschner-lobb", PEAK, BOUND, "[28,20]")
+    scene = scene_of("marschner-lobb", PEAK, BOUND)
     followed = drawn(LoopbackChannel(), scene)
     fine = {"max_error": None, "classification": "pre-integrated", "step": 1 / 64}
     truths = drawn(LoopbackChannel(), with_settings(scene, fine))
@@ -67,7 +123,7 @@ def test_the_bound_is_held_in_views_where_the_first_choice_breaks_it() -> None:
 
 @pytest.mark.gl
 def test_any_number_of_ranks_follows_alike() -> None:
-    scene = scene_of("marschner-lobb", PEAK, BOUND, "[20,14]")
+    scene = scene_of("marschner-lobb", PEAK, BOUND, "image.size=[20,14]")
     chosen = []
     for ranks in (1, 3, 5):
         every = run_loopback(ranks, lambda channel: [accuracy_of(one) for one in drawn(channel, scene)])
@@ -79,7 +135,7 @@ def test_any_number_of_ranks_follows_alike() -> None:
 
 @pytest.mark.gl
 def test_following_costs_a_small_share_of_a_frame_and_a_view_that_was_seen_nothing() -> None:
-    with FrameLoop(scene_of("gaussian", RAMP, 1e-3, "[192,160]"), LoopbackChannel()) as loop:
+    with FrameLoop(scene_of("gaussian", RAMP, 1e-3, "image.size=[192,160]"), LoopbackChannel()) as loop:
         scenes = scenes_along(loop.scene, 3, 30.0)
         first, _, third, again = (loop.frame(scenes[number]) for number in (0, 1, 2, 2))
     samples = sum(rank.samples for rank in third.statistics.per_rank)
@@ -91,7 +147,7 @@ def test_following_costs_a_small_share_of_a_frame_and_a_view_that_was_seen_nothi
 
 @pytest.mark.gl
 def test_another_transfer_function_is_followed_and_another_bound_is_not() -> None:
-    with FrameLoop(scene_of("gaussian", RAMP, 2 / 255, "[28,20]"), LoopbackChannel()) as loop:
+    with FrameLoop(scene_of("gaussian", RAMP, 2 / 255), LoopbackChannel()) as loop:
         other = with_settings(loop.scene, {"opacity": [[0.0, 0.0], [0.5, 0.0], [0.52, 0.9], [0.6, 0.0]]})
         found = [accuracy_of(loop.frame(scene)) for scene in (loop.scene, other)]
         bounded = accuracy_of(loop.frame(with_settings(other, {"max_error": 0.1})))
@@ -102,7 +158,7 @@ def test_another_transfer_function_is_followed_and_another_bound_is_not() -> Non
 
 @pytest.mark.gl
 def test_fewer_bits_are_taken_where_ranks_send_and_the_bound_has_room() -> None:
-    scene = scene_of("gaussian", RAMP, 0.06, "[28,20]")
+    scene = scene_of("gaussian", RAMP, 0.06)
     fine = {"max_error": None, "step": 1 / 40}
     truths = drawn(LoopbackChannel(), with_settings(scene, fine))
     for ranks, formats in ((1, {"float32"}), (3, {"float16", "uint8"})):
@@ -118,7 +174,7 @@ def test_fewer_bits_are_taken_where_ranks_send_and_the_bound_has_room() -> None:
 
 @pytest.mark.gl
 def test_the_texture_unit_is_measured_where_opengl_draws() -> None:
-    scene = scene_of("gaussian", RAMP, 0.02, "[28,20]")
+    scene = scene_of("gaussian", RAMP, 0.02)
     with FrameLoop(scene, LoopbackChannel(), options=Options(device=0, overlap=False)) as loop:
         frames = [loop.frame(one, number) for number, one in enumerate(scenes_along(loop.scene, 2, 20.0))]
         truth = loop.frame(with_settings(frames[0].scene, {"step": 1 / 32, "filter": "exact"}), 2)

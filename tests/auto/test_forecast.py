@@ -7,49 +7,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+from auto.scenes import INSTANT, NODES, OPAQUE, RANKS, SLOW, SOURCE, opened_on, scene_of
+from frame.views import on_ranks
 
 from clusterviz.auto.cost_probe import REPEATS, CostProbe, drawing_seconds, probe_cost, samples_of_ranks
 from clusterviz.auto.mode import choose, forecast, held_bytes
 from clusterviz.comm import Channel, run_loopback
-from clusterviz.composite.model.network import default_network
-from clusterviz.data.memory import ArraySource
 from clusterviz.distribution.contract import candidates
 from clusterviz.distribution.memory_budget import MemoryBudget
-from clusterviz.frame import FrameLoop, Options, Run
+from clusterviz.frame import Run
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import BrickReader, open_volumes
 from clusterviz.frame.work import RankWork
 from clusterviz.image import PartialImage
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Forecast
 from clusterviz.report.statistics import RankFrame
-from clusterviz.scene import Scene, Volume
-from clusterviz.scene.overrides import with_settings
-
-RANKS = 4
-NODES = tuple((rank,) for rank in range(RANKS))
-SLOW = replace(default_network(RANKS), seconds_per_byte=1e-6)
-INSTANT = replace(default_network(RANKS), seconds_per_byte=0.0, message_seconds=0.0, frame_seconds=0.0)
-OPAQUE = {"opacity": 1.0, "opacity_unit_distance": 60.0, "early_termination": 1 / 255}
-SOURCE = ArraySource(np.random.default_rng(1).random((73, 73, 73), np.float32))
-CPU = Options(device="cpu")
-
-
-def scene_of(settings: dict[str, Any]) -> Scene:
-    settings = {"size": (160, 120), "brick": 12, "clim": (0.0, 1.0), "opacity": 0.1} | settings
-    return with_settings(Scene(volumes=(Volume(path="array"),)), settings)
 
 
 def probe_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
     """What a pre-pass finds."""
 
     def job(channel: Channel) -> tuple[Plan, CostProbe | None]:
-        run = Run(channel, CPU)
-        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
-        assert opened is not None
+        run, scene, opened, drawing = opened_on(channel, settings)
         plan = opened.plan(scene)
-        return plan, probe_cost(run, Drawing(BrickReader(opened, bricks)), scene, plan)
+        return plan, probe_cost(run, drawing, scene, plan)
 
     told = run_loopback(RANKS, job)
     assert [probe is None for _, probe in told] == [False, True, True, True]
@@ -79,11 +61,8 @@ def clear() -> tuple[Plan, CostProbe]:
 def drawn(settings: dict[str, Any]) -> list[int]:
     """What ranks really take."""
 
-    def job(channel: Channel) -> list[int]:
-        with FrameLoop(scene_of(settings), channel, SOURCE, CPU) as loop:
-            return [rank.samples - rank.samples_estimate for rank in loop.frame().statistics.per_rank]
-
-    return run_loopback(RANKS, job)[0]
+    (frame,) = on_ranks(RANKS, [scene_of(settings)], SOURCE, device="cpu")
+    return [rank.samples - rank.samples_estimate for rank in frame.statistics.per_rank]
 
 
 def test_samples_of_ranks_are_foreseen(opaque: tuple[Plan, CostProbe]) -> None:

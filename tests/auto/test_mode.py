@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from auto.test_forecast import CPU, INSTANT, NODES, OPAQUE, RANKS, SLOW, SOURCE, scene_of
+from auto.scenes import CPU, INSTANT, NODES, OPAQUE, RANKS, SLOW, SOURCE, opened_on, scene_of
+from frame.views import check_same, on_ranks, pixels
 
 from clusterviz.auto.mode import PAUSE, AutoMode, compositing_seconds
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
@@ -14,10 +15,7 @@ from clusterviz.distribution.contract import candidates
 from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.distribution.static import Coherent, Interleaved
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Rendered, Run
-from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import BrickReader, open_volumes
-from clusterviz.image import compare
+from clusterviz.frame import FrameLoop, Rendered
 from clusterviz.plan.accuracy import Picked
 from clusterviz.report.decisions import Accuracy
 
@@ -36,11 +34,9 @@ def test_the_pixels_of_the_frame_are_those_that_are_weighed(
     monkeypatch.setattr("clusterviz.auto.mode.default_network", lambda nodes: slow)
 
     def told(channel: Channel) -> tuple[list[float], list[float]]:
-        run = Run(channel, CPU)
-        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
-        assert opened is not None
+        run, scene, opened, drawing = opened_on(channel, settings)
         plan = opened.plan(scene)
-        auto_mode = AutoMode(run, Drawing(BrickReader(opened, bricks)), opened, scene, True)
+        auto_mode = AutoMode(run, drawing, opened, scene, True)
         auto_mode.update(run, scene, plan, accuracy=accuracy)
         found = auto_mode.sharing.forecasts
         floats = [compositing_seconds(plan, NODES, each.groups, slow, "float32") for each in found]
@@ -71,10 +67,8 @@ def test_what_the_scene_says_counts(
     monkeypatch.setattr("clusterviz.auto.mode.default_network", lambda nodes: SLOW)
 
     def chosen(channel: Channel) -> int | None:
-        run = Run(channel, CPU)
-        scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
-        assert opened is not None
-        auto_mode = AutoMode(run, Drawing(BrickReader(opened, bricks)), opened, scene, several)
+        run, scene, opened, drawing = opened_on(channel, settings)
+        auto_mode = AutoMode(run, drawing, opened, scene, several)
         auto_mode.update(run, scene, opened.plan(scene))
         if isinstance(auto_mode.distribution, SortFirst):
             assert bool(auto_mode.sharing.forecasts) == (settings == OPAQUE)
@@ -86,12 +80,8 @@ def test_what_the_scene_says_counts(
 
 
 def test_a_limit_that_no_way_to_share_keeps_is_refused() -> None:
-    def job(channel: Channel) -> None:
-        with FrameLoop(scene_of({"memory_limit": 5000}), channel, SOURCE, CPU) as loop:
-            loop.frame()
-
     with pytest.raises(InputError, match="largest share of 4 ranks"):
-        run_loopback(RANKS, job)
+        on_ranks(RANKS, [scene_of({"memory_limit": 5000})], SOURCE, device="cpu")
 
 
 def test_statistics_tell_what_was_chosen_and_by_what() -> None:
@@ -133,11 +123,9 @@ def test_a_view_that_is_uneven_changes_the_mode(flight: list[list[Rendered]]) ->
     assert modes == [["sort-last"] * PAUSE + ["sort-first"] * 4] * RANKS
     alone = flown(LoopbackChannel(), {}, [AFAR, INTO_A_CORNER])
     for number in (0, PAUSE - 1, PAUSE, len(FLIGHT) - 1):
-        found, expected = flight[0][number].image, alone[int(number >= 3)].image
-        assert found is not None
-        assert expected is not None
-        assert expected[..., 3].max() > 0.1
-        assert compare(found, expected, 1e-5).count == 0
+        expected = alone[int(number >= 3)]
+        assert pixels(expected)[..., 3].max() > 0.1
+        check_same([flight[0][number]], [expected])
 
 
 def test_later_choices_rest_on_counts_alone(flight: list[list[Rendered]]) -> None:
@@ -161,6 +149,4 @@ def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytes
     assert frame.statistics.accuracy is not None
     assert alone.statistics.accuracy is not None
     assert frame.statistics.accuracy.step == alone.statistics.accuracy.step
-    assert frame.image is not None
-    assert alone.image is not None
-    assert compare(frame.image, alone.image, 1e-5).count == 0
+    check_same([frame], [alone])

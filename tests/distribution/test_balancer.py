@@ -50,21 +50,13 @@ def test_a_dear_corner_is_balanced_after_ten_frames(ranks: int) -> None:
     assert max(found[LATE:]) <= 1.05
 
 
-def test_balanced_costs_move_nothing() -> None:
+def test_balanced_costs_and_frames_without_any_move_and_recall_nothing() -> None:
     start = begin(np.ones(BRICKS), 4, BYTES, POLICY)
-    end, found = frames(start, POLICY, [np.ones(BRICKS)] * 3)
-    assert max(found) == pytest.approx(1)
-    assert (end.migration.owners.owner == start.migration.owners.owner).all()
-
-
-def test_frames_without_any_cost_move_nothing() -> None:
-    start = begin(np.ones(BRICKS), 4, BYTES, POLICY)
-    end, _ = frames(start, POLICY, [np.zeros(BRICKS)] * 3)
-    assert (end.migration.owners.owner == start.migration.owners.owner).all()
-
-
-def test_frames_before_which_nothing_moves_recall_nothing() -> None:
-    recalling = replace(begin(np.ones(BRICKS), 4, BYTES, POLICY), recalled=np.arange(4))
+    for cost in (np.ones(BRICKS), np.zeros(BRICKS)):
+        end, found = frames(start, POLICY, [cost] * 3)
+        assert max(found) == pytest.approx(1)
+        assert (end.migration.owners.owner == start.migration.owners.owner).all()
+    recalling = replace(start, recalled=np.arange(4))
     assert not plan_moves(recalling, np.zeros(BRICKS), POLICY).recalled.any()
 
 

@@ -6,11 +6,10 @@ import re
 from typing import Any
 
 import pytest
-from frame.views import check, draw_all, looks, views
+from frame.views import check, looks, on_ranks, views
 
-from clusterviz.comm import run_loopback
 from clusterviz.errors import InputError
-from clusterviz.frame import Options, opening, render_frame
+from clusterviz.frame import opening
 from clusterviz.scene import scene_of_data
 from clusterviz.scene.overrides import with_settings
 
@@ -28,8 +27,7 @@ LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 32, "field": "field:gauss
 def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     """Cameras jump, and transfer functions show nothing, little and all."""
     scenes = [*views(12), *looks()]
-    frames = run_loopback(5, lambda channel: draw_all([with_settings(scene, keys) for scene in scenes], channel))[0]
-    check(frames, scenes)
+    check(on_ranks(5, [with_settings(scene, keys) for scene in scenes]), scenes)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +35,7 @@ def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
 )
 def test_bricks_of_several_sizes_change_no_frame(keys: dict[str, Any]) -> None:
     scenes = [with_settings(scene, keys) for scene in views(6, **LARGER)]
-    frames = run_loopback(5, lambda channel: draw_all(scenes, channel))[0]
+    frames = on_ranks(5, scenes)
     check(frames, views(6, **(LARGER | {"largest_brick": None})))
     bricks = [rank.bricks for rank in frames[0].statistics.per_rank]
     assert min(bricks) > 0
@@ -46,7 +44,7 @@ def test_bricks_of_several_sizes_change_no_frame(keys: dict[str, Any]) -> None:
 
 def test_bricks_of_several_sizes_are_refused_by_opengl() -> None:
     with pytest.raises(InputError, match=r"cluster.largest_brick: OpenGL draws bricks of one size only"):
-        run_loopback(2, lambda channel: render_frame(views(1, **LARGER)[0], channel, options=Options(device=0)))
+        on_ranks(2, views(1, **LARGER), device=0)
 
 
 @pytest.mark.parametrize("distribution", ["coherent", "interleaved", "replicated"])
@@ -58,21 +56,21 @@ def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
     loaded: list[int] = []
     monkeypatch.setattr("clusterviz.frame.opening.BrickReader.load", lambda *_: loaded.append(1))
     with pytest.raises(InputError, match=r"cluster.memory_limit.*found 9000 bytes a rank") as refusal:
-        run_loopback(3, lambda channel: render_frame(scene, channel))
+        on_ranks(3, [scene])
     assert not loaded
     named = re.search(r"allowed (\d+) ranks", str(refusal.value))
     assert named
     monkeypatch.undo()
-    run_loopback(int(named[1]), lambda channel: render_frame(scene, channel))
+    on_ranks(int(named[1]), [scene])
 
 
 def test_copies_beyond_the_ranks_are_those_that_there_are() -> None:
     scene = with_settings(views(1)[0], {"distribution": "replicated", "copies": 9, "brick": 4})
-    check(run_loopback(2, lambda channel: draw_all([scene], channel))[0], [scene])
+    check(on_ranks(2, [scene]), [scene])
 
 
 def test_bricks_that_are_too_many_are_refused_before_any_is_read() -> None:
     scene = scene_of_data("field:gaussian:160", ["cluster.brick=2"])
     said = r"cluster.brick: too many bricks; found 2, which makes 512000 bricks on 2 ranks; allowed 3 or more"
     with pytest.raises(InputError, match=said):
-        run_loopback(2, lambda channel: render_frame(scene, channel))
+        on_ranks(2, [scene])

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import HIDDEN, check, draw_all, looks, views
+from frame.views import HIDDEN, MOVES, check, draw_all, looks, move_at_random, moving, on_ranks, pixels, so_far, views
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.distribution import balancer
 from clusterviz.distribution.flights import Move
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Options, Rendered, Run, prepare
+from clusterviz.frame import Options, Rendered, Run, prepare
 from clusterviz.migration import wire_format
 from clusterviz.migration.time_budget import TimeBudget
 from clusterviz.migration.transfer import BrickTransfer, Delivery
@@ -27,115 +27,108 @@ from clusterviz.scene.overrides import with_settings
 
 pytestmark = pytest.mark.gl
 
-MOVES = 8  # at random, a frame
+
+@pytest.fixture
+def moves(monkeypatch: pytest.MonkeyPatch) -> list[Move]:
+    """All that are made, at random."""
+    return move_at_random(monkeypatch)
 
 
-def moving(scenes: list[Scene], **keys: Any) -> list[Scene]:
-    """However long it takes, so that tests do not depend on the machine."""
-    return [with_settings(scene, {"distribution": "dynamic", "migration_share": 1.0, **keys}) for scene in scenes]
-
-
-def so_far(frames: list[Rendered], name: str) -> int:
-    """Of what is counted from the first frame to the last one's beginning."""
-    return sum(int(rank.balance[name]) for rank in frames[-1].statistics.per_rank)
-
-
-def total(frames: list[Rendered], name: str) -> int:
+def total(frames: Sequence[Rendered], name: str) -> int:
     return sum(int(rank.balance[name]) for frame in frames for rank in frame.statistics.per_rank)
 
 
-def at_random(monkeypatch: pytest.MonkeyPatch) -> list[Move]:
-    """Have bricks move for no reason; the moves as they are planned on every rank."""
-    made: list[Move] = []
-
-    def moves(present: Any, wish: Any, free: Any, budget: int, busy: Any) -> tuple[Move, ...]:
-        rng = np.random.default_rng(int(present.owner.sum()) + int(busy.sum()))
-        able = np.argwhere(~busy & (wish.held_bytes > 0))
-        found = []
-        for z, y, x in able[rng.permutation(len(able))[:MOVES]].tolist():
-            source = int(present.owner[z, y, x])
-            found.append(Move((z, y, x), source, (source + 1) % present.ranks, 1))
-        made.extend(found)
-        return tuple(found)
-
-    monkeypatch.setattr(balancer, "rebalance", moves)
-    return made
+def check_moving(ranks: int, scenes: Sequence[Scene], **keys: Any) -> list[Rendered]:
+    """Frames while bricks move are those of bricks that stay."""
+    frames = on_ranks(ranks, moving(scenes, **keys))
+    check(frames, scenes)
+    return frames
 
 
 LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 16, "field": "field:gaussian:60"}
 
 
 @pytest.mark.parametrize(("ranks", "keys"), [(3, {}), (5, {}), (3, LARGER)])
-def test_two_hundred_random_moves_change_no_frame(
-    ranks: int, keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scenes = views(30, **keys)
-    made = at_random(monkeypatch)
-    frames = run_loopback(ranks, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
-    assert len(made) >= 200 * ranks, "every rank plans all of them"
+def test_two_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
+    frames = check_moving(ranks, views(30, **keys))
+    assert len(moves) >= 200 * ranks, "every rank plans all of them"
     assert so_far(frames, "bricks_received") > 50
     assert so_far(frames, "bricks_lost") == 0
     assert total(frames, "bricks_recalled") > 0
     sent_or_recalled = total(frames, "bricks_sent") + total(frames, "bricks_recalled")
-    assert sent_or_recalled == len(made) // ranks, "what a rank still has is not sent again"
+    assert sent_or_recalled == len(moves) // ranks, "what a rank still has is not sent again"
 
 
-def test_bricks_in_many_pieces_and_slices_of_time_change_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+def ranges_of_bytes(folder: Path) -> list[Scene]:
+    """For some ranges bytes become floats: what is under way as one is of no use to who stores the other."""
+    z, y, x = np.meshgrid(*(np.linspace(-1, 1, 17),) * 3, indexing="ij")
+    np.save(folder / "bytes.npy", (255 * np.exp(-2 * (x * x + y * y + z * z))).astype(np.uint8))
+    keys = {"size": (20, 14), "brick": 4, "opacity": "linear"}
+    first = with_settings(scene_of_data(str(folder / "bytes.npy")), keys)
+    ranges = ((0, 255), (0, 255), (100, 100), (100, 100), (0, 255), (0, 1e-300), (50, 60), (50, 60))
+    return [with_settings(first, {"clim": clim}) for clim in ranges]
+
+
+def two_volumes(_: Path) -> list[Scene]:
+    """The second one's range changes on the way: bricks that were stored for another range are of no use."""
+    changes = [{"path": "field:shells:12", "opacity": 0.1, "clim": clim} for clim in ((0.0, 1.0), (0.2, 0.9))]
+    scenes, stamps = [], []
+    for number, scene in enumerate(views(8, brick=5)):
+        second = scene.volumes[0].model_copy(update=changes[number > 4])
+        scenes.append(scene.model_copy(update={"volumes": (*scene.volumes, second)}))
+    for scene in (scenes[0], scenes[-1]):
+        plan = prepare(Run(LoopbackChannel(), Options()), scene)[0].plan
+        assert plan is not None
+        stamps.append(wire_format.stamp_of(plan))
+    assert stamps[0] != stamps[1]
+    return scenes
+
+
+@pytest.mark.parametrize(
+    ("make", "received"), [(lambda _: looks(), 50), (ranges_of_bytes, 10), (two_volumes, 10)], ids=["looks", "b", "two"]
+)
+def test_what_changes_while_bricks_are_under_way_changes_no_frame(
+    make: Callable[[Path], list[Scene]], received: int, moves: list[Move], tmp_path: Path
+) -> None:
+    frames = check_moving(3, make(tmp_path))
+    assert so_far(frames, "bricks_received") > received
+    assert make is not two_volumes or so_far(frames, "bricks_lost") == 0
+
+
+def test_frames_that_show_and_cost_nothing_are_no_obstacle(moves: list[Move]) -> None:
+    """In front, between others and behind them: a camera that looks away, and a transfer function without opacity."""
+    seen, away = views(1)[0], views(10)[9]
+    hidden = with_settings(seen, {"opacity": HIDDEN})
+    scenes = [away, hidden, away, seen, seen, away, hidden, seen, seen, hidden, seen, away]
+    frames = check_moving(3, scenes)
+    assert so_far(frames, "bricks_received") > 0
+    assert [pixels(frame).any() for frame in frames] == [scene is seen for scene in scenes]
+
+
+def test_bricks_in_many_pieces_and_slices_of_time_change_no_frame(
+    moves: list[Move], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ranks have time for other steps in each frame; bricks are under way for several."""
-    scenes, allows, asked = views(20), TimeBudget.allows, dict[int, int]()
+    allows, asked = TimeBudget.allows, dict[int, int]()
 
     def seldom(limited: TimeBudget, kind: str, size: int) -> bool:
         asked[id(limited)] = asked.get(id(limited), 0) + 1
         return asked[id(limited)] % 25 > 0 and allows(limited, kind, size)
 
-    at_random(monkeypatch)
     monkeypatch.setattr(TimeBudget, "allows", seldom)
     monkeypatch.setattr(wire_format, "PART_BYTES", 160)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
+    frames = check_moving(3, views(20))
     told = [frame.statistics.migration for frame in frames]
     assert 20 < so_far(frames, "bricks_received") == sum(each["bricks"] for each in told if each)
     assert total(frames, "bytes_raw") >= total(frames, "bytes_sent") > 500 * so_far(frames, "bricks_received")
 
 
-def test_transfer_functions_that_show_hidden_bricks_and_new_ranges_change_no_frame(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A float field is stored anew for another range: what is under way then is of no use."""
-    scenes = looks()
-    at_random(monkeypatch)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
-    assert so_far(frames, "bricks_received") > 50
-
-
-def test_ranges_for_which_bytes_become_floats_change_no_frame(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """What is under way as bytes is of no use to who stores floats, nor the other way."""
-    z, y, x = np.meshgrid(*(np.linspace(-1, 1, 17),) * 3, indexing="ij")
-    np.save(tmp_path / "bytes.npy", (255 * np.exp(-2 * (x * x + y * y + z * z))).astype(np.uint8))
-    first = with_settings(
-        scene_of_data(str(tmp_path / "bytes.npy")), {"size": (20, 14), "brick": 4, "opacity": "linear"}
-    )
-    ranges = ((0, 255), (0, 255), (100, 100), (100, 100), (0, 255), (0, 1e-300), (50, 60), (50, 60))
-    scenes = [with_settings(first, {"clim": clim}) for clim in ranges]
-    at_random(monkeypatch)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
-    assert so_far(frames, "bricks_received") > 10
-
-
 @pytest.mark.parametrize("ranks", [3, 4])
-def test_swaps_fall_back_where_bricks_of_others_lie_between(ranks: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scenes = views(8)
-    swapped = moving(scenes, compositing="binary-swap")
-    at_random(monkeypatch)
+def test_swaps_fall_back_where_bricks_of_others_lie_between(ranks: int, moves: list[Move]) -> None:
     with pytest.warns(UserWarning, match="direct-send is used instead of binary-swap") as told:
-        frames = run_loopback(ranks, lambda channel: draw_all(swapped, channel))[0]
+        frames = check_moving(ranks, views(8), compositing="binary-swap")
     assert len([each for each in told if "binary-swap" in str(each.message)]) == 1
-    check(frames, scenes)
-    ran = {str(frame.statistics.per_rank[0].compositing["algorithm"]) for frame in frames}
-    assert "direct-send" in ran
+    assert "direct-send" in {str(frame.statistics.per_rank[0].compositing["algorithm"]) for frame in frames}
 
 
 @pytest.mark.mpi(ranks=[3, 5, 7], timeout=120)
@@ -150,58 +143,44 @@ def test_bricks_move_over_mpi(mpi_ranks: int) -> None:
     channel.close()
 
 
-def test_damaged_messages_are_found_and_their_senders_draw_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_messages_are_found_and_their_senders_draw_on(
+    moves: list[Move], monkeypatch: pytest.MonkeyPatch
+) -> None:
     wrap, calls = WireFormat.wrap, []
 
     def damaged(parcels: WireFormat, *args: Any) -> Any:
-        wire_format = wrap(parcels, *args).copy()
+        message = wrap(parcels, *args).copy()
         calls.append(1)
         if len(calls) % 3 == 0:
-            wire_format[len(calls) * 37 % wire_format.size] ^= 0x10
-        return wire_format
+            message[len(calls) * 37 % message.size] ^= 0x10
+        return message
 
-    scenes = views(12)
-    at_random(monkeypatch)
     monkeypatch.setattr(WireFormat, "wrap", damaged)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
+    frames = check_moving(3, views(12))
     # What came after the last frame was drawn is in no frame's counts.
     assert 5 < so_far(frames, "bricks_lost") <= len(calls) // 3
     assert 2 * MOVES < so_far(frames, "bricks_received") <= len(calls) - len(calls) // 3
 
 
-def test_messages_that_come_late_hold_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_that_come_late_hold_nothing_up(moves: list[Move], monkeypatch: pytest.MonkeyPatch) -> None:
     collect, asked = BrickTransfer.collect, dict[int, int]()
 
     def late(transfer: BrickTransfer, store: Any) -> Delivery:
         asked[id(transfer)] = asked.get(id(transfer), 0) + 1
         return Delivery() if asked[id(transfer)] % 3 else collect(transfer, store)
 
-    scenes = views(12)
-    at_random(monkeypatch)
     monkeypatch.setattr(BrickTransfer, "collect", late)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
+    frames = check_moving(3, views(12))
     assert 0 < so_far(frames, "bricks_received") <= total(frames, "bricks_sent")
 
 
-def uneven(ranks: int, count: int, **keys: Any) -> list[Rendered]:
-    """A camera near a corner, for some frames."""
-    place = {"position": (-1.8, -1.5, -1.7), "focal_point": (-0.5, -0.4, -0.5), "view_angle": 40.0}
-    scene = views(1, 2, **keys)[0]
-    scenes = moving([with_settings(scene, place)] * count)
-
-    def draw(channel: Channel) -> list[Rendered]:
-        whole = with_settings(scenes[0], {"position": (6.0, 6.0, 6.0), "view_angle": 30.0})
-        with FrameLoop(scenes[0], channel) as loop:
-            return [loop.frame(scene, number) for number, scene in enumerate([whole, *scenes])]
-
-    return run_loopback(ranks, draw)[0]
-
-
 def test_ranks_become_even_and_messages_stay_within_the_budget() -> None:
+    """A camera near a corner, after a frame from afar."""
     budget = 40_000
-    frames = uneven(4, 6, migration_bytes=budget)
+    near = {"position": (-1.8, -1.5, -1.7), "focal_point": (-0.5, -0.4, -0.5), "view_angle": 40.0}
+    (scene,) = moving([with_settings(views(1, 2)[0], near)], migration_bytes=budget)
+    whole = with_settings(scene, {"position": (6.0, 6.0, 6.0), "view_angle": 30.0})
+    frames = on_ranks(4, [whole, *[scene] * 6])
     samples = [[rank.samples for rank in frame.statistics.per_rank] for frame in frames]
     imbalance = [max(each) * len(each) / sum(each) for each in samples]
     assert imbalance[1] > 1.25
@@ -212,50 +191,36 @@ def test_ranks_become_even_and_messages_stay_within_the_budget() -> None:
         assert sent <= budget
 
 
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ({"migration_bytes": 100}, r"cluster.migration_bytes.*cannot carry one brick.*found 100 bytes"),
-        ({"memory_limit": 8000}, r"cluster.memory_limit.*share of 3 ranks.*found 8000 bytes a rank.*allowed \d+ ranks"),
-    ],
-)
-def test_what_cannot_work_is_refused_before_the_first_frame(keys: dict[str, int], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        run_loopback(3, lambda channel: draw_all(moving(views(2), **keys), channel))
-
-
-def test_the_number_of_ranks_that_is_named_would_do() -> None:
-    scenes = moving(views(2), memory_limit=8000)
-    with pytest.raises(InputError) as refusal:
-        run_loopback(3, lambda channel: draw_all(scenes, channel))
+def test_what_cannot_work_is_refused_before_the_first_frame() -> None:
+    with pytest.raises(InputError, match=r"cluster.migration_bytes.*cannot carry one brick.*found 100 bytes"):
+        on_ranks(3, moving(views(2), migration_bytes=100))
+    scenes, said = moving(views(2), memory_limit=8000), r"cluster.memory_limit.*share of 3 ranks.*found 8000 bytes a"
+    with pytest.raises(InputError, match=said) as refusal:
+        on_ranks(3, scenes)
     named = re.search(r"allowed (\d+) ranks", str(refusal.value))
     assert named
-    check(run_loopback(int(named[1]), lambda channel: draw_all(scenes, channel))[0], views(2))
-
-
-def test_frames_that_show_and_cost_nothing_are_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In front, between others and behind them: a camera that looks away, and a transfer function without opacity."""
-    seen, away = views(1)[0], views(10)[9]
-    hidden = with_settings(seen, {"opacity": HIDDEN})
-    scenes = [away, hidden, away, seen, seen, away, hidden, seen, seen, hidden, seen, away]
-    at_random(monkeypatch)
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
-    assert so_far(frames, "bricks_received") > 0
-    for frame, scene in zip(frames, scenes, strict=True):
-        assert frame.image is not None
-        assert frame.image.any() == (scene is seen)
+    check(on_ranks(int(named[1]), scenes), views(2))
 
 
 @pytest.mark.parametrize("device", ["", "0"], ids=["processor", "OpenGL"])
-def test_a_memory_limit_is_kept_while_bricks_move(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_memory_limit_is_kept_while_bricks_move(
+    device: str, moves: list[Move], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Caches give way, the oldest bricks first; and OpenGL's buffers leave no more room than may be filled."""
     monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", device)
-    scenes, limit = views(15), 504 * 30
-    at_random(monkeypatch)
-    monkeypatch.setattr(balancer, "rebalance", within(balancer.rebalance))
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes, memory_limit=limit), channel))[0]
-    check(frames, scenes)
+    right, limit = balancer.rebalance, 504 * 30
+
+    def fitting(present: Any, wish: Any, free: Any, *args: Any) -> tuple[Move, ...]:
+        """Only those moves for which there is memory."""
+        free, found = free.copy(), []
+        for move in right(present, wish, free, *args):
+            if wish.held_bytes[move.brick] <= free[move.target]:
+                free[move.target] -= wish.held_bytes[move.brick]
+                found.append(move)
+        return tuple(found)
+
+    monkeypatch.setattr(balancer, "rebalance", fitting)
+    frames = check_moving(3, views(15), memory_limit=limit)
     assert limit / 2 < max(rank.voxel_bytes for frame in frames for rank in frame.statistics.per_rank) <= limit
 
 
@@ -263,46 +228,7 @@ def test_planning_that_takes_longer_than_frames_is_rare(monkeypatch: pytest.Monk
     """And whatever it takes each rank, all plan for the same frames."""
     hours = count(0.0, 3600.0)
     monkeypatch.setattr("clusterviz.distribution.dynamic.thread_time", lambda: next(hours))
-    scenes = views(12)
-    keys = {"distribution": "dynamic", "migration_share": 0.05}
-    frames = run_loopback(3, lambda channel: draw_all([with_settings(each, keys) for each in scenes], channel))[0]
-    check(frames, scenes)
+    frames = check_moving(3, views(12), migration_share=0.05)
     planned = [[rank.balance["planning_seconds"] > 0 for rank in frame.statistics.per_rank] for frame in frames]
     assert [any(ranks) for ranks in planned] == [all(ranks) for ranks in planned]
     assert sum(map(any, planned)) == 1
-
-
-def within(moves: Callable[..., tuple[Move, ...]]) -> Callable[..., tuple[Move, ...]]:
-    """Only those moves for which there is memory."""
-
-    def fitting(present: Any, wish: Any, free: Any, *args: Any) -> tuple[Move, ...]:
-        free, found = free.copy(), []
-        for move in moves(present, wish, free, *args):
-            free[move.target] -= wish.held_bytes[move.brick]
-            if free[move.target] < 0:
-                free[move.target] += wish.held_bytes[move.brick]
-            else:
-                found.append(move)
-        return tuple(found)
-
-    return fitting
-
-
-def test_bricks_of_several_volumes_move_and_change_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second one's range changes on the way."""
-    at_random(monkeypatch)
-    looks = [{"path": "field:shells:12", "opacity": 0.1, "clim": clim} for clim in ((0.0, 1.0), (0.2, 0.9))]
-    scenes = []
-    for number, scene in enumerate(views(8, brick=5)):
-        second = scene.volumes[0].model_copy(update=looks[number > 4])
-        scenes.append(scene.model_copy(update={"volumes": (*scene.volumes, second)}))
-    stamps = []
-    for scene in (scenes[0], scenes[-1]):
-        plan = prepare(Run(LoopbackChannel(), Options()), scene)[0].plan
-        assert plan is not None
-        stamps.append(wire_format.stamp_of(plan))
-    assert stamps[0] != stamps[1], "bricks that were stored for another range are of no use"
-    frames = run_loopback(3, lambda channel: draw_all(moving(scenes), channel))[0]
-    check(frames, scenes)
-    assert so_far(frames, "bricks_received") > 10
-    assert so_far(frames, "bricks_lost") == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -10,7 +11,18 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from clusterviz.distribution.flights import Migration, Move, arrive, dispatch, forget, launch, settled, switch, withdraw
+from clusterviz.distribution.flights import (
+    Migration,
+    Move,
+    arrive,
+    dispatch,
+    forget,
+    hand_over,
+    launch,
+    settled,
+    switch,
+    withdraw,
+)
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners, build_tree, owners_of
 from clusterviz.partition.tree import Index
@@ -111,19 +123,24 @@ TestRanksThatSwapBricks = RanksThatSwapBricks.TestCase
 TestRanksThatSwapBricks.settings = settings(max_examples=40, stateful_step_count=40, deadline=None)
 
 
-def row(limit: int) -> Migration:
-    """Four bricks of 10 bytes in a row, two a rank."""
-    return settled(Owners(2, np.array([[[0, 0, 1, 1]]], np.int32)), np.full((1, 1, 4), 10), limit)
+def row(limit: int, each: int = 2) -> Migration:
+    """Bricks of 10 bytes in a row, two or more a rank."""
+    owner = np.repeat(np.int32([0, 1]), each).reshape(1, 1, -1)
+    return settled(Owners(2, owner), np.full(owner.shape, 10), limit)
+
+
+def owners(migration: Migration) -> list[int]:
+    return migration.owners.owner.ravel().tolist()
 
 
 def test_the_sender_draws_until_the_receiver_has_it() -> None:
     value = launch(row(40), [Move((0, 0, 1), 0, 1, 10)])
-    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    assert owners(value) == [0, 0, 1, 1]
     value = switch(dispatch(value, [(0, 0, 1)]))
-    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    assert owners(value) == [0, 0, 1, 1]
     value = arrive(value, [(0, 0, 1)])
-    assert value.owners.owner.tolist() == [[[0, 0, 1, 1]]]
-    assert switch(value).owners.owner.tolist() == [[[0, 1, 1, 1]]]
+    assert owners(value) == [0, 0, 1, 1]
+    assert owners(switch(value)) == [0, 1, 1, 1]
 
 
 def test_a_brick_that_comes_back_is_not_sent_again() -> None:
@@ -131,7 +148,7 @@ def test_a_brick_that_comes_back_is_not_sent_again() -> None:
     assert there.cached == (((0, 0, 1),), ())
     back = launch(there, [Move((0, 0, 1), 1, 0, 0)])
     assert [flight.stage for flight in back.flights] == ["held"]
-    assert switch(back).owners.owner.tolist() == [[[0, 0, 1, 1]]]
+    assert owners(switch(back)) == [0, 0, 1, 1]
     assert switch(back).cached == ((), ((0, 0, 1),))
 
 
@@ -145,12 +162,46 @@ def test_the_least_recently_drawn_brick_gives_way() -> None:
     assert moved(tight, (0, 0, 3), 0).cached[0] == ()
 
 
-def test_a_share_above_the_limit_is_refused() -> None:
-    with pytest.raises(InputError, match="≥ 20"):
-        row(19)
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: row(19), "≥ 20"),
+        *(
+            (lambda step=step: step(row(40), [(0, 0, 2)]), r"brick \(0, 0, 2\)")
+            for step in (dispatch, arrive, withdraw)
+        ),
+    ],
+)
+def test_a_share_above_the_limit_and_bricks_that_are_not_on_their_way_are_refused(
+    call: Callable[[], Migration], text: str
+) -> None:
+    with pytest.raises(InputError, match=text):
+        call()
 
 
-@pytest.mark.parametrize("call", [dispatch, arrive, withdraw])
-def test_bricks_that_are_not_on_their_way_are_refused(call: object) -> None:
-    with pytest.raises(InputError, match=r"brick \(0, 0, 2\)"):
-        call(row(40), [(0, 0, 2)])  # type: ignore[operator]
+COST = np.ones((1, 1, 8))
+
+
+def exchange() -> Migration:
+    """Two ranks with four bricks each, that shall exchange two."""
+    moves = [Move((0, 0, x), 0, 1, 10) for x in (0, 1)] + [Move((0, 0, x), 1, 0, 10) for x in (6, 7)]
+    return dispatch(launch(row(1000, 4), moves), [move.brick for move in moves])
+
+
+def test_half_of_an_exchange_waits_for_the_other() -> None:
+    waiting = hand_over(arrive(exchange(), [(0, 0, 0), (0, 0, 1)]), COST)
+    assert owners(waiting) == [0] * 4 + [1] * 4
+    assert len(waiting.flights) == 4
+    whole = hand_over(arrive(waiting, [(0, 0, 6), (0, 0, 7)]), COST)
+    assert owners(whole) == [1, 1, 0, 0, 1, 1, 0, 0]
+    assert whole.flights == ()
+
+
+def test_what_evens_the_ranks_out_or_is_alone_waits_for_nothing() -> None:
+    cost = COST.copy()
+    cost[..., :2] = 3.0
+    turned = hand_over(arrive(exchange(), [(0, 0, 0)]), cost)
+    assert (owners(turned), len(turned.flights)) == ([1, 0, 0, 0, 1, 1, 1, 1], 3)
+    uneven = np.arange(1.0, 9.0).reshape(1, 1, 8)
+    flying = dispatch(launch(row(1000, 4), [Move((0, 0, 0), 0, 1, 10)]), [(0, 0, 0)])
+    assert owners(hand_over(arrive(flying, [(0, 0, 0)]), uneven)) == [1, 0, 0, 0, 1, 1, 1, 1]

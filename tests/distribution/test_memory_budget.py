@@ -1,25 +1,134 @@
-"""Insufficient memory is an error before anything is loaded, with a sufficient number of ranks."""
+"""Memory of bricks: counted as ranks then use it, and too little refused before anything is loaded."""
 
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.distribution.memory_budget import check_memory
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data.source import Grid
+from clusterviz.data.memory import ArraySource
+from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, memory_budget_of
 from clusterviz.errors import InputError
+from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.partition import build_tree, interleave, owners_of
+from clusterviz.render.cpu.multi_volume_memory import MixedMemory
+from clusterviz.render.multi_volume_bricks import store_multi_volume
+from clusterviz.render.storage import slot_of
+from clusterviz.scene import Scene, Volume
+from clusterviz.scene.overrides import with_settings
+
+RANKS = 2
+BRICKS = 8  # 2 × 2 × 2, all shown, half of them a rank
+SIDE = 8  # samples of a brick's sides
+
+
+def scene_of(**settings: Any) -> Scene:
+    settings = {"size": (16, 12), "brick": SIDE - 1, "opacity": 0.5, "clim": (0.0, 250.0)} | settings
+    return with_settings(Scene(volumes=(Volume(path="array"),)), settings)
+
+
+def volume(dtype: str) -> ArraySource:
+    """Cells enough for two whole bricks along each axis."""
+    side = 2 * (SIDE - 1) + 1
+    return ArraySource(np.random.default_rng(2).integers(0, 250, (side, side, side)).astype(dtype))
+
+
+def held(dtype: str, scene: Scene, devices: tuple[Any, ...]) -> list[int]:
+    """Bytes of bricks that each rank says it has."""
+
+    def job(channel: Channel) -> list[int]:
+        with FrameLoop(scene, channel, volume(dtype), Options(device=devices[channel.rank])) as loop:
+            return [rank.voxel_bytes for rank in loop.frame().statistics.per_rank]
+
+    return run_loopback(RANKS, job)[0]
+
+
+SORT_FIRST = {"mode": "sort-first", "tiling": "interleaved"}
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("dtype", "device", "keys"),
+    [
+        ("uint8", "cpu", {}),
+        ("uint16", "cpu", {}),
+        ("float32", "cpu", {}),
+        ("uint8", "cpu", SORT_FIRST),
+        ("uint8", 0, {}),
+        ("uint16", 0, SORT_FIRST),
+    ],
+)
+def test_a_limit_is_as_much_as_ranks_hold(dtype: str, device: Any, keys: dict[str, str]) -> None:
+    """A byte less is refused; and a word a voxel is what the processor holds, whatever the voxels are."""
+    found = max(held(dtype, scene_of(**keys), (device,) * RANKS))
+    bricks = BRICKS if keys else BRICKS // RANKS
+    if device == "cpu":
+        assert found == bricks * 4 * (SIDE**3 + 1)
+    else:
+        assert found < bricks * 4 * SIDE**3
+    assert max(held(dtype, scene_of(memory_limit=found, **keys), (device,) * RANKS)) == found
+    with pytest.raises(InputError, match=f"found {found - 1} bytes a rank"):
+        held(dtype, scene_of(memory_limit=found - 1, **keys), (device,) * RANKS)
+
+
+@pytest.mark.gl
+def test_bricks_count_as_they_lie_where_they_take_most() -> None:
+    """Ranks that draw by other means agree on who holds what."""
+    alike, other = (max(held("uint8", scene_of(), devices)) for devices in (("cpu", "cpu"), (0, 0)))
+    assert held("uint8", scene_of(memory_limit=alike), ("cpu", 0)) == [alike, other]
+    for devices in (("cpu", 0), (0, "cpu")):
+        with pytest.raises(InputError, match=f"takes {alike} bytes"):
+            held("uint8", scene_of(memory_limit=alike - 1), devices)
+
+
+@pytest.mark.gl
+def test_texels_count_where_the_processor_cannot_draw() -> None:
+    """The texture unit's filter is OpenGL's."""
+    scene, devices = scene_of(filter="hardware"), ("cpu", "cpu")
+    found = max(held("uint8", scene, devices))
+    assert found == BRICKS // RANKS * SIDE**3
+    assert max(held("uint8", with_settings(scene, {"memory_limit": found}), devices)) == found
+
+
+@pytest.mark.gl
+def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> None:
+    """And OpenGL the room for them."""
+    away = Grid((9, 9, 9), origin=(20.0, 3.0, 2.0))
+    sources = [volume("uint8"), ArraySource(np.full((9, 9, 9), 9.0, np.float32), away)]
+    scene = scene_of().model_copy(update={"volumes": scene_of().volumes * 2})
+    share, bricks = prepare(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
+    plan = share.plan
+    assert plan is not None
+    assert plan.multi_volume is not None
+    multi_volume, slot = plan.multi_volume, slot_of(plan)
+    memory, count = MixedMemory(slot), len(bricks)
+    memory.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, slot))
+    counted = MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(plan)
+    assert counted.sum() == memory.bytes
+    assert len(np.unique(counted[counted > 0])) > 1
+    assert MemoryBudget(1).brick_bytes(plan).sum() == count * slot.bytes
+    both = MemoryBudget(1, on_cpu=True).brick_bytes(plan)
+    assert (both == np.maximum(counted, MemoryBudget(1).brick_bytes(plan))).all()
+
+
+@pytest.mark.gl
+def test_nobody_asks_what_draws_where_nothing_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clusterviz.distribution.memory_budget.prefers_cpu", lambda device: pytest.fail("asked"))
+
+    def job(channel: Channel) -> MemoryBudget:
+        return memory_budget_of(Run(channel, Options()), scene_of().cluster, shares_screen=False)
+
+    assert run_loopback(RANKS, job) == [MemoryBudget()] * RANKS
 
 
 def trees(sizes: np.ndarray, ranks: int) -> np.ndarray:
     return owners_of(build_tree(np.ones(sizes.shape), ranks)).sums(sizes)
-
-
-def dealt(sizes: np.ndarray, ranks: int) -> np.ndarray:
-    return interleave(np.ones(sizes.shape), ranks).sums(sizes)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(10, 400))
@@ -37,13 +146,11 @@ def test_the_ranks_that_are_named_do(seed: int, ranks: int, limit: int) -> None:
         assert trees(sizes, int(named[1])).max() <= limit
 
 
-def test_four_ranks_do_where_two_do_not() -> None:
+def test_too_little_memory_names_what_would_do() -> None:
     sizes = np.full((2, 2, 2), 100)
-    with pytest.raises(InputError, match=r"share of 2 ranks takes 400 bytes.*found 200 bytes.*allowed 4 ranks"):
-        check_memory(lambda n: dealt(sizes, n), 2, sizes, 200)
-
-
-def test_a_brick_above_the_limit_asks_for_smaller_bricks() -> None:
-    sizes = np.full((2, 2, 2), 100)
-    with pytest.raises(InputError, match="smaller bricks: one takes 100 bytes"):
-        check_memory(lambda n: dealt(sizes, n), 2, sizes, 99)
+    for limit, text in (
+        (200, r"share of 2 ranks takes 400 bytes.*found 200 bytes.*allowed 4 ranks"),
+        (99, "smaller bricks: one takes 100 bytes"),
+    ):
+        with pytest.raises(InputError, match=text):
+            check_memory(lambda n: interleave(np.ones(sizes.shape), n).sums(sizes), 2, sizes, limit)

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.distribution.balancer import Goal, rebalance
-from clusterviz.distribution.flights import Move
 from clusterviz.errors import InputError
 from clusterviz.partition import Owners
 
@@ -24,10 +23,6 @@ def wish(target: list[int], cost: list[float], wire: list[int], unit: list[int] 
 
 def row(owner: list[int]) -> Owners:
     return Owners(8, np.array([[owner]], np.int32))
-
-
-def columns(moves: tuple[Move, ...]) -> list[int]:
-    return [move.brick[2] for move in moves]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(20, 200))
@@ -63,39 +58,39 @@ def test_enough_frames_reach_what_is_wished(seed: int) -> None:
     assert (owner == target).all()
 
 
-def test_most_gain_a_byte_goes_first() -> None:
-    wanted = wish([1, 1, 1, 0], [4.0, 2.0, 2.0, 9.0], [40, 10, 30, 1])
-    assert columns(rebalance(row([0, 0, 0, 0]), wanted, ROOMY, 80)) == [1, 0, 2]
-    assert columns(rebalance(row([0, 0, 0, 0]), wanted, ROOMY, 45)) == [1, 2]
+MOST_GAIN = wish([1, 1, 1, 0], [4.0, 2.0, 2.0, 9.0], [40, 10, 30, 1])
+UNIT = wish([1, 1, 1, 1], [1.0, 1, 1, 9], [10] * 4, unit=[0, 0, 0, 1])
 
 
-def test_what_gains_nothing_yet_goes_last() -> None:
-    # Rank 1 has less than rank 2 until rank 0 has given to it.
-    wanted = wish([0, 1, 2, 2], [8.0, 8.0, 3.0, 4.0], [10] * 4)
-    assert columns(rebalance(row([0, 0, 1, 2]), wanted, ROOMY, 100)) == [1, 2]
+@pytest.mark.parametrize(
+    ("owner", "wanted", "free", "budget", "moved"),
+    [
+        ([0, 0, 0, 0], MOST_GAIN, ROOMY, 80, [1, 0, 2]),
+        ([0, 0, 0, 0], MOST_GAIN, ROOMY, 45, [1, 2]),
+        # Rank 1 has less than rank 2 until rank 0 has given to it.
+        ([0, 0, 1, 2], wish([0, 1, 2, 2], [8.0, 8.0, 3.0, 4.0], [10] * 4), ROOMY, 100, [1, 2]),
+        ([0, 0], wish([1, 1], [2.0, 2.0], [0, 10]), ROOMY, 5, [0]),
+        ([0, 0, 0, 0], UNIT, ROOMY, 35, [3]),
+        ([0, 0, 0, 1], UNIT, ROOMY, 35, [0, 1, 2]),
+        ([0, 0], wish([1, 2], [1.0, 1.0], [10, 10]), np.array([0, 9, 10, 0, 0, 0, 0, 0]), 100, [1]),
+        ([0, 1], wish([0, 1], [1.0, 1.0], [10, 10]), ROOMY, 0, []),
+    ],
+    ids=[
+        "most gain a byte goes first",
+        "within the budget",
+        "what gains nothing yet goes last",
+        "what is cached costs no budget",
+        "the dearest unit",
+        "a unit goes whole if a frame can carry it",
+        "a full rank gets nothing",
+        "nothing to do",
+    ],
+)
+def test_moves_of_a_frame(owner: list[int], wanted: Goal, free: np.ndarray, budget: int, moved: list[int]) -> None:
+    assert [move.brick[2] for move in rebalance(row(owner), wanted, free, budget)] == moved
 
 
-def test_what_is_cached_costs_no_budget() -> None:
-    wanted = wish([1, 1], [2.0, 2.0], [0, 10])
-    assert columns(rebalance(row([0, 0]), wanted, ROOMY, 5)) == [0]
-
-
-def test_a_unit_goes_whole_if_a_frame_can_carry_it() -> None:
-    wanted = wish([1, 1, 1, 1], [1.0, 1, 1, 9], [10] * 4, unit=[0, 0, 0, 1])
-    assert columns(rebalance(row([0, 0, 0, 0]), wanted, ROOMY, 35)) == [3]
-    assert columns(rebalance(row([0, 0, 0, 1]), wanted, ROOMY, 35)) == [0, 1, 2]
-    assert len(rebalance(row([0, 0, 0, 1]), wanted, ROOMY, 25)) == 2
-
-
-def test_a_full_rank_gets_nothing() -> None:
-    wanted = wish([1, 2], [1.0, 1.0], [10, 10])
-    assert columns(rebalance(row([0, 0]), wanted, np.array([0, 9, 10, 0, 0, 0, 0, 0]), 100)) == [1]
-
-
-def test_nothing_to_do_is_no_move() -> None:
-    assert rebalance(row([0, 1]), wish([0, 1], [1.0, 1.0], [10, 10]), ROOMY, 0) == ()
-
-
-def test_a_budget_below_one_brick_is_refused() -> None:
+def test_a_unit_that_no_frame_can_carry_goes_in_parts_and_less_than_a_brick_is_refused() -> None:
+    assert len(rebalance(row([0, 0, 0, 1]), UNIT, ROOMY, 25)) == 2
     with pytest.raises(InputError, match="allowed 10 bytes"):
         rebalance(row([0]), wish([1], [1.0], [10]), ROOMY, 9)

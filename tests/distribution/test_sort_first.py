@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame.views import check_same, draw_all, on_ranks
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, Options, Rendered
-from clusterviz.image import compare
+from clusterviz.frame import Rendered
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
 
@@ -27,10 +26,9 @@ FOCAL = (17.0, 14.0, 12.0)
 SEEN = {"clim": (-1.0, 1.0), "opacity": [[-0.2, 0.0], [0.0, 0.02], [1.0, 0.4]], "opacity_unit_distance": 6.0}
 
 
-def voxels() -> np.ndarray:
-    """Waves, dense at one side and empty at the other, negative in half of all places."""
-    z, y, x = np.mgrid[:25, :30, :36]
-    return (np.sin(x / 3 + y / 5) * np.cos(z / 4) * np.exp(-(((x - 8) / 14) ** 2))).astype(np.float32)
+Z, Y, X = np.mgrid[:25, :30, :36]
+# Waves, dense at one side and empty at the other, negative in half of all places.
+WAVES = ArraySource((np.sin(X / 3 + Y / 5) * np.cos(Z / 4) * np.exp(-(((X - 8) / 14) ** 2))).astype(np.float32))
 
 
 def scenes_of(settings: dict[str, Any], frames: int = 4) -> list[Scene]:
@@ -40,30 +38,21 @@ def scenes_of(settings: dict[str, Any], frames: int = 4) -> list[Scene]:
     return [with_settings(scene, {"position": camera, "focal_point": FOCAL}) for camera in CAMERAS[:frames]]
 
 
-def draw_all(scenes: list[Scene], channel: Channel, **options: Any) -> list[Rendered]:
-    with FrameLoop(scenes[0], channel, ArraySource(voxels()), Options(**options)) as loop:
-        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
-
-
 def taken(frame: Rendered) -> int:
     """Samples that are shown."""
     return sum(rank.samples - rank.samples_estimate for rank in frame.statistics.per_rank)
 
 
 def check_frames(frames: list[Rendered], plain: list[Rendered], bound: float) -> None:
-    """The pictures of another way to draw them."""
-    assert len(frames) == len(plain)
-    for one, other in zip(frames, plain, strict=True):
-        assert one.image is not None
-        assert other.image is not None
-        assert compare(one.image, other.image, bound).count == 0
-        assert taken(one) == taken(other)
+    """The pictures of another way to draw them, and as many samples."""
+    check_same(frames, plain, bound)
+    assert [taken(frame) for frame in frames] == [taken(frame) for frame in plain]
 
 
 @pytest.fixture(scope="module")
 def plain() -> list[Rendered]:
     """By one rank."""
-    frames = draw_all(scenes_of({}), LoopbackChannel())
+    frames = on_ranks(1, scenes_of({}), WAVES)
     assert all(taken(frame) > 1000 for frame in frames)
     return frames
 
@@ -75,7 +64,7 @@ def test_pictures_and_samples_do_not_depend_on_who_draws(
 ) -> None:
     mode = "hybrid" if groups else "sort-first"
     scenes = scenes_of({"mode": mode, "groups": groups, "tiling": tiling})
-    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel, check=True))[0]
+    frames = on_ranks(ranks, scenes, WAVES, check=True)
     check_frames(frames, plain, ROUNDING if groups is None else BLENDED)
     estimates = [rank.samples_estimate for frame in frames for rank in frame.statistics.per_rank]
     assert (sum(estimates) > 0) == (tiling == "estimated")
@@ -84,12 +73,9 @@ def test_pictures_and_samples_do_not_depend_on_who_draws(
 @pytest.mark.mpi(ranks=[3], timeout=120)
 def test_pictures_do_not_depend_on_who_draws_over_mpi(mpi_ranks: int) -> None:
     channel = MpiChannel()
-    first = draw_all(scenes_of({}, 2), channel)
-    for settings in (
-        {"mode": "sort-first", "tiling": "scheduled"},
-        {"groups": 2, "tiling": "scheduled"},
-    ):
-        frames = draw_all(scenes_of(settings, 2), channel)
+    first = draw_all(scenes_of({}, 2), channel, WAVES)
+    for settings in ({"mode": "sort-first", "tiling": "scheduled"}, {"groups": 2, "tiling": "scheduled"}):
+        frames = draw_all(scenes_of(settings, 2), channel, WAVES)
         if channel.rank == 0:
             check_frames(frames, first, BLENDED)
     channel.close()
@@ -108,14 +94,13 @@ LOOKS: tuple[dict[str, Any], ...] = (
 
 @pytest.mark.parametrize("look", LOOKS, ids=str)
 def test_every_look_is_the_same_in_every_mode(look: dict[str, Any]) -> None:
-    alone = draw_all(scenes_of(look, 2), LoopbackChannel())
+    alone = on_ranks(1, scenes_of(look, 2), WAVES)
     for settings in ({"mode": "sort-first", "tiling": "estimated"}, {"mode": "hybrid", "groups": 2}):
-        frames = run_loopback(3, lambda channel, s=settings: draw_all(scenes_of(look | s, 2), channel))[0]
+        frames = on_ranks(3, scenes_of(look | settings, 2), WAVES)
         if settings["mode"] == "sort-first":
             check_frames(frames, alone, ROUNDING)
         # Rays that end early do so in each part of the volume by itself.
-        tolerance = look.get("early_termination", 1e-5)
-        assert all(compare(a.image, b.image, tolerance).count == 0 for a, b in zip(frames, alone, strict=True))
+        check_same(frames, alone, look.get("early_termination", 1e-5))
 
 
 BRICK_BYTES = 8**3 * 4
@@ -126,7 +111,7 @@ def test_what_does_not_fit_as_a_whole_is_read_as_the_tiles_move(plain: list[Rend
     all_bricks = max(rank.bricks for frame in plain for rank in frame.statistics.per_rank)
     limit = all_bricks * 9 // 10
     scenes = scenes_of({"mode": "sort-first", "tiling": tiling, "memory_limit": limit * BRICK_BYTES}, 3)
-    frames = run_loopback(2, lambda channel: draw_all(scenes, channel))[0]
+    frames = on_ranks(2, scenes, WAVES)
     check_frames(frames, plain[:3], ROUNDING)
     held = [rank.bricks for frame in frames for rank in frame.statistics.per_rank]
     assert max(held) <= limit
@@ -143,7 +128,7 @@ def test_what_does_not_fit_as_a_whole_is_read_as_the_tiles_move(plain: list[Rend
 def test_what_cannot_be_is_refused_before_anything_is_drawn(settings: dict[str, Any], bricks: int, said: str) -> None:
     scenes = scenes_of(settings | {"memory_limit": bricks * BRICK_BYTES}, 1)
     with pytest.raises(InputError, match=said):
-        run_loopback(2, lambda channel: draw_all(scenes, channel))
+        on_ranks(2, scenes, WAVES)
 
 
 def test_cuts_that_follow_the_cost_leave_the_ranks_more_even() -> None:
@@ -151,7 +136,7 @@ def test_cuts_that_follow_the_cost_leave_the_ranks_more_even() -> None:
 
     def busiest(tiling: str) -> float:
         scenes = scenes_of({"mode": "sort-first", "tiling": tiling, "size": (320, 240), "tile": 64}, 1) * 3
-        frames = run_loopback(7, lambda channel: draw_all(scenes, channel))[0]
+        frames = on_ranks(7, scenes, WAVES)
         samples = [rank.samples for rank in frames[-1].statistics.per_rank]
         return max(samples) * len(samples) / sum(samples)
 
@@ -175,11 +160,6 @@ def test_bricks_and_cuts_follow_the_cost_while_the_camera_moves(ranks: int, grou
     scenes = [
         with_settings(scene, {"position": at, "focal_point": (32, 24, 24), "view_up": (0, 0, 1)}) for at in positions
     ]
-
-    def on_rank(channel: Channel) -> list[Rendered]:
-        with FrameLoop(scenes[0], channel, ArraySource(clouds())) as loop:
-            return [loop.frame(each, number) for number, each in enumerate(scenes)]
-
-    frames = run_loopback(ranks, on_rank)[0]
+    frames = on_ranks(ranks, scenes, ArraySource(clouds()))
     samples = np.array([[rank.samples for rank in frame.statistics.per_rank] for frame in frames])
     assert samples.max(axis=1).sum() < 1.11 * samples.mean(axis=1).sum()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from failures.jobs import FIELD, SMALL, failing, finish
+from frame.views import pixels
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
@@ -45,9 +46,7 @@ def check_consistency(overlapped: list[Rendered], alone: list[Rendered]) -> None
     assert len(overlapped) == len(alone) == len(CAMERAS) + 1
     for number, (one, other) in enumerate(zip(overlapped, alone, strict=True)):
         assert one.statistics.number == other.statistics.number == number
-        assert one.image is not None
-        assert other.image is not None
-        assert np.array_equal(one.image, other.image)
+        assert np.array_equal(pixels(one), pixels(other))
         for mine, plain in zip(one.statistics.per_rank, other.statistics.per_rank, strict=True):
             assert [getattr(mine, name) for name in COUNTED] == [getattr(plain, name) for name in COUNTED]
             assert mine.seconds["total"] >= mine.seconds["render"]
@@ -114,43 +113,43 @@ def test_a_frame_is_composited_while_the_next_is_drawn(monkeypatch: pytest.Monke
 
 
 @pytest.mark.gl
-def test_a_frame_that_was_drawn_is_kept_when_the_next_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    right, written, raised = RendererCache.draw, list[int](), list[str]()
-    failing_frame = threading.local()
+@pytest.mark.parametrize(
+    ("ranks", "failing_draw", "failing_write", "said", "kept"),
+    [
+        (2, 3, None, "rank 0, frame 2, render: ValueError: odd", [0, 1]),
+        (3, None, 1, "rank 0, frame 1, write: OSError: full", [0]),
+    ],
+    ids=["drawing the next", "writing"],
+)
+def test_what_fails_is_raised_on_all_ranks_and_earlier_frames_are_kept(
+    ranks: int,
+    failing_draw: int | None,
+    failing_write: int | None,
+    said: str,
+    kept: list[int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    right, written, own = RendererCache.draw, list[int](), threading.local()
 
-    def fail_at_the_third(caster: RendererCache, *arguments: Any) -> Any:
-        failing_frame.calls = getattr(failing_frame, "calls", 0) + 1
-        if failing_frame.calls == 3:
+    def fail_later(caster: RendererCache, *arguments: Any) -> Any:
+        own.calls = getattr(own, "calls", 0) + 1
+        if own.calls == failing_draw:
             raise ValueError("odd")
         return right(caster, *arguments)
 
-    def run(channel: LoopbackChannel) -> None:
-        with pytest.raises(RankError) as error:
-            draw(channel, scenes(), write=lambda image, scene, number: written.append(number))
-        raised.append(str(error.value))
-
-    monkeypatch.setattr(RendererCache, "draw", fail_at_the_third)
-    run_loopback(2, run)
-    assert raised == ["rank 0, frame 2, render: ValueError: odd"] * 2
-    assert written == [0, 1]
-    assert waiting_threads() == []
-
-
-@pytest.mark.gl
-def test_a_picture_that_cannot_be_written_is_raised_on_all_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
-    raised: list[str] = []
-
-    def fail(image: Any, scene: Scene, number: int) -> None:
-        if number == 1:
+    def write(image: Any, scene: Scene, number: int) -> None:
+        if number == failing_write:
             raise OSError("full")
+        written.append(number)
 
-    def run(channel: LoopbackChannel) -> None:
+    def run(channel: LoopbackChannel) -> str:
         with pytest.raises(RankError) as error:
-            draw(channel, scenes(), write=fail)
-        raised.append(str(error.value))
+            draw(channel, scenes(), write=write)
+        return str(error.value)
 
-    run_loopback(3, run)
-    assert raised == ["rank 0, frame 1, write: OSError: full"] * 3
+    monkeypatch.setattr(RendererCache, "draw", fail_later)
+    assert run_loopback(ranks, run) == [said] * ranks
+    assert written == kept
     assert waiting_threads() == []
 
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import draw_all, views
+from frame.views import on_ranks, views
 
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.distribution.dynamic import Dynamic
 from clusterviz.distribution.flights import Flight
 from clusterviz.distribution.static import Coherent
 from clusterviz.errors import ClustervizError, RankError
-from clusterviz.frame import Options, Run, render_frame
+from clusterviz.frame import Options, Run
 from clusterviz.frame.work import check_equal, digest_of
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece
@@ -78,7 +78,7 @@ def test_a_rank_whose_distribution_differs_ends_all_ranks(
 
     monkeypatch.setattr(Dynamic, place, wrong)
     with pytest.raises(RankError, match=said):
-        run_loopback(3, lambda channel: draw_all(views(5, 4, distribution="dynamic"), channel))
+        on_ranks(3, views(5, 4, distribution="dynamic"))
 
 
 @pytest.mark.parametrize(
@@ -96,6 +96,5 @@ def test_a_brick_with_a_wrong_owner_is_named(
     """Where all ranks agree on it, pictures are wrong and composited right."""
     right = getattr(Coherent, place)
     monkeypatch.setattr(Coherent, place, lambda *args: wrong(right(*args)))
-    options = Options(device="cpu", check=True)
     with pytest.raises(ClustervizError, match=said):
-        run_loopback(2, lambda channel: render_frame(views(1, 2)[0], channel, options=options))
+        on_ranks(2, views(1, 2), device="cpu", check=True)

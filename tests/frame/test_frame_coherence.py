@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from distribution.test_dynamic import at_random, moving, so_far
+from frame.views import check_same, move_at_random, moving, on_ranks, pixels, so_far
 
-from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.frame import Rendered
 from clusterviz.image import compare
 from clusterviz.render import frame_coherence
 from clusterviz.render.choice import Device
@@ -47,14 +46,13 @@ def device(request: pytest.FixtureRequest) -> Device:
     return found
 
 
-def draw_all(scenes: Sequence[Scene], channel: Channel, device: Device = "cpu") -> list[Rendered]:
-    with FrameLoop(scenes[0], channel, options=Options(device=device)) as loop:
-        return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
+def draw(scenes: Sequence[Scene], device: Device = "cpu", ranks: int = 1) -> list[Rendered]:
+    return on_ranks(ranks, scenes, device=device)
 
 
 def without(scenes: Sequence[Scene], device: Device = "cpu") -> list[Rendered]:
     """The same frames, all rays from where they enter the volume, on one rank."""
-    return draw_all([with_settings(scene, {"frame_coherence": False}) for scene in scenes], LoopbackChannel(), device)
+    return draw([with_settings(scene, {"frame_coherence": False}) for scene in scenes], device)
 
 
 def rays(frame: Rendered, name: str) -> int:
@@ -66,11 +64,8 @@ def samples(frame: Rendered) -> int:
 
 
 def check(frames: Sequence[Rendered], expected: Sequence[Rendered], bound: float = BOUND) -> None:
-    for found, plain in zip(frames, expected, strict=True):
-        assert found.image is not None
-        assert plain.image is not None
-        assert plain.image.max() > 0.3
-        assert compare(found.image, plain.image, bound).count == 0
+    assert all(pixels(plain).max() > 0.3 for plain in expected)
+    check_same(frames, expected, bound)
 
 
 def wires(tmp_path: Path, **keys: Any) -> dict[str, Any]:
@@ -121,7 +116,7 @@ def test_pictures_are_those_without_on_any_number_of_ranks(look: str, ranks: int
         other = scene.volumes[0].model_copy(update=keys | {"isosurfaces": ()})
         scene = scene.model_copy(update={"volumes": (*scene.volumes, other)})
     scenes = turning(scene, frames=3)
-    frames = run_loopback(ranks, lambda channel: draw_all(scenes, channel, device))[0]
+    frames = draw(scenes, device, ranks)
     plain = without(scenes, device)
     check(frames, plain, 0.0 if ranks == 1 else BOUND)
     assert rays(frames[0], "estimated") == rays(frames[0], "left_out") == 0
@@ -136,10 +131,10 @@ def test_corners_of_voxels_between_the_pixels_are_all_that_is_missed(device: Dev
     """Voxels that stand for themselves, clipped, by rays that end: corners at the rim are thinner than a pixel."""
     planes = [((0.1, 0.0, 0.0), (-1.0, -0.3, 0.1))]
     scenes = turning(scene_of(interpolation="nearest", early_termination=1e-6, planes=planes))
-    frames = draw_all(scenes, LoopbackChannel(), device)
+    frames = draw(scenes, device)
     for frame, scene in zip(frames[1:], scenes[1:], strict=True):
-        (alone,) = draw_all([scene], LoopbackChannel(), device)
-        found = compare(frame.image, alone.image, BOUND)  # type: ignore[arg-type]
+        (alone,) = draw([scene], device)
+        found = compare(pixels(frame), pixels(alone), BOUND)
         assert found.count <= 2
         assert found.max < 0.02
         assert rays(frame, "estimated") > 0
@@ -157,7 +152,7 @@ def test_nothing_is_kept_that_does_not_hold(device: Device) -> None:
         {},
     ]
     scenes = [first, *(with_settings(first, change) for change in changes)]
-    frames = draw_all([one for scene in scenes for one in (scene, scene)], LoopbackChannel(), device)
+    frames = draw([one for scene in scenes for one in (scene, scene)], device)
     check(frames[::2], without(scenes, device))
     inside = 5
     for number, (frame, again) in enumerate(zip(frames[::2], frames[1::2], strict=True)):
@@ -167,11 +162,10 @@ def test_nothing_is_kept_that_does_not_hold(device: Device) -> None:
 
 def test_without_it_frames_are_those_of_single_pictures_bit_for_bit() -> None:
     scenes = turning(scene_of(frame_coherence=False), frames=2)
-    frames = draw_all(scenes, LoopbackChannel())
+    frames = draw(scenes)
     for frame, scene in zip(frames, scenes, strict=True):
-        (alone,) = draw_all([with_settings(scene, {"frame_coherence": True})], LoopbackChannel())
-        assert frame.image is not None
-        assert np.array_equal(frame.image, alone.image)  # type: ignore[arg-type]
+        (alone,) = draw([with_settings(scene, {"frame_coherence": True})])
+        assert np.array_equal(pixels(frame), pixels(alone))
         assert frame.statistics.per_rank[0].frame_coherence is None
 
 
@@ -187,11 +181,9 @@ def test_rays_that_start_too_late_begin_again(monkeypatch: pytest.MonkeyPatch, d
         starts[starts > 0.0] = np.float32(np.linalg.norm(scenes[0].camera.position))
 
     monkeypatch.setattr(frame_coherence, "reproject", amid)
-    found, plain = draw_all(scenes, LoopbackChannel(), device)[1], without(scenes, device)[1]
-    assert found.image is not None
-    assert plain.image is not None
-    dense = plain.image[..., 3] > 0.1
-    assert compare(found.image[dense], plain.image[dense], BOUND).count == 0
+    found, plain = draw(scenes, device)[1], without(scenes, device)[1]
+    dense = pixels(plain)[..., 3] > 0.1
+    assert compare(pixels(found)[dense], pixels(plain)[dense], BOUND).count == 0
     assert rays(found, "late") > dense.sum() / 2
     assert rays(found, "estimated") >= rays(found, "late")
 
@@ -207,12 +199,12 @@ def test_rays_that_are_checked_tell_what_the_others_miss(
         monkeypatch.setattr(
             frame_coherence.LastFrame, "_drawn_at_random", lambda *a, check=check: check(a[-1], np.bool_)
         )
-        drawn.append(draw_all(scenes, LoopbackChannel(), device)[1])
+        drawn.append(draw(scenes, device)[1])
     checked, others = drawn
     assert rays(checked, "estimated") == rays(others, "checked") == 0
     assert rays(checked, "checked") >= rays(others, "estimated") > 0
-    assert compare(checked.image, plain.image, BOUND).count == 0  # type: ignore[arg-type]
-    missed = compare(others.image, plain.image, 1 / 255)  # type: ignore[arg-type]
+    check_same([checked], [plain], BOUND)
+    missed = compare(pixels(others), pixels(plain), 1 / 255)
     report = checked.statistics.frame_coherence
     assert report is not None
     assert 1 / 255 < missed.max <= report.error + BOUND
@@ -225,12 +217,10 @@ def test_rays_that_are_checked_tell_what_the_others_miss(
 def test_no_more_rays_err_than_what_is_told(tmp_path: Path, look: dict[str, Any]) -> None:
     """Where something was missed, rays start anew: what wires there are, and rays go by, is soon all found."""
     scenes = turning(with_settings(scene_of(), wires(tmp_path, size=(96, 80), **look)), 6.0, 6)
-    frames, missed = draw_all(scenes, LoopbackChannel()), []
+    frames, missed = draw(scenes), []
     for frame, plain in zip(frames, without(scenes), strict=True):
-        assert frame.image is not None
-        assert plain.image is not None
         assert frame.statistics.frame_coherence is not None
-        told, apart = frame.statistics.frame_coherence, np.abs(frame.image - plain.image).max(axis=2)
+        told, apart = frame.statistics.frame_coherence, np.abs(pixels(frame) - pixels(plain)).max(axis=2)
         missed.append(int((apart > 1 / 255).sum()))
         assert missed[-1] <= told.wrong_at_most
         assert (apart > told.error + BOUND).sum() <= told.beyond_at_most
@@ -241,10 +231,10 @@ def test_no_more_rays_err_than_what_is_told(tmp_path: Path, look: dict[str, Any]
 def test_bricks_that_move_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a rank shows ends at its bricks, amid what is dense; when they arrive is a matter of time."""
     scenes = moving(turning(scene_of(), frames=12))
-    at_random(monkeypatch)
-    frames = run_loopback(3, lambda channel: draw_all(scenes, channel))[0]
+    move_at_random(monkeypatch)
+    frames = draw(scenes, ranks=3)
     for frame, plain in zip(frames, without(turning(scene_of(), frames=12)), strict=True):
-        found = compare(frame.image, plain.image, BOUND)  # type: ignore[arg-type]
+        found = compare(pixels(frame), pixels(plain), BOUND)
         assert found.count <= 1
         assert found.max < 0.01
     assert so_far(frames, "bricks_received") > 10

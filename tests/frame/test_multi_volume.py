@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame.views import check_same, on_ranks, pixels
 
-from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.frame import FrameLoop, render_frame
+from clusterviz.frame import render_frame
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
 from clusterviz.scene import Camera, Scene
@@ -33,12 +34,6 @@ def scene_of(first: float = 0.3, second: Any = POINTS, camera: Camera = CAMERA, 
     return Scene(volumes=volumes, camera=camera, image=ImageSettings(size=(32, 26)), cluster=Cluster(**cluster))
 
 
-def picture(scene: Scene, ranks: int = 1) -> np.ndarray:
-    image = run_loopback(ranks, lambda channel: render_frame(scene, channel, SOURCES))[0].image
-    assert image is not None
-    return image
-
-
 @pytest.mark.gl
 def test_the_picture_does_not_depend_on_how_the_domain_is_dealt_out() -> None:
     expected = render_reference(render_frame(scene_of(), LoopbackChannel(), SOURCES).scene, GRIDS, VOXELS)
@@ -51,8 +46,8 @@ def test_the_picture_does_not_depend_on_how_the_domain_is_dealt_out() -> None:
         (2, {"brick": 9, "mode": "sort-first"}),
     ]
     for ranks, cluster in ways:
-        found = picture(scene_of(**cluster), ranks)
-        assert compare(found, expected, 1e-5).count == 0, (ranks, cluster)
+        (found,) = on_ranks(ranks, [scene_of(**cluster)], SOURCES)
+        assert compare(pixels(found), expected, 1e-5).count == 0, (ranks, cluster)
 
 
 @pytest.mark.gl
@@ -65,11 +60,7 @@ def test_every_frame_is_what_is_drawn_alone() -> None:
         scene_of(brick=9),
         scene_of(first=0.0, brick=9),
     ]
-    with FrameLoop(scenes[0], LoopbackChannel(), SOURCES) as loop:
-        frames = [loop.frame(scene, number).image for number, scene in enumerate(scenes)]
-    for frame, scene in zip(frames, scenes, strict=True):
-        assert frame is not None
-        assert compare(frame, picture(scene), 1e-6).count == 0
+    check_same(on_ranks(1, scenes, SOURCES), [on_ranks(1, [scene], SOURCES)[0] for scene in scenes], 1e-6)
 
 
 def test_sources_that_are_not_one_for_each_are_refused() -> None:
@@ -83,7 +74,7 @@ def test_a_bound_on_the_error_is_held_and_chosen_alike_on_any_number_of_ranks() 
     volumes = tuple(Volume(path="a", **POINTS, cmap=cmap) for cmap in ("plasma", "viridis"))
     quality, image = Quality(max_error=8 / 255), ImageSettings(size=(16, 12))
     scene = Scene(volumes=volumes, quality=quality, image=image, cluster=Cluster(brick=5))
-    one, three = (run_loopback(ranks, lambda channel: render_frame(scene, channel, sources))[0] for ranks in (1, 3))
+    one, three = (on_ranks(ranks, [scene], sources)[0] for ranks in (1, 3))
     assert one.statistics.accuracy is not None
     assert one.statistics.accuracy.reached
     assert one.scene.quality.step == three.scene.quality.step

@@ -1,4 +1,4 @@
-"""Cameras around a field of many bricks, and pictures compared with those of one rank."""
+"""Scenes that change from frame to frame, loops that draw them, and pictures compared with others."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
-from clusterviz.comm import Channel, LoopbackChannel
-from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.distribution import balancer
+from clusterviz.distribution.flights import Move
+from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings
@@ -16,6 +19,7 @@ from clusterviz.scene.overrides import with_settings
 FIELD = "field:gaussian:16"
 CENTRE = (0.0, 0.0, 0.0)
 HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
+MOVES = 8  # at random, a frame
 
 
 def views(count: int, brick: int = 4, field: str = FIELD, **keys: Any) -> list[Scene]:
@@ -44,17 +48,58 @@ def looks() -> list[Scene]:
     return [with_settings(scene, change) for change in changes for scene in (first, other)]
 
 
-def draw_all(scenes: Sequence[Scene], channel: Channel) -> list[Rendered]:
+def moving(scenes: Sequence[Scene], **keys: Any) -> list[Scene]:
+    """However long it takes, so that tests do not depend on the machine."""
+    return [with_settings(scene, {"distribution": "dynamic", "migration_share": 1.0, **keys}) for scene in scenes]
+
+
+def move_at_random(monkeypatch: pytest.MonkeyPatch) -> list[Move]:
+    """Have bricks move for no reason; the moves as they are planned on every rank."""
+    made: list[Move] = []
+
+    def moves(present: Any, wish: Any, free: Any, budget: int, busy: Any) -> tuple[Move, ...]:
+        rng = np.random.default_rng(int(present.owner.sum()) + int(busy.sum()))
+        able = np.argwhere(~busy & (wish.held_bytes > 0))
+        found = []
+        for z, y, x in able[rng.permutation(len(able))[:MOVES]].tolist():
+            source = int(present.owner[z, y, x])
+            found.append(Move((z, y, x), source, (source + 1) % present.ranks, 1))
+        made.extend(found)
+        return tuple(found)
+
+    monkeypatch.setattr(balancer, "rebalance", moves)
+    return made
+
+
+def so_far(frames: Sequence[Rendered], name: str) -> int:
+    """Of what is counted from the first frame to the last one's beginning."""
+    return sum(int(rank.balance[name]) for rank in frames[-1].statistics.per_rank)
+
+
+def draw_all(scenes: Sequence[Scene], channel: Channel, source: Any = None, **options: Any) -> list[Rendered]:
     """One loop."""
-    with FrameLoop(scenes[0], channel) as loop:
+    with FrameLoop(scenes[0], channel, source, Options(**options)) as loop:
         return [loop.frame(scene, number) for number, scene in enumerate(scenes)]
+
+
+def on_ranks(ranks: int, scenes: Sequence[Scene], source: Any = None, **options: Any) -> list[Rendered]:
+    """One loop on threads: what rank 0 has of it."""
+    return run_loopback(ranks, lambda channel: draw_all(scenes, channel, source, **options))[0]
+
+
+def pixels(frame: Rendered) -> np.ndarray:
+    """The picture of rank 0."""
+    assert frame.image is not None
+    return frame.image
+
+
+def check_same(found: Sequence[Rendered], expected: Sequence[Rendered], bound: float = 1e-5) -> None:
+    for one, other in zip(found, expected, strict=True):
+        assert compare(pixels(one), pixels(other), bound).count == 0
 
 
 def check(frames: Sequence[Rendered], scenes: Sequence[Scene]) -> None:
     """Each is what one rank draws with bricks that stay; some show something."""
     alone = draw_all(scenes, LoopbackChannel())
-    assert sum(int(frame.image is not None and frame.image.any()) for frame in alone) > len(scenes) // 3
-    for found, expected in zip(frames, alone, strict=True):
-        assert found.image is not None
-        assert expected.image is not None
-        assert compare(found.image, expected.image, 1e-5).count == 0
+    assert sum(bool(pixels(frame).any()) for frame in alone) > len(scenes) // 3
+    check_same(frames, alone)
