@@ -92,13 +92,10 @@ class Drip:
         return done + [(index, 0) for index, source in enumerate(pending) if source == 1]
 
 
-def test_what_comes_while_another_passes_is_next_without_a_gap() -> None:
+def test_what_comes_while_another_passes_is_next_and_an_idle_link_starts_anew() -> None:
     clock = Clock()
     slow = throttled(Drip([1000, 1000, 1000]), clock)  # type: ignore[arg-type]
     assert receive(slow, clock, [1000] * 3, work=0.5) == pytest.approx([1.0, 2.0, 3.0])
-
-
-def test_an_idle_link_starts_anew() -> None:
     clock = Clock()
     slow = throttled(Drip([1000, 1000]), clock)  # type: ignore[arg-type]
     assert receive(slow, clock, [1000]) == pytest.approx([1.0])

@@ -43,10 +43,12 @@ def test_no_frame_spends_more_than_its_share(step: float) -> None:
     assert sum(spent) >= 0.8 * 39 * 0.005, "and what there is to do is done"
 
 
-def test_a_step_above_every_slice_is_made_once_in_some_frames() -> None:
+def test_steps_that_fill_a_slice_or_do_not_fit_are_made_in_some_frames() -> None:
     spent = Work(0.05).frames(101, 0.1, 0.018)
     assert set(np.round(spent, 9)) == {0.0, 0.018}
     assert 25 <= np.count_nonzero(spent) <= 29
+    # What a step takes is known: tried too early, it would go beyond every slice.
+    assert Work(0.05).frames(40, 0.1, 0.0027)[2:] == pytest.approx([0.0027] * 38)
 
 
 def test_unused_time_is_lost() -> None:
@@ -113,12 +115,6 @@ def test_what_planning_will_take_is_left_for_it() -> None:
         behind = sum(work.step(0.001) for _ in range(9))
         assert (before, behind) == (2, 1)
         work.slice.end(0.1)
-
-
-def test_the_last_step_that_did_not_fit_is_not_doubted() -> None:
-    """What it takes is known: tried too early, it would go beyond every slice."""
-    spent = Work(0.05).frames(40, 0.1, 0.0027)
-    assert spent[2:] == pytest.approx([0.0027] * 38)
 
 
 @pytest.mark.parametrize("step", [0.003, 0.004, 0.012])
