@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.data.source import Grid
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, memory_budget_of
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
