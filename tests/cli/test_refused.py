@@ -119,7 +119,7 @@ SCENES = [
     (f"volumes: [{{path: '{FIELD}', opacty: 1}}]", "unknown key, did you mean opacity?"),
     (f"{ONE}\nstep: 2", "unknown key, did you mean quality.step?"),
     ("volumes: [{}]", 'volumes[0].path: missing; allowed a value, such as "head.nii.gz"'),
-    ("volumes: head.npy", 'not a list; found "head.npy"; allowed a list, such as [{"path": "head.nii.gz"}]'),
+    ("volumes: head.npy", 'volumes: not a list; found "head.npy"; allowed a list, such as [{"path": "head.nii.gz"}]'),
     (f"{ONE}\nquality: {{step: big}}", "quality.step: not a number"),
     (f"{ONE}\nquality: {{step: 0}}", "quality.step: too small; found 0"),
     (f"{ONE[:-1]}, {{path: a, blending: average}}]", "volumes[1].blending: not for several volumes"),

@@ -143,7 +143,7 @@ def test_each_step_and_channel_of_every_format(tmp_path: Path, name: str) -> Non
     np.testing.assert_array_equal(first.read((3, 4, 0), (4, 5, 6)), expected[0, 0, 3:, 4:])
     for subset, parts in (
         (Subset(channel=0), ("several time steps", "3 time steps", "time: 0 to 2")),
-        (Subset(time=0), ("several channels", f"{channels} channels", "channel: 0 to")),
+        (Subset(time=0), ("several channels", f"{channels} channels", f"channel: 0 to {channels - 1}")),
         (Subset(time=3, channel=0), ("no such time step", "3, and 3 time steps")),
         (Subset(time=0, channel="far"), ("no such channel", "far")),
     ):

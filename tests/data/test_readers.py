@@ -367,6 +367,8 @@ def test_several_data_files(kind: str, tmp_path: Path) -> None:
     for z, layer in enumerate(SHORTS):
         (tmp_path / f"s{z:02d}.raw").write_bytes(layer.tobytes())
     check_source(open_source(write("s%02d.raw 0 4 1")), SHORTS)
+    if kind == "nhdr":
+        check_source(open_source(write("s%02d.raw 0 4 1 2")), SHORTS)
     check_source(open_source(write("s%02d.raw 4 0 -1")), SHORTS[::-1])
     refused(lambda: open_source(write("s%02d.raw 0 5 1", DimSize="7 6 6")), "no such file")
     check_source(open_source(write("LIST", b"s03.raw\ns00.raw\n", DimSize="7 6 2")), SHORTS[[3, 0]])
