@@ -67,7 +67,7 @@ def measured(render: list[list[float]], samples: list[int], resources: list[Rank
         for times in render
     ]
     once = [{"plan": 1.0 + rank, "load": 2.0, "context": 0.0, "shaders": 0.0} for rank in range(ranks)]
-    rects = [(0, 0, 10, 10), (5, 0, 20, 10), (0, 0, 0, 0), (0, 10, 20, 20)][:ranks]
+    rects = ([(0, 0, 10, 10), (5, 0, 20, 10), (0, 0, 0, 0), (0, 10, 20, 20)] * 2)[:ranks]
     everywhere = resources or [seat("here", ranks)] * ranks
     order = list(range(ranks))[::-1]
     return Measured(frames, once, 0.5, everywhere, order, rects, "tree", [[]] * ranks, (32, 24), 1.0, 16)
@@ -147,39 +147,19 @@ BLACK = np.zeros((2, 2, 4), np.float32)
 def point(ranks: int, render: list[float], samples: list[int], collect: float = 0.0, crowded: str = "") -> Point:
     """A point that drew in software, undisturbed; what it takes beside drawing is collecting."""
     slowest, mean = max(render), sum(render) / ranks
-    return Point(
-        scaling=STRONG,
-        ranks=ranks,
-        nodes=1,
-        step=1.0,
+    return replace(
+        make_point(STRONG, measured([render], samples), compare(BLACK, BLACK, 1e-5)),
         crowded=crowded,
         seconds=dict.fromkeys(STAGES, 0.0) | {"render": slowest, "collect": collect},
         total_seconds=slowest + collect,
         total_seconds_min=slowest,
         total_seconds_max=slowest + 2 * collect,
-        render_mean_seconds=mean,
         cpu_seconds=mean * ranks,
         compositing_seconds=collect,
-        predicted_seconds=0.0,
         efficiency=None if crowded else 0.5,
-        imbalance=(slowest / mean,),
-        samples=tuple(samples),
-        draw_seconds=tuple(render),
-        sharing="sort-last",
-        algorithm="tree",
-        transport="messages",
-        codec="raw",
-        counted_algorithm="tree",
-        rounds=(),
-        bytes_dense=0,
-        bricks=(1,) * ranks,
-        voxel_bytes=(1,) * ranks,
-        peak_memory_bytes=(1,) * ranks,
         images=IMAGES,
-        readback_seconds_per_pixel=0.0,
         renderer="llvmpipe",
         software=True,
-        difference=compare(BLACK, BLACK, 1e-5),
     )
 
 
