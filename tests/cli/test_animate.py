@@ -169,7 +169,7 @@ def test_a_movie_that_failed_is_made_of_the_frames_that_were_kept(
         raise OutputError("cannot be written", where=str(path))
 
     with monkeypatch.context() as patch:
-        patch.setattr(animate, "write_movie", fail)
+        patch.setattr("clusterviz.cli.animate.write_movie", fail)
         assert animate(cli, tmp_path / "a.mp4", *ORBIT).status == 2
     assert names(tmp_path) == ["a.mp4.frames"]
     outcome = animate(cli, tmp_path / "a.mp4", *ORBIT, "--resume")
