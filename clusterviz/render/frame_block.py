@@ -43,6 +43,8 @@ FRAME = np.dtype(
 ASK = 2
 ONLY = 2
 LONGEST_BATCH = 64  # slabs
+WIDEST_BATCH = 128.0
+"""Most voxels of a batch, as positions in it are float32."""
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
@@ -78,10 +80,6 @@ def _batch(plan: Plan) -> int:
     """Return the slabs of a batch; positions are counted from its middle, which should lie in its brick."""
     widest = min(2.0 * plan.layout.brick, WIDEST_BATCH)
     return slabs_in_batch(widest / voxels_a_slab(plan), LONGEST_BATCH)
-
-
-WIDEST_BATCH = 128.0
-"""Most voxels of a batch, as positions in it are float32."""
 
 
 def slabs_in_batch(most: float, longest: int) -> int:
