@@ -319,6 +319,7 @@ IMPOSSIBLE: list[tuple[Any, ...]] = [
     ("a.vti", {"extra": 'NumberOfComponents="3"'}, "no scalar volume"),
     ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 4" Spacing="1 0 1"'}, "singular placement"),
     ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 4" Spacing="1 1"'}, "impossible Spacing", "3 numbers"),
+    ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 4" Spacing="1 far 1"'}, "impossible Spacing"),
     ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 9"'}, "piece is not the whole"),
     ("a.vti", {"image": " ", "piece": "0 6 0 5 0 -1"}, "no samples"),
     ("a.vti", {"image": " ", "piece": "0 6 0 5 0 9"}, "size is not the image's", "420 bytes", "840"),

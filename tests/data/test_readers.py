@@ -347,6 +347,8 @@ def test_metaimage_detached_as_text_and_lying(tmp_path: Path) -> None:
     check_source(open_source(writers.metaimage(tmp_path / "c.mha", text, BinaryData="False")), SHORTS)
     short = writers.metaimage(tmp_path / "d.mha", text[:900], BinaryData="False")
     refused(lambda: open_source(short).read((0, 0, 0), (1, 1, 1)), "lies about its size", "210")
+    early = cut(writers.write(tmp_path / "f.mha", by=writers.packed_metaimage, CompressedDataSize=""), 9)
+    refused(lambda: open_source(early).read((0, 0, 0), SHORTS.shape), "the file ends early", "f.mha")
     flat = writers.metaimage(tmp_path / "e.mha", SHORTS[0], Offset="1 2")
     check_source(open_source(flat), SHORTS[:1])
     assert open_source(flat).grid.origin == (1, 2, 0)
