@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-# Tests of one room share its pictures: `from composite.images import ...`, whatever the import mode.
+# Tests of one room share its pictures: `from composite.cases import ...`, whatever the import mode.
 sys.path.insert(0, str(Path(__file__).parent))
 from clusterviz.comm.library import mpirun_folders
 
