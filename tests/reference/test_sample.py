@@ -10,7 +10,6 @@ import pytest
 
 from clusterviz.reference.sample import nearest, trilinear
 
-OrderOf = Callable[[Callable[[float], float], float, int], list[float]]
 Sampler = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
@@ -20,26 +19,6 @@ def points(shape: tuple[int, int, int], count: int = 200) -> list[np.ndarray]:
     corners = np.array(list(np.ndindex(2, 2, 2)))
     unit = np.concatenate([corners, rng.random((count, 3))])
     return list((unit * (np.array(shape[::-1]) - 1)).T)
-
-
-def marschner_lobb(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """S. Marschner, R. Lobb: An evaluation of reconstruction filters for volume rendering, Visualization 1994."""
-    rho = np.cos(2 * math.pi * 6 * np.cos(math.pi * np.hypot(x, y) / 2))
-    return (1 - np.sin(math.pi * z / 2) + 0.25 * (1 + rho)) / (2 * (1 + 0.25))
-
-
-def marschner_lobb_error(spacing: float) -> float:
-    """Root mean square over random points of [0, 1]², z in [0, 0.125]."""
-    n, nz = round(1 / spacing) + 1, round(0.125 / spacing) + 1
-    z, y, x = np.meshgrid(*(np.arange(m) * spacing for m in (nz, n, n)), indexing="ij")
-    where = np.random.default_rng(4).random((3, 20000)) * [[1], [1], [0.125]]
-    scalar, valid = trilinear(marschner_lobb(x, y, z), *(where / spacing))
-    assert valid.all()
-    return float(np.sqrt(np.mean((scalar - marschner_lobb(*where)) ** 2)))
-
-
-def test_marschner_lobb_converges_with_order_2(order_of: OrderOf) -> None:
-    assert order_of(marschner_lobb_error, 1 / 64, 3)[1:] == pytest.approx([2, 2], abs=0.1)
 
 
 def test_linear_fields_are_exact() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from math import atan, degrees
 from typing import Any
@@ -13,20 +14,28 @@ from clusterviz.data.bricks import BrickLayout, Edges, read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import summarise
+from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage
-from clusterviz.partition import BrickBox, Piece, build_tree
+from clusterviz.partition import BrickBox, Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.cpu.width import Width
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.render_result import RenderResult
-from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
+from clusterviz.render.render_result import RenderResult, finish_projection
+from clusterviz.scene.values import Camera, ImageSettings, Light, Quality, Scene, Volume
 
 SHAPE = (19, 23, 26)  # (z, y, x): nothing divides anything
+SIZE = (24, 20)
 BUMP = ((0.0, 0.0), (0.25, 0.02), (0.5, 0.6), (0.7, 0.1), (1.0, 0.3))
+FAINT = ((0.0, 0.001), (1.0, 0.02))
 COLOURS = ((0.0, 1.0, 0.1, 0.0), (0.4, 0.2, 0.9, 0.3), (1.0, 0.0, 0.25, 1.0))
+LIT = {"shade": True, "ambient": 0.2, "diffuse": 0.8, "specular": 0.4, "specular_power": 12.0}
+LIGHTS = (
+    Light(position=(3, 1, 2), color=(1, 0.5, 0.2)),
+    Light(position=(-1e9, 2e9, -3e8), intensity=0.4),
+    Light(type="headlight", color=(0.1, 0.3, 0.5)),
+)
 
 
 @dataclass(frozen=True)
@@ -34,16 +43,33 @@ class Prepared:
     """A planned scene and the samples of its bricks."""
 
     plan: Plan
-    bricks: dict[Index, np.ndarray]
+    bricks: dict[Index, Any]
+
+    @property
+    def shown(self) -> dict[Index, Any]:
+        """The bricks that the plan shows."""
+        return {index: samples for index, samples in self.bricks.items() if self.plan.cost[index] > 0}
 
 
 def noise(shape: tuple[int, int, int] = SHAPE, dtype: Any = np.float32) -> np.ndarray:
     """Random samples over all of an integer's range, or over −1 … 1."""
     values = np.random.default_rng(5).random(shape)
     values.flat[[0, 1]] = 0, 1  # both ends of the range
+    return over_range(2 * values - 1 if np.dtype(dtype).kind == "f" else values, dtype)
+
+
+def smooth(shape: tuple[int, int, int] = SHAPE, dtype: Any = np.float32) -> np.ndarray:
+    """Waves with some noise, in [0, 1] or over an integer's range: gradients of every direction, few that vanish."""
+    z, y, x = np.indices(shape)
+    waves = np.sin(0.5 * x + 0.2) * np.cos(0.4 * y) + np.sin(0.3 * z + 0.1 * x)
+    return over_range((waves + 2 + 0.2 * noise(shape)) / 4.2, dtype)
+
+
+def over_range(values: np.ndarray, dtype: Any) -> np.ndarray:
+    """Values in [0, 1] as floats, or spread over all of an integer's range."""
     dtype = np.dtype(dtype)
     if dtype.kind == "f":
-        return (2 * values - 1).astype(dtype)
+        return values.astype(dtype)
     info = np.iinfo(dtype)
     return np.clip(info.min + values * (float(info.max) - info.min), info.min, float(info.max) * (1 - 2.0**-53)).astype(
         dtype
@@ -58,37 +84,27 @@ def scene_of(
     opacity: Any = BUMP,
     cmap: Any = COLOURS,
     unit: float = 8.0,
-    interpolation: str = "linear",
-    size: tuple[int, int] = (24, 20),
-    look: Any = None,
-    parts: Any = None,
-    classification: str = "post",
-    **quality: Any,
+    size: tuple[int, int] = SIZE,
+    **keys: Any,
 ) -> Scene:
-    """One volume, seen by a camera; control points are given in units of clim, by default the middle of the values.
+    """One volume, seen by a camera, with further keys of the volume, of `quality`, and sections of the scene.
 
-    `look` holds further keys of the volume, `parts` further sections of the scene.
+    Control points are given in units of clim, which by default is the middle of the values.
     """
     if clim is None:
-        low, high = float(voxels.min()), float(voxels.max())
+        low, high = float(np.nanmin(voxels)), float(np.nanmax(voxels))
         clim = (low + 0.1 * (high - low), high - 0.1 * (high - low))
     spread = lambda points: tuple((clim[0] + p[0] * (clim[1] - clim[0]), *p[1:]) for p in points)  # noqa: E731
+    look, quality = ({key: keys.pop(key) for key in model.model_fields if key in keys} for model in (Volume, Quality))
     volume = Volume(
         path="in memory",
         cmap=spread(cmap),
         clim=clim,
         opacity=spread(opacity) if isinstance(opacity, tuple) else opacity,
         opacity_unit_distance=unit,
-        interpolation=interpolation,
-        **(look or {}),
+        **look,
     )
-    return Scene(
-        volumes=(volume,),
-        camera=camera,
-        image=ImageSettings(size=size),
-        quality=Quality(**quality).model_copy(update={"classification": classification}),
-        **(parts or {}),
-    )
+    return Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality), **keys)
 
 
 def camera_at(name: str, grid: Grid) -> Camera:
@@ -98,6 +114,7 @@ def camera_at(name: str, grid: Grid) -> Camera:
     x, y, z = (corners[1] - corners[0]), (corners[2] - corners[0]), (corners[4] - corners[0])
     up = z / np.linalg.norm(z) + 0.01 * x / np.linalg.norm(x)
     aside = np.array([1.1, 0.7, 0.9])
+    far = centre + 1e6 * diagonal * aside / np.linalg.norm(aside)
     places: dict[str, tuple[Any, Any, dict[str, float]]] = {
         "outside": (centre + diagonal * aside, centre, {}),
         "inside": (corners[0] + 0.37 * x + 0.61 * y + 0.45 * z, corners[7], {"view_angle": 80}),
@@ -105,11 +122,7 @@ def camera_at(name: str, grid: Grid) -> Camera:
         "on-an-edge": (corners[0] + 0.5 * z, centre, {"view_angle": 60}),
         "on-a-corner": (corners[0], centre, {"view_angle": 60}),
         "along-an-axis": (centre - 2 * x, centre, {}),
-        "far": (
-            centre + 1e6 * diagonal * aside / np.linalg.norm(aside),
-            centre,
-            {"view_angle": degrees(2e-6 * atan(0.45))},
-        ),
+        "far": (far, centre, {"view_angle": degrees(2e-6 * atan(0.45))}),
         "parallel": (centre + diagonal * aside, centre, {"parallel_scale": 0.4 * diagonal}),
         "parallel-along-an-axis": (centre - 2 * x, centre, {"parallel_scale": 0.3 * diagonal}),
         "parallel-from-inside": (centre, centre + aside, {"parallel_scale": 0.4 * diagonal}),
@@ -134,6 +147,36 @@ CAMERAS = (
 )
 
 
+def clip_of(grid: Grid, name: str = "both") -> dict[str, Any]:
+    """Planes and boxes through the middle of a grid, at no special place."""
+    corners = grid.corners
+    middle, size = corners.mean(axis=0) + 0.01 * (corners[7] - corners[0]), np.ptp(corners, axis=0)
+    box = np.stack([middle - 0.31 * size, middle + 0.27 * size], axis=1).ravel().tolist()
+    oblique = [middle.tolist(), [0.3, -0.5, 0.8]]
+    return {
+        "box": {"box": box},
+        "plane": {"planes": [oblique]},
+        "wedge": {"planes": [oblique, [(middle + 0.1 * size).tolist(), [-2e9, -1e9, 3e8]]]},
+        "both": {"planes": [oblique], "box": box},
+        "nothing-left": {"planes": [[middle.tolist(), [1, 0, 0]], [(middle - 0.1 * size).tolist(), [-1, 0, 0]]]},
+        "nothing-cut": {"planes": [[(corners.min(axis=0) - size).tolist(), [1, 1, 1]]]},
+    }[name]
+
+
+def lights_in(grid: Grid) -> tuple[Light, ...]:
+    """A light in the volume, one beside it that fades, a wide cone, a light far away and a headlight."""
+    corners = grid.corners
+    inside, beside = (tuple((corners[0] * (1 - s) + corners[7] * s).tolist()) for s in (0.6, -0.3))
+    unit = min(grid.spacing)
+    return (
+        Light(position=inside, positional=True, cone_angle=90, color=(1, 0.5, 0.2)),
+        Light(position=beside, positional=True, cone_angle=90, attenuation=(0.5, 0.02 / unit, 1e-3 / unit**2)),
+        Light(position=beside, focal_point=inside, positional=True, cone_angle=89, exponent=3.0, color=(0, 0.6, 1)),
+        Light(position=(-1e9, 2e9, -3e8), intensity=0.2),
+        Light(type="headlight", color=(0.1, 0.3, 0.2)),
+    )
+
+
 def prepare(
     scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16, edges: Edges | None = None
 ) -> Prepared:
@@ -147,30 +190,37 @@ def prepare(
 
 
 def draw(
-    context: moderngl.Context, prepared: Prepared, box: BrickBox | None = None, block_bytes: int | None = None
+    where: moderngl.Context | None, prepared: Prepared, box: BrickBox | None = None, **limits: Any
 ) -> RenderResult:
-    """Draw one box of bricks, by default all."""
+    """Draw one box of bricks, by default all, by OpenGL, or without a context by the CPU."""
+    piece = Piece(0, box or build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
+    return _draw(where, prepared, (piece,), **limits)[0]
+
+
+def drawn(where: moderngl.Context | None, prepared: Prepared, parts: int = 1, **limits: Any) -> tuple[np.ndarray, int]:
+    """The finished picture, float64 (h, w, 4), merged from the boxes of a tree drawn apart, and the samples taken."""
     plan = prepared.plan
-    box = box or build_tree(plan.cost, 1).leaves[0].trimmed
-    caster = Raycaster(context, plan, block_bytes)
-    caster.load(plan, shown(prepared))
-    (drawn,) = caster.draw(plan, [Piece(0, box)])
-    caster.release()
-    return drawn
+    pieces = leaf_pieces(build_tree(plan.cost, parts), plan.cost, plan.eye_in_bricks(), plan.view.forward)
+    results = _draw(where, prepared, pieces, **limits)
+    merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
+    return finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)
 
 
-def draw_on_cpu(prepared: Prepared, box: BrickBox | None = None, width: Width | None = None) -> RenderResult:
-    """The same without OpenGL; `width` is that of the vectors."""
+def _draw(
+    where: moderngl.Context | None,
+    prepared: Prepared,
+    pieces: tuple[Piece, ...],
+    block_bytes: int | None = None,
+    width: Width | None = None,
+) -> list[RenderResult]:
+    """The results of pieces; `width` is that of the CPU's vectors."""
     plan = prepared.plan
-    caster = VectorCaster(plan, width)
-    caster.load(plan, shown(prepared))
-    (drawn,) = caster.draw(plan, [Piece(0, box or build_tree(plan.cost, 1).leaves[0].trimmed)])
-    return drawn
-
-
-def shown(prepared: Prepared) -> dict[Index, np.ndarray]:
-    """The bricks that a plan shows."""
-    return {index: samples for index, samples in prepared.bricks.items() if prepared.plan.cost[index] > 0}
+    caster = Raycaster(where, plan, block_bytes) if where else VectorCaster(plan, width)
+    caster.load(plan, prepared.shown)
+    results = caster.draw(plan, pieces)
+    if isinstance(caster, Raycaster):
+        caster.release()
+    return results
 
 
 def whole(partial: PartialImage, size: tuple[int, int]) -> np.ndarray:
@@ -181,46 +231,51 @@ def whole(partial: PartialImage, size: tuple[int, int]) -> np.ndarray:
     return rgba
 
 
-def picture(
-    context: moderngl.Context,
-    scene: Scene,
-    voxels: np.ndarray,
-    grid: Grid | None = None,
-    brick: int = 16,
-    **limits: int,
-) -> np.ndarray:
-    """float64 (h, w, 4): the scene, drawn as one box."""
-    return whole(draw(context, prepare(scene, voxels, grid, brick), **limits).partial, scene.image.size)
-
-
-def pictures(
-    context: moderngl.Context, scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16
-) -> list[np.ndarray]:
-    """The same from every ray caster that can draw it."""
-    drawn = drawn_by_each(context, prepare(scene, voxels, grid, brick))
-    return [whole(one.partial, scene.image.size) for one in drawn]
-
-
-def drawn_by_each(context: moderngl.Context, prepared: Prepared) -> list[RenderResult]:
-    """A scene by OpenGL, and by the processor where it can."""
-    return [draw(context, prepared), *([draw_on_cpu(prepared)] if can_draw(prepared.plan) else [])]
-
-
-def error(
-    context: moderngl.Context,
-    expected: np.ndarray,
-    scene: Scene,
-    voxels: np.ndarray,
-    grid: Grid | None = None,
-    brick: int = 16,
-) -> float:
-    """Largest difference of every caster's picture from what is expected."""
-    return max(float(np.abs(found - expected).max()) for found in pictures(context, scene, voxels, grid, brick))
-
-
 def rotation(axis: tuple[float, float, float], angle_degrees: float) -> tuple[tuple[float, float, float], ...]:
     """Rows of a rotation matrix, by Rodrigues' formula."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(angle_degrees)
     return tuple(map(tuple, (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross).tolist()))
+
+
+TURNED = rotation((1.0, 2.0, -0.5), 37.0)
+
+
+class Counted:
+    """A context that counts what is asked of it."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context, self.made = context, Counter[str]()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def buffer(self, *args: Any, **keys: Any) -> moderngl.Buffer:
+        self.made["buffers"] += 1
+        return self._context.buffer(*args, **keys)
+
+    def texture3d(self, *args: Any, **keys: Any) -> moderngl.Texture3D:
+        self.made["textures"] += 1
+        return self._context.texture3d(*args, **keys)
+
+    def texture(self, *args: Any, **keys: Any) -> moderngl.Texture:
+        self.made["tables"] += 1
+        return self._context.texture(*args, **keys)
+
+    def compute_shader(self, source: str) -> moderngl.ComputeShader:
+        self.made["programs"] += 1
+        return self._context.compute_shader(source)
+
+    def memory_barrier(self) -> None:
+        self.made["dispatches"] += 1
+        self._context.memory_barrier()
+
+
+class WrittenError(Exception):
+    """A kernel's code would hold what no test may find in it."""
+
+
+def refuse(*_: object) -> None:
+    """Stand in for what writes a part of a kernel's code."""
+    raise WrittenError

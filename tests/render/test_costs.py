@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import camera_at, prepare, scene_of
+from render.scenes import Counted, camera_at, prepare, scene_of
 
 from clusterviz.data.source import Grid
 from clusterviz.partition import Piece, build_tree
@@ -67,38 +66,38 @@ class Case:
 
 CASES = {
     "plain": Case({}),
-    "lights of an unlit volume": Case({"parts": LAMP}),
-    "maximum, not lit": Case({"look": {"blending": "maximum"} | SHADE}, "composite over", "extreme"),
-    "average": Case({"look": {"blending": "average"}}, "composite over", "sum"),
-    "local maximum": Case({"look": LOCAL}, "composite over", "local_maximum"),
-    "shade": Case({"look": SHADE}, "unlit gradient_none", "gradient lights lights_far", buffers=1, side=19),
+    "lights of an unlit volume": Case(LAMP),
+    "maximum, not lit": Case({"blending": "maximum"} | SHADE, "composite over", "extreme"),
+    "average": Case({"blending": "average"}, "composite over", "sum"),
+    "local maximum": Case(LOCAL, "composite over", "local_maximum"),
+    "shade": Case(SHADE, "unlit gradient_none", "gradient lights lights_far", buffers=1, side=19),
     "shade, from a place": Case(
-        {"look": SHADE, "parts": PLACE}, "unlit gradient_none", "gradient lights lights_near", buffers=1, side=19
+        SHADE | PLACE, "unlit gradient_none", "gradient lights lights_near", buffers=1, side=19
     ),
     "nearest, shade": Case(
-        {"interpolation": "nearest", "look": SHADE},
+        {"interpolation": "nearest"} | SHADE,
         "linear_u8 unlit gradient_none",
         "nearest gradient_nearest lights lights_far",
         buffers=1,
         side=19,
     ),
     "shade, smooth": Case(
-        {"look": SHADE | SMOOTH}, "unlit gradient_none", "spline gradient_cubic lights lights_far", buffers=1, side=19
+        SHADE | SMOOTH, "unlit gradient_none", "spline gradient_cubic lights lights_far", buffers=1, side=19
     ),
-    "smooth, but not lit": Case({"look": SMOOTH}),
+    "smooth, but not lit": Case(SMOOTH),
     "cubic": Case({"interpolation": "cubic"}, "linear_u8", "spline cubic", side=19),
     "cubic, shade": Case(
-        {"interpolation": "cubic", "look": SHADE},
+        {"interpolation": "cubic"} | SHADE,
         "linear_u8 unlit gradient_none",
         "spline cubic gradient_cubic lights lights_far",
         buffers=1,
         side=19,
     ),
-    "clip": Case({"parts": CLIP}, "unclipped", "clip kept", buffers=1),
-    "isosurfaces": Case({"look": SURFACES}, "samples", "surfaces root cell_linear", buffers=1, side=19),
-    "isosurfaces in a volume": Case({"look": IN_VOLUME}, "samples", "surfaces root cell_linear", buffers=1, side=19),
+    "clip": Case(CLIP, "unclipped", "clip kept", buffers=1),
+    "isosurfaces": Case(SURFACES, "samples", "surfaces root cell_linear", buffers=1, side=19),
+    "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces root cell_linear", buffers=1, side=19),
     "all of it": Case(
-        {"look": SURFACES | SHADE, "parts": CLIP, "interpolation": "cubic"},
+        SURFACES | SHADE | CLIP | {"interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
         "surfaces root cell_cubic spline cubic gradient_cubic lights lights_far clip kept",
         buffers=3,
@@ -116,7 +115,7 @@ CASES = {
     ),
     "midpoints, which need no split": Case({"borders": "split"}),
     "pre-integrated, shade": Case(
-        {"classification": "pre-integrated", "look": SHADE},
+        {"classification": "pre-integrated"} | SHADE,
         "composite samples segment unlit gradient_none",
         "preintegrated ramp sums gradient lights lights_far",
         buffers=2,
@@ -125,16 +124,16 @@ CASES = {
     "pre-integrated, but nearest": Case(
         {"classification": "pre-integrated", "interpolation": "nearest"}, "linear_u8", "nearest"
     ),
-    "gradient opacity": Case({"look": FADED}, "gradient_none unfaded", "gradient magnitude faded", buffers=1, side=19),
+    "gradient opacity": Case(FADED, "gradient_none unfaded", "gradient magnitude faded", buffers=1, side=19),
     "gradient opacity, shade": Case(
-        {"look": FADED | SHADE},
+        FADED | SHADE,
         "gradient_none unfaded unlit",
         "gradient magnitude faded lights lights_far",
         buffers=2,
         side=19,
     ),
     "gradient opacity, pre-integrated": Case(
-        {"look": FADED, "classification": "pre-integrated"},
+        FADED | {"classification": "pre-integrated"},
         "composite samples segment gradient_none unfaded",
         "preintegrated ramp sums gradient magnitude faded",
         buffers=2,
@@ -142,7 +141,7 @@ CASES = {
     ),
     "jitter": Case({"jitter": True}, "unjittered", "jitter"),
     "jitter, but surfaces": Case(
-        {"jitter": True, "look": SURFACES}, "samples", "surfaces root cell_linear", buffers=1, side=19
+        {"jitter": True} | SURFACES, "samples", "surfaces root cell_linear", buffers=1, side=19
     ),
     "cubic, hardware": Case(
         {"filter": "hardware", "interpolation": "cubic"},
@@ -153,36 +152,6 @@ CASES = {
     ),
     "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
 }
-
-
-class Counted:
-    """A context that counts what is asked of it."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context, self.made = context, Counter[str]()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._context, name)
-
-    def buffer(self, *args: Any, **keys: Any) -> moderngl.Buffer:
-        self.made["buffers"] += 1
-        return self._context.buffer(*args, **keys)
-
-    def texture3d(self, *args: Any, **keys: Any) -> moderngl.Texture3D:
-        self.made["textures"] += 1
-        return self._context.texture3d(*args, **keys)
-
-    def texture(self, *args: Any, **keys: Any) -> moderngl.Texture:
-        self.made["tables"] += 1
-        return self._context.texture(*args, **keys)
-
-    def compute_shader(self, source: str) -> moderngl.ComputeShader:
-        self.made["programs"] += 1
-        return self._context.compute_shader(source)
-
-    def memory_barrier(self) -> None:
-        self.made["dispatches"] += 1
-        self._context.memory_barrier()
 
 
 def planned(name: str) -> tuple[Plan, dict[Any, Any]]:
@@ -224,7 +193,7 @@ def test_only_what_is_shown_is_compiled(name: str) -> None:
 def test_a_table_is_one_texture_and_one_buffer(context: moderngl.Context, tmp_path: Path) -> None:
     np.save(tmp_path / "table.npy", np.ones((3, 5)))
     table = {"path": str(tmp_path / "table.npy"), "values": (0.0, 200.0), "magnitudes": (0.0, 9.0)}
-    scene = scene_of(VOXELS, camera_at("outside", GRID), opacity=None, look={"transfer_2d": table})
+    scene = scene_of(VOXELS, camera_at("outside", GRID), opacity=None, transfer_2d=table)
     prepared = prepare(scene, VOXELS, GRID, BRICK)
     counted = Counted(context)
     caster = Raycaster(counted, prepared.plan)
@@ -240,7 +209,7 @@ def test_scenes_that_differ_in_numbers_share_a_program() -> None:
     sources = set()
     for clim, step, normal in (((0.0, 150.0), 1.0, [1, 0, 0]), ((5.0, 120.0), 0.3, [1, 2, 3])):
         parts = {"clip": {"planes": [[[1, 1, 1], normal]]}, "lights": (Light(position=tuple(normal)),)}
-        scene = scene_of(VOXELS, camera_at("inside", GRID), clim=clim, step=step, look={"shade": True}, parts=parts)
+        scene = scene_of(VOXELS, camera_at("inside", GRID), clim=clim, step=step, shade=True, **parts)
         plan = prepare(scene, VOXELS, GRID, BRICK).plan
         sources.add(variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 16).source.text)
     assert len(sources) == 1

@@ -3,33 +3,46 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import noise, rotation, whole
-from render.test_costs import Counted
+from render import scenes
+from render.scenes import Counted, Prepared, WrittenError, noise, refuse, rotation
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.partition import Piece, build_tree, leaf_pieces
+from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.plan import Plan
-from clusterviz.reference import over, render_reference
+from clusterviz.reference import render_reference
 from clusterviz.render import stored_brick
+from clusterviz.render.cpu import caster as casters
+from clusterviz.render.cpu import memory, program
+from clusterviz.render.cpu.kernel import can_draw, kernel_of, mixed_kernel_of
+from clusterviz.render.cpu.multi_volume_memory import MixedMemory
+from clusterviz.render.cpu.program import program_of
+from clusterviz.render.cpu.width import WIDTHS
+from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.raycast import Raycaster
+from clusterviz.render.storage import slot_of
+from clusterviz.render.stored_brick import Stored
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
-pytestmark = pytest.mark.gl
-
 BOUND = 1e-6
+FEW = 0.005
+"""The share of pixels in which a ray may graze a surface of noise, where the last bit decides."""
+NARROW = {"width": WIDTHS[-1]}
+"""Kernels of narrow vectors compile sooner."""
 Part = tuple[Volume, np.ndarray, Grid]
 CAMERAS = {
     "outside": Camera(position=(60, 50, 40), focal_point=(10, 10, 15), view_up=(0, 0, 1)),
     "inside": Camera(position=(12, 10, 12), focal_point=(10, 10, 35), view_up=(0, 1, 0), view_angle=80),
     "parallel": Camera(position=(60, -50, 40), focal_point=(10, 10, 15), view_up=(0, 0, 1), parallel_scale=25),
+    "along": Camera(position=(12, 11, -40), focal_point=(12, 11, 0), view_up=(0, 1, 0), parallel_scale=12),
+    "on a face": Camera(position=(0, 0, -5), focal_point=(0, 0, 0), view_up=(0, 1, 0), parallel_scale=11.5),
 }
 
 
@@ -41,6 +54,11 @@ def volume(low: float, high: float, green: float = 1.0, **keys: Any) -> Volume:
     return Volume(path="a", clim=(low, high), opacity=points, cmap=colours, opacity_unit_distance=3.0, **keys)
 
 
+def but(part: Part, **keys: Any) -> Part:
+    """A part with other keys of the volume."""
+    return (part[0].model_copy(update=keys), *part[1:])
+
+
 def hollow() -> np.ndarray:
     voxels = noise((15, 12, 17))
     voxels[3:6, 4:8, 2:9] = np.nan
@@ -50,35 +68,74 @@ def hollow() -> np.ndarray:
 BYTES = (volume(20, 230), noise((19, 23, 26), np.uint8), Grid((19, 23, 26)))
 TURNED = Grid((15, 12, 17), (1.3, 0.9, 1.1), (5, 4, 30), rotation((1, 2, 3), 40))
 FLOATS = (volume(-0.8, 0.8, 0.0), hollow(), TURNED)
+PAIR = BYTES, FLOATS
 WORDS = (
     volume(-2e4, 2e4, 0.5, interpolation="nearest", shade=True),
     noise((9, 30, 10), np.int16),
     Grid((9, 30, 10), (2.0, 0.8, 1.5), (12, -4, 3), rotation((3, -1, 1), -70)),
 )
 SMOOTH = (volume(-0.8, 0.8, 0.2, interpolation="cubic", shade=True), *FLOATS[1:])
-ROUNDED = (BYTES[0].model_copy(update={"gradient": "smooth", "shade": True}), *BYTES[1:])
+ROUNDED = but(BYTES, gradient="smooth", shade=True)
 WITHIN = (
     volume(-0.8, 0.8, 0.2),
     noise((5, 6, 7)),
     Grid((5, 6, 7), (0.9, 0.7, 0.8), (8, 9, 7), rotation((0, 1, 2), 15)),
 )
 COARSE = (volume(20, 230, shade=True), noise((5, 6, 4), np.uint8), Grid((5, 6, 4), (9.0, 5.0, 6.0), (-3, -2, 1)))
-STEEP = (
-    BYTES[0].model_copy(update={"gradient_opacity": ((0.0, 0.0), (40.0, 0.7), (60.0, 0.2), (120.0, 1.0))}),
-    *BYTES[1:],
-)
-LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
-SCENES: dict[str, tuple[tuple[Part, ...], dict[str, Any]]] = {
-    "bytes beside turned floats with holes": ((BYTES, FLOATS), {}),
-    "three, lit, clipped": (
-        (WORDS, SMOOTH, ROUNDED),
-        {"lights": LIGHTS, "clip": Clip(planes=(((5, 5, 5), (1, 1, 0.5)),))},
-    ),
-    "one within another": ((BYTES, WITHIN), {}),
-    "by gradients": ((STEEP, FLOATS, WORDS), {"lights": LIGHTS}),
-    "jittered": ((BYTES, FLOATS), {"quality": {"jitter": True}, "clip": Clip(planes=(((9, 9, 9), (0.2, 1, 1)),))}),
-    "coarse and fine": ((COARSE, WITHIN), {"lights": (Light(position=(30, 20, 60), positional=True),)}),
+STEEP = but(BYTES, gradient_opacity=((0.0, 0.0), (40.0, 0.7), (60.0, 0.2), (120.0, 1.0)))
+OPAQUE, FAINT = but(BYTES, opacity=1.0, opacity_unit_distance=1e-30), but(FLOATS, opacity=1e-8)
+SHIFTED = (*BYTES[:2], Grid((19, 23, 26), origin=(0.5, 0.5, 0.5)))  # midpoints lie on its faces
+BESIDE = (*FLOATS[:2], Grid((15, 12, 17), origin=(0.5, 0.5, 0.5)))
+SINGLE = (volume(0, 1), np.ones((1, 1, 1), np.float32), Grid((1, 1, 1), origin=(3, 3, 3)))
+FLAT = (volume(0, 1), np.ones((1, 9, 9), np.float32), Grid((1, 9, 9), origin=(3, 3, 3)))
+SHELLS = but(BYTES, isosurfaces=(100.0, (150.0, 0.5)), blending="isosurface", shade=True)
+CORES = but(FLOATS, isosurfaces=((-0.2, 0.3), (0.1, 0.6)))
+LIGHTS = {"lights": (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))}
+NEAR = {"lights": (Light(position=(30, 20, 60), positional=True),)}
+CUT = {"clip": Clip(planes=(((9, 9, 9), (0.2, 1, 1)),))}
+JITTERED = {"quality": {"jitter": True}}
+INTEGRATED = {"quality": {"classification": "pre-integrated"}}
+BOTH = {"quality": {"classification": "pre-integrated", "jitter": True}}
+Case = tuple[tuple[Part, ...], dict[str, Any], tuple[str, ...]]
+BY_OPENGL: dict[str, Case] = {
+    "bytes beside turned floats with holes": (PAIR, {}, ("outside", "inside", "parallel")),
+    "three, lit, clipped": ((WORDS, SMOOTH, ROUNDED), LIGHTS | CUT, ("outside", "inside", "parallel")),
+    "one within another": ((BYTES, WITHIN), {}, ("outside", "inside", "parallel")),
+    "by gradients": ((STEEP, FLOATS, WORDS), LIGHTS, ("outside", "inside", "parallel")),
+    "jittered": (PAIR, JITTERED | CUT, ("outside", "inside", "parallel")),
+    "coarse and fine": ((COARSE, WITHIN), NEAR, ("outside", "inside", "parallel")),
+    "integrals beside nearest voxels": ((BYTES, FLOATS, WORDS), INTEGRATED, ("inside",)),
+    "integrals, lit, clipped, jittered": ((STEEP, SMOOTH), BOTH | CUT, ("outside",)),
+    "surfaces through each other": ((SHELLS, CORES, WORDS), LIGHTS | CUT, ("inside",)),
+    "surfaces beside integrals": ((FLOATS, SHELLS), BOTH | CUT, ("parallel",)),
+    "opaque and faint": ((OPAQUE, FAINT), {}, ("outside",)),
+    "steps of 30 voxels": (PAIR, {"step": 30.0}, ("outside",)),
+    "midpoints on faces": ((BYTES, SHIFTED), {"step": 1.0}, ("along",)),
+    "rays in faces": ((BYTES, BYTES), {"step": 1.0}, ("on a face",)),
+    "without thickness": ((SINGLE, FLAT, FLOATS), {}, ("outside",)),
 }
+BY_CPU: dict[str, Case] = {
+    "bytes beside turned floats with holes": (PAIR, {}, ("outside", "inside", "parallel")),
+    "nearest, lit, clipped, jittered": ((WORDS, FLOATS), LIGHTS | JITTERED | CUT, ("outside",)),
+    "integrals beside nearest voxels": ((WORDS, FLOATS), BOTH | CUT, ("outside", "inside")),
+    "narrow: splines and gradients": ((SMOOTH, STEEP), NEAR, ("inside",)),
+    "narrow: opaque and faint": ((OPAQUE, FAINT), {}, ("outside",)),
+    "narrow: steps of 30 voxels": (PAIR, {"step": 30.0}, ("outside",)),
+    "narrow: midpoints on faces": ((BYTES, BESIDE), {"step": 1.0}, ("along",)),
+    "narrow: rays in faces": ((BYTES, BESIDE), {"step": 1.0}, ("on a face",)),
+    "narrow: without thickness": ((BYTES, FLAT), {}, ("outside",)),
+}
+CASES = [
+    *(pytest.param("gl", name, camera, marks=pytest.mark.gl) for name in BY_OPENGL for camera in BY_OPENGL[name][2]),
+    *(pytest.param("cpu", name, camera) for name in BY_CPU for camera in BY_CPU[name][2]),
+]
+EACH = pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
+
+
+@pytest.fixture
+def where(request: pytest.FixtureRequest, caster: str) -> moderngl.Context | None:
+    """The context, or None for the CPU."""
+    return request.getfixturevalue("context") if caster == "gl" else None
 
 
 def scene_of(parts: tuple[Part, ...], camera: str = "outside", brick: int = 16, **sections: Any) -> Scene:
@@ -92,121 +149,120 @@ def scene_of(parts: tuple[Part, ...], camera: str = "outside", brick: int = 16, 
     )
 
 
-def prepared(scene: Scene, parts: tuple[Part, ...]) -> tuple[Plan, dict[Any, Any]]:
+def prepared(scene: Scene, parts: tuple[Part, ...]) -> Prepared:
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(part[1], part[2]) for part in parts])
     assert share.plan is not None
-    return share.plan, bricks
+    return Prepared(share.plan, bricks)
 
 
-def drawn(
-    context: moderngl.Context, scene: Scene, parts: tuple[Part, ...], leaves: int = 1, block_bytes: int | None = None
-) -> tuple[np.ndarray, int]:
-    """The picture, drawn in so many parts, and the samples taken."""
-    plan, bricks = prepared(scene, parts)
-    caster = Raycaster(context, plan, block_bytes)
-    caster.load(plan, bricks)
-    pieces = leaf_pieces(build_tree(plan.cost, leaves), plan.cost, plan.eye_in_bricks(), plan.view.forward)
-    each = caster.draw(plan, pieces)
-    caster.release()
-    return over([whole(one.partial, scene.image.size) for one in each]), sum(one.samples for one in each)
+def drawn(where: Any, scene: Scene, parts: tuple[Part, ...], leaves: int = 1, **limits: Any) -> tuple[np.ndarray, int]:
+    """The picture, drawn in so many boxes, and the samples taken."""
+    return scenes.drawn(where, prepared(scene, parts), leaves, **limits)
 
 
 def expected(scene: Scene, parts: tuple[Part, ...]) -> np.ndarray:
     return render_reference(scene, [part[2] for part in parts], [part[1] for part in parts])
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("name", SCENES)
-def test_pictures_are_the_reference(context: moderngl.Context, name: str, camera: str) -> None:
-    parts, sections = SCENES[name]
-    scene = scene_of(parts, camera, **dict(sections))
-    picture, _ = drawn(context, scene, parts)
-    assert picture[..., 3].max() > 0.3
-    assert np.abs(picture - expected(scene, parts)).max() <= BOUND
+def wrong(found: np.ndarray, right: np.ndarray, bound: float = 1e-5) -> float:
+    """The share of pixels that differ, of pictures that show something."""
+    assert right[..., 3].max() > 0.3
+    return float((np.abs(found - right).max(axis=-1) > bound).mean())
 
 
-@pytest.mark.parametrize("entries", [(4, 6, 4), (5, 3)], ids=["colours", "opacities"])
-def test_tables_of_two_dimensions(context: moderngl.Context, entries: tuple[int, ...], tmp_path: Path) -> None:
-    """Two volumes with tables of their own, beside one without."""
-    parts = []
-    for number, part in enumerate((BYTES, FLOATS)):
+@pytest.mark.parametrize(("caster", "name", "camera"), CASES)
+def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
+    parts, sections, _ = (BY_OPENGL if caster == "gl" else BY_CPU)[name]
+    scene = scene_of(parts, camera, **sections)
+    found, _ = drawn(where, scene, parts, **NARROW if "narrow" in name else {})
+    surfaces = "surfaces" in name
+    assert wrong(found, expected(scene, parts), 1e-5 if surfaces else BOUND) <= FEW * surfaces
+
+
+@EACH
+def test_tables_of_two_dimensions(where: Any, caster: str, tmp_path: Path) -> None:
+    """Two volumes with tables of their own: of colours, and of opacities."""
+    parts: tuple[Part, ...] = ()
+    for number, (part, entries) in enumerate(((BYTES, (4, 6, 4)), (FLOATS, (5, 3)))):
         path, clim = tmp_path / f"{number}.npy", part[0].clim
         np.save(path, np.random.default_rng(number).random(entries) * 0.8)
-        keys = {"cmap": part[0].cmap, "clim": clim, "opacity_unit_distance": 6.0, "shade": not number}
+        keys = {"cmap": part[0].cmap, "clim": clim, "opacity_unit_distance": 6.0, "shade": caster == "gl"}
         table = {"path": str(path), "values": clim, "magnitudes": (0.02 * np.ptp(clim), 0.3 * np.ptp(clim))}
-        parts.append((Volume(path="b", transfer_2d=table, **keys), *part[1:]))
-    scene = scene_of((*parts, WORDS))
-    picture, _ = drawn(context, scene, (*parts, WORDS))
-    assert np.abs(picture - expected(scene, (*parts, WORDS))).max() <= BOUND
+        parts = (*parts, (Volume(path="b", transfer_2d=table, **keys), *part[1:]))
+    parts = (*parts, WORDS) if caster == "gl" else parts
+    found, _ = drawn(where, scene := scene_of(parts), parts, **NARROW if caster == "cpu" else {})
+    assert np.abs(found - expected(scene, parts)).max() <= BOUND
 
 
-@pytest.mark.parametrize("name", ["bytes beside turned floats with holes", "coarse and fine"])
-def test_neither_parts_nor_bricks_nor_memory_change_the_picture(context: moderngl.Context, name: str) -> None:
-    parts, sections = SCENES[name]
-    first, _ = drawn(context, scene_of(parts, "inside", 64, **sections), parts)
-    counts = set()
-    for brick, leaves, block_bytes in ((9, 5, None), (13, 3, None), (13, 1, 1 << 17)):
-        picture, taken = drawn(context, scene_of(parts, "inside", brick, **sections), parts, leaves, block_bytes)
-        assert np.abs(picture - first).max() <= BOUND, (brick, leaves)
-        if brick == 13:
-            counts.add(taken)
-    assert len(counts) == 1
+@EACH
+@pytest.mark.parametrize(
+    ("parts", "camera", "sections"),
+    [
+        (PAIR, "parallel", {"step": 2.0}),
+        (PAIR, "inside", {"step": 2.0} | INTEGRATED),
+        ((COARSE, WITHIN), "inside", NEAR),
+    ],
+    ids=["sampled", "integrated", "coarse and fine"],
+)
+def test_neither_parts_nor_bricks_nor_memory_change_the_picture(
+    where: Any, parts: tuple[Part, ...], camera: str, sections: dict[str, Any]
+) -> None:
+    """Integrated slabs of two voxels reach a voxel beyond their bricks."""
+    first, _ = drawn(where, scene_of(parts, camera, 64, **sections), parts)
+    little = {"block_bytes": 1 << 17} if where else {}
+    for brick, leaves in ((9, 5), (13, 3)):
+        scene = scene_of(parts, camera, brick, **sections)
+        (found, samples), (alone, taken) = drawn(where, scene, parts, leaves), drawn(where, scene, parts, **little)
+        assert np.abs(found - first).max() <= BOUND, brick
+        assert np.abs(alone - first).max() <= BOUND, brick
+        assert samples == taken
 
 
+@pytest.mark.gl
+def test_neither_parts_nor_bricks_change_where_slabs_end(context: moderngl.Context) -> None:
+    """Slabs of two voxels reach a voxel beyond their bricks, and no slab is longer."""
+    parts, sections, _ = BY_OPENGL["surfaces beside integrals"]
+    pictures = [
+        drawn(context, scene_of(parts, "parallel", brick, step=step, **sections), parts, leaves)[0]
+        for brick, leaves, step in ((64, 1, 30.0), (9, 5, 2.0))
+    ]
+    assert wrong(*pictures) <= FEW
+
+
+@pytest.mark.gl
+def test_both_casters_take_the_same_samples_but_few(context: moderngl.Context) -> None:
+    """Whether anything is visible is asked where windows end, and by OpenGL 16 slabs behind a run's begin, too."""
+    (found, samples), (other, others) = (drawn(where, scene_of(PAIR), PAIR) for where in (None, context))
+    assert np.abs(found - other).max() <= BOUND
+    assert abs(samples - others) <= 0.05 * others
+
+
+@pytest.mark.gl
 def test_a_volume_given_twice_is_one_of_twice_the_extinction(context: moderngl.Context) -> None:
-    one = (FLOATS[0].model_copy(update={"opacity_unit_distance": 1.5}), *BYTES[1:])
-    twice = (one[0].model_copy(update={"opacity_unit_distance": 3.0}), *BYTES[1:])
-    clim = {"clim": (20.0, 230.0), "opacity": BYTES[0].opacity, "cmap": BYTES[0].cmap}
-    one, twice = ((part[0].model_copy(update=clim), *part[1:]) for part in (one, twice))
+    one, twice = (but(BYTES, opacity_unit_distance=unit) for unit in (1.5, 3.0))
     alone, _ = drawn(context, scene_of((one,)), (one,))
     mixed, _ = drawn(context, scene_of((twice, twice)), (twice, twice))
     assert np.abs(mixed - alone).max() <= BOUND
 
 
-OPAQUE = (BYTES[0].model_copy(update={"opacity": 1.0, "opacity_unit_distance": 1e-30}), *BYTES[1:])
-FAINT = (FLOATS[0].model_copy(update={"opacity": 1e-8}), *FLOATS[1:])
-SHIFTED = (*BYTES[:2], Grid((19, 23, 26), origin=(0.5, 0.5, 0.5)))  # midpoints lie on its faces
-SINGLE = (volume(0, 1), np.ones((1, 1, 1), np.float32), Grid((1, 1, 1), origin=(3, 3, 3)))
-FLAT = (volume(0, 1), np.ones((1, 9, 9), np.float32), Grid((1, 9, 9), origin=(3, 3, 3)))
-ALONG = Camera(position=(12, 11, -40), focal_point=(12, 11, 0), view_up=(0, 1, 0), parallel_scale=12)
-ON_A_FACE = Camera(position=(0, 0, -5), focal_point=(0, 0, 0), view_up=(0, 1, 0), parallel_scale=11.5)
-
-
-@pytest.mark.parametrize(
-    ("parts", "camera", "step"),
-    [
-        ((OPAQUE, FAINT), CAMERAS["outside"], 0.7),
-        ((BYTES, FLOATS), CAMERAS["outside"], 30.0),
-        ((BYTES, SHIFTED), ALONG, 1.0),
-        ((BYTES, BYTES), ON_A_FACE, 1.0),
-        ((SINGLE, FLAT, FLOATS), CAMERAS["outside"], 0.7),
-    ],
-    ids=["opaque and faint", "steps of 30 voxels", "midpoints on faces", "rays in faces", "without thickness"],
-)
-def test_extremes(context: moderngl.Context, parts: tuple[Part, ...], camera: Camera, step: float) -> None:
-    scene = scene_of(parts, step=step).model_copy(update={"camera": camera})
-    picture, _ = drawn(context, scene, parts)
-    assert picture[..., 3].max() > 0.3
-    assert np.abs(picture - expected(scene, parts)).max() <= BOUND
-
-
+@pytest.mark.gl
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
 def test_units_are_of_no_account(context: moderngl.Context, unit: float) -> None:
     def scaled(part: Part) -> Part:
-        look, voxels, grid = part
+        look, voxels, grid = but(part, opacity_unit_distance=3.0 * unit)
         spacing, origin = (tuple(unit * length for length in triple) for triple in (grid.spacing, grid.origin))
-        farther = look.model_copy(update={"opacity_unit_distance": 3.0 * unit})
-        return farther, voxels, Grid(grid.shape_zyx, spacing, origin, grid.direction)
+        return look, voxels, Grid(grid.shape_zyx, spacing, origin, grid.direction)
 
     near = CAMERAS["outside"]
     position, focal_point = (tuple(unit * x for x in point) for point in (near.position, near.focal_point))
     camera = near.model_copy(update={"position": position, "focal_point": focal_point})
     parts = scaled(BYTES), scaled(FLOATS)
     scene = scene_of(parts).model_copy(update={"camera": camera})
-    first, _ = drawn(context, scene_of((BYTES, FLOATS)), (BYTES, FLOATS))
+    first, _ = drawn(context, scene_of(PAIR), PAIR)
     assert np.abs(drawn(context, scene, parts)[0] - first).max() <= BOUND
 
 
+@pytest.mark.gl
 def test_volumes_apart_are_each_alone_where_rays_meet_one(context: moderngl.Context) -> None:
     """Rays along z, whose slabs begin at one plane for both."""
     parts = BYTES, (volume(20, 230, 0.3), noise((19, 10, 12), np.uint8), Grid((19, 10, 12), origin=(40.0, 3.0, 0.0)))
@@ -218,48 +274,102 @@ def test_volumes_apart_are_each_alone_where_rays_meet_one(context: moderngl.Cont
     assert np.abs(mixed - sum(alone)).max() <= BOUND
 
 
-@pytest.mark.parametrize("classification", ["post", "pre-integrated"])
-def test_what_is_skipped_shows_nothing(
-    context: moderngl.Context, classification: Literal["post", "pre-integrated"], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A blob in each of two volumes, with isosurfaces where slabs are integrated: the picture without skipping, by far
-    fewer samples.
-    """
-    squares = sum((axis - 20.0) ** 2 for axis in np.indices((40, 40, 40)))
-    blob = np.exp(-squares / 12).astype(np.float32)
-    look = volume(0.0, 1.0, **({"isosurfaces": [[0.6, 0.5]]} if classification == "pre-integrated" else {}))
-    parts = (
-        (look, blob, Grid(blob.shape)),
-        (look, blob, Grid(blob.shape, origin=(14, 9, 5), direction=TURNED.direction)),
+def blobs(**keys: Any) -> tuple[Part, Part]:
+    """A small body in each of two volumes, around it nothing."""
+    blob = np.exp(-sum((axis - 20.0) ** 2 for axis in np.indices((40, 40, 40))) / 12)
+    turned = Grid(blob.shape, origin=(14, 9, 5), direction=TURNED.direction)
+    return (
+        (volume(0, 255), np.round(255 * blob).astype(np.uint8), Grid(blob.shape)),
+        (volume(0.0, 1.0, **keys), blob.astype(np.float32), turned),
     )
-    scene = scene_of(parts, brick=32, quality={"classification": classification})
-    skipping, fewer = drawn(context, scene, parts)
+
+
+@pytest.mark.parametrize(
+    ("caster", "brick", "sections", "keys"),
+    [
+        pytest.param("gl", 32, {}, {}, id="OpenGL", marks=pytest.mark.gl),
+        pytest.param("gl", 32, INTEGRATED, {"isosurfaces": [[0.6, 0.5]]}, id="OpenGL, surfaces", marks=pytest.mark.gl),
+        pytest.param("cpu", 19, {"step": 2.9}, {}, id="long steps"),
+        pytest.param("cpu", 64, {"step": 0.37, "quality": {"early_termination": 0.3}}, {}, id="ends early"),
+        pytest.param("cpu", 64, {"step": 0.37} | JITTERED, {}, id="jittered"),
+        pytest.param("cpu", 64, {"step": 0.37} | CUT, {}, id="clipped"),
+        pytest.param("cpu", 19, {"step": 0.37} | INTEGRATED, {}, id="integrated"),
+    ],
+)
+def test_skipping_changes_no_bit(
+    where: Any, caster: str, brick: int, sections: Any, keys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = blobs(**keys)
+    scene = scene_of(parts, brick=brick, **sections)
+    skipped, fewer = drawn(where, scene, parts)
+
+    def visible(ranges: Any, _: Plan) -> np.ndarray:
+        return np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)
+
+    monkeypatch.setattr(casters, "visible_groups", visible)
     monkeypatch.setattr(stored_brick, "_visible", lambda low, high, look, transfer: np.ones(low.shape, bool))
-    every, samples = drawn(context, scene, parts)
-    assert np.array_equal(skipping, every)
-    assert fewer < samples / 2
+    every, samples = drawn(where, scene, parts)
+    assert skipped.max() > 0.1
+    assert fewer < (samples / 2 if caster == "gl" else samples)
+    assert np.array_equal(skipped, every)
 
 
+def test_a_ray_ends_with_the_slab_that_leaves_too_little_light() -> None:
+    (every, samples), (found, fewer) = (
+        drawn(None, scene_of(PAIR, quality={"early_termination": share}), PAIR) for share in (0, 0.5)
+    )
+    assert fewer < 0.95 * samples
+    assert np.abs(found - every).max() <= 0.5
+
+
+def test_neither_threads_nor_numbers_of_64_bits_change_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    results = []
+    for threads, narrow in (("1", memory.NARROW), ("3", memory.NARROW), ("3", 0)):
+        monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+        monkeypatch.setattr(memory, "NARROW", narrow)
+        results.append(drawn(None, scene_of(PAIR, brick=9), PAIR, **NARROW))
+    assert results[0][1] > 0
+    for picture, samples in results[1:]:
+        assert np.array_equal(picture, results[0][0])
+        assert samples == results[0][1]
+
+
+def test_surfaces_are_left_to_opengl() -> None:
+    for other in (SHELLS, CORES, but(SHELLS, isosurfaces=((100.0, 0.0),))):
+        assert not can_draw(prepared(scene_of((BYTES, other)), (BYTES, other)).plan)
+    assert can_draw(prepared(scene_of(PAIR, **INTEGRATED), PAIR).plan)
+
+
+def test_one_volume_has_nothing_of_several_in_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    for part in ("Body", "Bodies", "MixedPlaces", "MultiVolume", "Sampled", "Ramped"):
+        monkeypatch.setattr(program, part, refuse)
+    assert program_of(kernel_of(prepared(scene_of((BYTES,)), (BYTES,)).plan, 4, None))
+    with pytest.raises(WrittenError):
+        program_of(mixed_kernel_of(prepared(scene_of(PAIR), PAIR).plan, 4, (None, None)))
+
+
+@pytest.mark.gl
 def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(context: moderngl.Context) -> None:
     made = []
-    for parts in ((BYTES,), (BYTES, FLOATS), (WORDS, SMOOTH, BYTES)):
-        plan, bricks = prepared(scene_of(parts), parts)
+    for parts in ((BYTES,), PAIR, (WORDS, SMOOTH, BYTES)):
+        each = prepared(scene_of(parts), parts)
         counted = Counted(context)
-        caster = Raycaster(counted, plan)
-        caster.load(plan, bricks)
+        caster = Raycaster(counted, each.plan)
+        caster.load(each.plan, each.bricks)
         assert counted.made == {"programs": 1, "buffers": 1}
         counted.made.clear()
-        caster.draw(plan, [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)])
+        caster.draw(each.plan, [Piece(0, build_tree(each.plan.cost, 1).leaves[0].trimmed)])
         made.append(counted.made["buffers"])
         caster.release()
     # One block for all volumes, and one for what lights those that are lit.
     assert (made[1], made[2]) == (made[0] + 1, made[0] + 2)
 
 
+@pytest.mark.gl
 def test_only_what_the_volumes_need_is_compiled(context: moderngl.Context) -> None:
     sources = {}
-    for name, parts in (("one", (BYTES,)), ("two", (BYTES, FLOATS)), ("lit", (WORDS, BYTES))):
-        plan, _ = prepared(scene_of(parts), parts)
+    for name, parts in (("one", (BYTES,)), ("two", PAIR), ("lit", (WORDS, BYTES))):
+        plan = prepared(scene_of(parts), parts).plan
         caster = Raycaster(context, plan)
         sources[name] = caster.variant_of(plan).source.names
         caster.release()
@@ -268,3 +378,47 @@ def test_only_what_the_volumes_need_is_compiled(context: moderngl.Context) -> No
     assert {"voxel_u8.glsl", "voxel_f32.glsl"} < set(sources["two"])
     assert not {"lights.glsl", "gradient.glsl", "composite.glsl", "samples.glsl"} & set(sources["two"])
     assert (sources["lit"].count("lights.glsl"), sources["lit"].count("unlit.glsl")) == (1, 1)
+
+
+@pytest.fixture
+def filled() -> tuple[MixedMemory, dict[tuple[int, int, int], Stored]]:
+    """The CPU's memory of the bricks of three volumes, and these."""
+    parts = (BYTES, FLOATS, WORDS)
+    each = prepared(scene_of(parts, brick=9), parts)
+    assert each.plan.multi_volume is not None
+    slot = slot_of(each.plan)
+    stored = {i: store_multi_volume(portions, each.plan.multi_volume, slot) for i, portions in each.bricks.items()}
+    held = MixedMemory(slot)
+    held.put(dict(stored), lambda _, one: one)
+    return held, stored
+
+
+def test_bricks_are_read_back_as_they_came(filled: Any) -> None:
+    held, stored = filled
+    assert held.bricks == set(stored)
+    assert held.voxels == sum(one.voxels for one in stored.values())
+    for index, found in held.stored(list(stored)):
+        assert np.array_equal(found.samples, stored[index].samples)
+        assert np.array_equal(found.low, stored[index].low, equal_nan=True)
+        assert np.array_equal(found.high, stored[index].high, equal_nan=True)
+
+
+def test_volumes_take_memory_only_in_bricks_that_they_meet(filled: Any) -> None:
+    held, stored = filled
+    indices = np.array(list(stored))
+    numbered = held.numbered(BrickBox((0, 0, 0), tuple((indices.max(axis=0) + 1).tolist())), indices)
+    assert all(0 < one.bricks < len(stored) for one in numbered)
+    for one in numbered:
+        there = one.firsts[..., 3] > 0
+        assert there.sum() == one.bricks
+        assert len(np.unique(one.numbers[there])) == one.bricks
+    assert held.bytes == sum(one.bricks * one.voxels.nbytes for one in numbered)
+
+
+def test_bricks_that_are_given_up_leave_their_room_to_others(filled: Any) -> None:
+    held, stored = filled
+    before, some = held.bytes, list(stored)[::2]
+    held.drop(some)
+    assert held.bricks == set(stored) - set(some)
+    held.put({index: stored[index] for index in some}, lambda _, one: one)
+    assert held.bytes == before

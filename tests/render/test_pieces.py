@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, shown, whole
+from render.scenes import FAINT, SHAPE, Prepared, camera_at, draw, noise, prepare, scene_of, whole
 
 from clusterviz.data.source import Grid
 from clusterviz.image.partial import Rect
@@ -18,7 +18,6 @@ from clusterviz.render.raycast import Raycaster
 pytestmark = pytest.mark.gl
 
 GRID = Grid(SHAPE)
-FAINT = ((0.0, 0.001), (1.0, 0.02))
 BOUND = 1e-6
 
 
@@ -40,7 +39,7 @@ def test_any_assignment_makes_the_same_picture_and_takes_each_sample_once(
     prepared = planned(camera)
     plan, expected = prepared.plan, draw(context, prepared)
     caster = Raycaster(context, plan)
-    caster.load(plan, shown(prepared))
+    caster.load(plan, prepared.shown)
     for ranks in (2, 3, 5):
         drawn = caster.draw(plan, dealt(plan, ranks, ranks))
         found = over([whole(each.partial, plan.view.size) for each in drawn])
@@ -56,7 +55,7 @@ def test_windows_cut_the_picture_and_nothing_else(context: moderngl.Context) -> 
     box = BrickBox((0, 0, 0), plan.layout.counts_zyx)
     windows = [Rect(0, 0, 11, 20), Rect(11, 0, 24, 9), Rect(11, 9, 24, 20)]
     caster = Raycaster(context, plan)
-    caster.load(plan, shown(prepared))
+    caster.load(plan, prepared.shown)
     found = np.zeros_like(expected)
     for window, drawn in zip(windows, caster.draw(plan, [Piece(0, box, None, w) for w in windows]), strict=True):
         rect = drawn.partial.rect
@@ -74,7 +73,7 @@ def test_bricks_that_come_and_go_leave_the_picture_as_it_is(
     """Slots are filled, freed, filled by others, and moved to larger buffers and textures."""
     prepared = planned("inside", filter=filter)
     plan, rng = prepared.plan, np.random.default_rng(4)
-    every = sorted(shown(prepared))
+    every = sorted(prepared.shown)
     box = BrickBox((0, 0, 0), plan.layout.counts_zyx)
     caster, other = Raycaster(context, plan, block_bytes), Raycaster(context, plan)
     here: set[tuple[int, ...]] = set()
@@ -109,7 +108,7 @@ def test_a_brick_that_is_not_there_is_no_hole_in_the_picture(context: moderngl.C
     plan = prepared.plan
     for block_bytes in (None, 6000):
         caster = Raycaster(context, plan, block_bytes)
-        bricks = shown(prepared)
+        bricks = prepared.shown
         del bricks[0, 0, 0]
         caster.load(plan, bricks)
         with pytest.raises(KeyError):

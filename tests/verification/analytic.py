@@ -63,6 +63,7 @@ def by_reference(scene: Scene, source: ArraySource) -> Picture:
 
 WAYS = [pytest.param(by_reference, id="reference"), pytest.param(by_renderer, id="renderer", marks=pytest.mark.gl)]
 EACH_WAY = pytest.mark.parametrize("way", WAYS)
+BY_OPENGL = pytest.mark.parametrize("way", [WAYS[0], pytest.param(by_opengl, id="OpenGL", marks=pytest.mark.gl)])
 OPENGL_TOO = pytest.mark.parametrize("way", [*WAYS, pytest.param(by_opengl, id="OpenGL", marks=pytest.mark.gl)])
 
 
@@ -151,3 +152,11 @@ def _within(scene: Scene, begin_xyz: Sequence[float], end_xyz: Sequence[float]) 
 def orders(errors: Sequence[float]) -> list[float]:
     """log₂ of how much each halving of a parameter shrinks the error."""
     return [math.log2(a / b) for a, b in itertools.pairwise(errors)]
+
+
+def check_orders(record_property: Record, errors: list[float], order: float, band: float) -> None:
+    """Every halving but the first, which may still be outside of the range where the leading term rules."""
+    found = orders(errors)
+    record_property("orders", [round(value, 3) for value in found])
+    record_property("errors", [float(error) for error in errors])
+    assert found[1:] == pytest.approx([order] * (len(found) - 1), abs=band), errors

@@ -16,10 +16,10 @@ from verification.analytic import (
     Record,
     Way,
     box_of,
+    check_orders,
     gaussian_transmittance,
     lengths,
     marschner_lobb_opacity,
-    orders,
     ramp_blue,
     ramp_transmittance,
     scene_along,
@@ -31,14 +31,6 @@ SECOND = 2.0, 0.12
 """Order and the band round it: midpoint rule, and trilinear interpolation."""
 ALONG_X = (1.0, 0.0, 0.0)
 UP_TO_90 = ((0.0, 0.0), (1.0, 0.9))
-
-
-def check(record_property: Record, errors: list[float], order: float, band: float) -> None:
-    """Every halving but the first, which may still be outside of the range where the leading term rules."""
-    found = orders(errors)
-    record_property("orders", [round(value, 3) for value in found])
-    record_property("errors", errors)
-    assert found[1:] == pytest.approx([order] * (len(found) - 1), abs=band), errors
 
 
 @EACH_WAY
@@ -60,7 +52,7 @@ def test_a_ramp_of_opacities_against_the_step(way: Way, record_property: Record)
     for step in (32, 16, 8, 4, 2):
         scene = scene_along(ALONG_X, (32, 1, 1), opacity=((0.0, 0.0), (1.0, 0.7)), unit=40.0, step=step)
         errors.append(abs(way(scene, source)[0, 0, 3] - truth))
-    check(record_property, errors, *SECOND)
+    check_orders(record_property, errors, *SECOND)
 
 
 @EACH_WAY
@@ -68,7 +60,7 @@ def test_a_ramp_of_colours_against_the_step(way: Way, record_property: Record) -
     source = box_of(lambda x, y, z: x / 64, (2, 2, 64), (0, 0, 0), (64, 2, 2))
     truth = ramp_blue(0.8, 64, 20.0)
     scenes = [scene_along(ALONG_X, (32, 1, 1), opacity=0.8, unit=20.0, step=step) for step in (16, 8, 4, 2, 1)]
-    check(record_property, [abs(way(scene, source)[0, 0, 2] - truth) for scene in scenes], *SECOND)
+    check_orders(record_property, [abs(way(scene, source)[0, 0, 2] - truth) for scene in scenes], *SECOND)
 
 
 @OPENGL_TOO
@@ -84,7 +76,7 @@ def test_a_gaussian_against_the_step(way: Way, record_property: Record) -> None:
     for step in (96, 48, 24, 12, 6):
         scene = scene_along(ALONG_X, (192, 1, 1), opacity=UP_TO_90, unit=300.0, step=step)
         errors.append(abs(way(scene, source)[0, 0, 3] - truth))
-    check(record_property, errors, *SECOND)
+    check_orders(record_property, errors, *SECOND)
 
 
 @EACH_WAY
@@ -98,7 +90,7 @@ def test_a_gaussian_against_the_voxel(way: Way, record_property: Record) -> None
         source = box_of(field, (cells // 4, cells // 4, cells), (-1, -0.25, -0.25), (1, 0.25, 0.25))
         scene = scene_along(ALONG_X, (0, 0, 0), opacity=UP_TO_90, unit=0.5, step=1 / 8, scale=1e-6)
         errors.append(abs(way(scene, source)[0, 0, 3] - truth))
-    check(record_property, errors, *SECOND)
+    check_orders(record_property, errors, *SECOND)
 
 
 @OPENGL_TOO
@@ -113,7 +105,7 @@ def test_marschner_lobb_against_the_voxel(way: Way, record_property: Record) -> 
         difference = way(scene, box_of(marschner_lobb, (cells,) * 3, begin, end))[..., 3].ravel()
         difference -= marschner_lobb_opacity(scene, begin, end, 0.9, 0.2)
         errors.append(math.sqrt(np.mean(difference**2)))
-    check(record_property, errors, *SECOND)
+    check_orders(record_property, errors, *SECOND)
 
 
 @EACH_WAY
@@ -127,4 +119,4 @@ def test_a_jump_of_opacity_against_the_step(way: Way, record_property: Record) -
         scene = scene_along((0.64, 0.48, 0.6), (32,) * 3, opacity=jump, unit=40.0, step=step, size=(16, 16), scale=12)
         truth = 1 - 0.5 ** (lengths(scene, middle, end) / 40.0)
         errors.append(math.sqrt(np.mean((way(scene, source)[..., 3].ravel() - truth) ** 2)))
-    check(record_property, errors, 1.0, 0.3)
+    check_orders(record_property, errors, 1.0, 0.3)

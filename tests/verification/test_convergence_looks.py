@@ -18,8 +18,8 @@ from verification.analytic import (
     Way,
     box_of,
     by_reference,
+    check_orders,
     gaussian_transmittance,
-    orders,
     scene_along,
 )
 
@@ -37,14 +37,6 @@ DULL = {"shade": True, "ambient": 0.0, "diffuse": 1.0, "specular": 0.0}
 
 def rms(difference: Picture) -> float:
     return math.sqrt(np.mean(difference**2))
-
-
-def check(record_property: Record, errors: list[float], order: float, band: float) -> None:
-    """Every halving but the first."""
-    found = orders(errors)
-    record_property("orders", [round(value, 3) for value in found])
-    record_property("errors", [float(error) for error in errors])
-    assert found[1:] == pytest.approx([order] * (len(found) - 1), abs=band), errors
 
 
 def coefficients(samples: Picture) -> Picture:
@@ -74,7 +66,7 @@ def test_cubic_splines_against_the_voxel(
             source = type(source)(coefficients(source.read((0, 0, 0), source.grid.shape_zyx)), source.grid)
         scene = scene_along(ALONG_X, (0, 0, 0), opacity=((0.0, 0.0), (1.0, 0.9)), unit=0.5, step=1 / 8)
         errors.append(abs(way(with_settings(scene, {"interpolation": "cubic"}), source)[0, 0, 3] - truth))
-    check(record_property, errors, order, band)
+    check_orders(record_property, errors, order, band)
 
 
 def lit_ball(x: Any, y: Any, z: Any) -> Any:
@@ -107,7 +99,7 @@ def test_light_against_the_voxel(way: Way, interpolation: str, record_property: 
     for cells in (12, 24, 48, 96):
         source = box_of(lit_ball, (cells // 4, cells // 4, cells), (0.0, 0.05, -0.25), (2.0, 0.55, 0.25))
         errors.append(abs(way(lit_scene(interpolation, 1 / 8), source)[0, 0, 0] - brightness(math.log(2))))
-    check(record_property, errors, 2.0, 0.12)
+    check_orders(record_property, errors, 2.0, 0.12)
 
 
 @EACH_WAY
@@ -119,7 +111,7 @@ def test_light_beside_what_is_missing_against_the_voxel(way: Way, record_propert
         source = box_of(lit_ball, (3, 4, cells), (0.5, 0.3 - 1.25 * h, -1.5 * h), (1.5, 0.3 + 2.75 * h, 1.5 * h))
         source.read((0, 0, 0), source.grid.shape_zyx)[:, 0] = np.nan
         errors.append(abs(way(lit_scene("linear", 1 / 8), source)[0, 0, 0] - brightness(math.log(2))))
-    check(record_property, errors, 2.0, 0.12)
+    check_orders(record_property, errors, 2.0, 0.12)
 
 
 @EACH_WAY
@@ -129,7 +121,7 @@ def test_light_against_the_step(way: Way, record_property: Record) -> None:
     source = box_of(lit_ball, (10, 10, 256), (0.0, 0.3 - edge, -edge), (2.0, 0.3 + edge, edge))
     truth = by_reference(lit_scene("linear", 1), source)[0, 0, 0]
     errors = [abs(way(lit_scene("linear", step), source)[0, 0, 0] - truth) for step in (64, 32, 16, 8)]
-    check(record_property, errors, 2.0, 0.12)
+    check_orders(record_property, errors, 2.0, 0.12)
 
 
 def bowl(x: Any, y: Any, z: Any) -> Any:
@@ -160,7 +152,7 @@ def test_isosurfaces_against_the_voxel(way: Way, interpolation: str, record_prop
         source = box_of(bowl, (cells,) * 3, (0.1,) * 3, (0.9,) * 3)
         scene = surface_scene(interpolation, 0.5)
         errors.append(rms(way(scene, source)[..., 0].ravel() - cosines(scene)))
-    check(record_property, errors, 2.0, 0.25)
+    check_orders(record_property, errors, 2.0, 0.25)
 
 
 @EACH_WAY
@@ -192,4 +184,4 @@ def test_control_points_against_their_number(
         scene = scene_along(ALONG_X, (32, 1, 1), opacity=smooth_opacity(points, 40.0, 1.5), unit=40.0, step=step)
         scene = with_settings(scene, {"classification": classification})
         errors.append(abs(way(scene, source)[0, 0, 3] - truth))
-    check(record_property, errors, 2.0, 0.12)
+    check_orders(record_property, errors, 2.0, 0.12)

@@ -6,19 +6,24 @@ The transfer function does not enter the order: jumps and narrow peaks, which co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
-import moderngl
 import numpy as np
 import pytest
-from gl.probing import context, shared_context  # noqa: F401
-from render.scenes import picture
-from verification.analytic import Picture, Record, box_of, lengths, orders, ramp_blue, ramp_transmittance, scene_along
+from verification.analytic import (
+    BY_OPENGL,
+    Record,
+    Way,
+    box_of,
+    by_reference,
+    lengths,
+    orders,
+    ramp_blue,
+    ramp_transmittance,
+    scene_along,
+)
 
 from clusterviz.data.field import marschner_lobb
-from clusterviz.data.memory import ArraySource
-from clusterviz.reference import render_reference
 from clusterviz.scene.values import Scene
 
 ALONG_X = (1.0, 0.0, 0.0)
@@ -29,7 +34,6 @@ JUMP = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (1.0, 0.5))
 SMOOTH = ((0.05, 0.0), (0.4, 0.6))
 STEP = ((0.0, 0.0), (0.22, 0.0), (0.22, 0.3), (1.0, 0.3))
 PEAKS = tuple((p + d, a) for p in (0.15, 0.22, 0.3) for d, a in ((-0.01, 0.0), (0.0, 0.6), (0.01, 0.0)))
-Way = Callable[[Scene, ArraySource], Picture]
 
 
 def between(scene: Scene) -> Scene:
@@ -37,22 +41,7 @@ def between(scene: Scene) -> Scene:
     return scene.model_copy(update={"quality": scene.quality.model_copy(update={"classification": "pre-integrated"})})
 
 
-def by_reference(scene: Scene, source: ArraySource) -> Picture:
-    """By the reference."""
-    return render_reference(scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx))
-
-
-@pytest.fixture(params=["reference", pytest.param("renderer", marks=pytest.mark.gl)])
-def way(request: Any) -> Way:
-    """Both ways to draw."""
-    if request.param == "reference":
-        return by_reference
-    shown: moderngl.Context = request.getfixturevalue("context")
-    return lambda scene, source: picture(
-        shown, scene, source.read((0, 0, 0), source.grid.shape_zyx), source.grid, brick=16
-    )
-
-
+@BY_OPENGL
 @pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
 def test_ramps_have_no_error_at_any_step(way: Way, step: float) -> None:
     """Of opacities, and of colours; the last slab is cut short."""
@@ -63,6 +52,7 @@ def test_ramps_have_no_error_at_any_step(way: Way, step: float) -> None:
     assert way(between(scene), source)[0, 0, 2] == pytest.approx(ramp_blue(0.8, 64, 20.0), abs=1e-6)
 
 
+@BY_OPENGL
 @pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
 def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> None:
     begin, middle, end = (0.0,) * 3, (32.0, 0.0, 0.0), (64.0,) * 3
@@ -72,6 +62,7 @@ def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> No
     assert np.abs(way(between(scene), source)[..., 3].ravel() - truth).max() <= 1e-6
 
 
+@BY_OPENGL
 @pytest.mark.parametrize(
     ("opacity", "midpoints"), [(SMOOTH, 2.0), (STEP, 1.0), (PEAKS, None)], ids=["smooth", "jump", "peaks"]
 )

@@ -1,4 +1,4 @@
-"""The processor's ray caster in every width of vectors; test_raycast.py and others hold it to the reference too."""
+"""The CPU ray caster's threads, numbers and bricks; ../test_conformance.py holds its pictures to the reference."""
 
 from __future__ import annotations
 
@@ -7,46 +7,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import SHAPE, camera_at, draw_on_cpu, noise, prepare, scene_of, shown, whole
-from render.test_shading import LIT
+from render.scenes import LIT, SHAPE, camera_at, draw, noise, prepare, scene_of, smooth, whole
 
 from clusterviz.data.source import Grid
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece, build_tree
-from clusterviz.reference import render_reference
 from clusterviz.render.cpu import memory
 from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.cpu.width import WIDTHS, Width
 
-BOUND = 1e-5
 GRID = Grid(SHAPE)
-OTHERS = [width for width in WIDTHS if width.lanes != 16]
-
-
-@pytest.mark.parametrize("width", OTHERS, ids=lambda width: width.lanes)
-@pytest.mark.parametrize(
-    ("dtype", "interpolation", "look"),
-    [("uint8", "linear", {}), ("float32", "nearest", {}), ("int16", "linear", LIT)],
-    ids=["u8", "nearest", "lit"],
-)
-def test_narrower_vectors_give_the_same_picture(width: Width, dtype: str, interpolation: str, look: Any) -> None:
-    voxels = noise(dtype=dtype)
-    for camera in ("outside", "inside"):
-        keys: dict[str, Any] = {"interpolation": interpolation, "look": look}
-        scene = scene_of(voxels, camera_at(camera, GRID), step=0.7, size=(23, 19), **keys)
-        prepared = prepare(scene, voxels, brick=7)
-        found = whole(draw_on_cpu(prepared, width=width).partial, scene.image.size)
-        assert np.abs(found - render_reference(scene, GRID, voxels)).max() <= BOUND
 
 
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [
-        ("uint8", {"look": LIT}),
+        ("uint8", LIT),
         ("int16", {"interpolation": "cubic"}),
         ("float32", {"classification": "pre-integrated", "borders": "split"}),
         ("float64", {"adaptive": 0.01}),
-        ("float32", {"interpolation": "nearest", "look": LIT}),
+        ("float32", {"interpolation": "nearest"} | LIT),
     ],
     ids=lambda value: value if isinstance(value, str) else "-".join(value),
 )
@@ -58,7 +37,7 @@ def test_bricks_of_several_sizes_change_no_bit(dtype: str, keys: dict[str, Any])
         drawn = []
         for edges in (None, ((1,), (1, 2, 4), (3, 4, 6))):
             prepared = prepare(scene, voxels, grid, 8, edges)
-            drawn.append(draw_on_cpu(prepared, build_tree(prepared.plan.cost, 1).leaves[0].box))
+            drawn.append(draw(None, prepared, build_tree(prepared.plan.cost, 1).leaves[0].box))
         uniform, larger = drawn
         assert uniform.partial.rgba.any()
         assert np.array_equal(uniform.partial.rgba, larger.partial.rgba)
@@ -66,29 +45,22 @@ def test_bricks_of_several_sizes_change_no_bit(dtype: str, keys: dict[str, Any])
         assert uniform.bricks > 2 * larger.bricks
 
 
-@pytest.mark.parametrize("look", [{}, LIT], ids=["plain", "lit"])
-def test_threads_change_nothing(look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    voxels = noise(dtype="uint8")
-    scene = scene_of(voxels, camera_at("outside", GRID), step=0.3, size=(97, 83), look=look)
+@pytest.mark.parametrize(
+    "keys",
+    [{}, LIT, {"classification": "pre-integrated"}, {"blending": "isosurface", "isosurfaces": [(140.0, 0.4), 100.0]}],
+    ids=["plain", "lit", "pre-integrated", "surfaces"],
+)
+def test_threads_change_nothing(keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    voxels = smooth(dtype="uint8")
+    prepared = prepare(scene_of(voxels, camera_at("outside", GRID), step=0.3, size=(97, 83), **keys), voxels)
     drawn = []
     for threads in ("1", "2", "5"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        drawn.append(draw_on_cpu(prepare(scene, voxels)))
+        drawn.append(draw(None, prepared))
+    assert drawn[0].partial.rgba.any()
     for other in drawn[1:]:
         assert np.array_equal(other.partial.rgba, drawn[0].partial.rgba)
         assert other.samples == drawn[0].samples
-
-
-def test_gaps_between_visible_bricks_are_leapt_over_and_their_ends_are_not() -> None:
-    """Visible sheets far apart, one cell thick, at the ends of groups and of bricks that groups do not divide."""
-    voxels = np.zeros((9, 9, 120), np.uint8)
-    voxels[..., [0, 8, 9, 33, 63, 64, 65, 119]] = 200
-    grid = Grid(voxels.shape)
-    scene = scene_of(voxels, camera_at("outside", grid), clim=(0.0, 255.0), opacity=((0.3, 0.0), (1.0, 0.9)), step=0.4)
-    expected = render_reference(scene, grid, voxels)
-    for brick in (64, 33, 12, 8, 5):
-        drawn = draw_on_cpu(prepare(scene, voxels, grid, brick))
-        assert np.abs(whole(drawn.partial, scene.image.size) - expected).max() <= BOUND, brick
 
 
 def test_without_bricks_the_picture_is_blank() -> None:
@@ -104,7 +76,7 @@ def test_bricks_come_and_go() -> None:
     voxels = noise(dtype="uint16")
     scene = scene_of(voxels, camera_at("outside", GRID), opacity=((0.0, 0.001), (1.0, 0.02)), step=0.4)
     prepared = prepare(scene, voxels, brick=7)
-    plan, bricks = prepared.plan, shown(prepared)
+    plan, bricks = prepared.plan, prepared.shown
     caster = VectorCaster(plan)
     box = build_tree(plan.cost, 1).leaves[0].trimmed
     own = np.indices(box.shape_zyx).sum(axis=0) % 2 == 0
@@ -116,23 +88,22 @@ def test_bricks_come_and_go() -> None:
         assert caster.pool.bricks == set(here)
         samples += caster.draw(plan, [Piece(0, box, mine)])[0].samples
         size.append(caster.voxel_bytes)
-    assert samples == draw_on_cpu(prepared).samples
+    assert samples == draw(None, prepared).samples
     assert max(size) <= 4 * len(bricks) * (8**3 + 1)
 
 
 @pytest.mark.parametrize(
-    ("dtype", "look"),
+    ("dtype", "keys"),
     [("uint8", LIT), ("uint16", {}), ("float32", {"interpolation": "cubic"})],
     ids=["u8 lit", "u16", "f32 cubic"],
 )
-def test_numbers_of_64_bits_change_nothing(dtype: str, look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_of_64_bits_change_nothing(dtype: str, keys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """As more than 16 GiB of voxels need them."""
     voxels = noise(dtype=dtype)
-    keys = look if "interpolation" in look else {"look": look}
     prepared = prepare(scene_of(voxels, camera_at("outside", GRID), **keys), voxels, brick=7)
-    narrow = draw_on_cpu(prepared)
+    narrow = draw(None, prepared)
     monkeypatch.setattr(memory, "NARROW", 0)
-    wide = draw_on_cpu(prepared)
+    wide = draw(None, prepared)
     assert np.array_equal(wide.partial.rgba, narrow.partial.rgba)
     assert wide.samples == narrow.samples > 0
 
@@ -141,7 +112,7 @@ def test_bricks_that_are_read_back_outlast_their_slots() -> None:
     voxels = noise(dtype="uint16")
     prepared = prepare(scene_of(voxels, camera_at("outside", GRID)), voxels, brick=7)
     caster = VectorCaster(prepared.plan)
-    first, *others = bricks = shown(prepared)
+    first, *others = bricks = prepared.shown
     caster.load(prepared.plan, {first: bricks[first]})
     ((_, stored),) = caster.pool.stored([first])
     before = stored.samples.copy()
@@ -154,9 +125,9 @@ def test_windows_cut_the_picture() -> None:
     voxels = noise(dtype="uint8")
     scene = scene_of(voxels, camera_at("outside", GRID))
     prepared = prepare(scene, voxels)
-    picture = whole(draw_on_cpu(prepared).partial, (24, 20))
+    picture = whole(draw(None, prepared).partial, (24, 20))
     caster, box = VectorCaster(prepared.plan), build_tree(prepared.plan.cost, 1).leaves[0].trimmed
-    caster.load(prepared.plan, shown(prepared))
+    caster.load(prepared.plan, prepared.shown)
     window = Rect(5, 3, 18, 14)
     (drawn,) = caster.draw(prepared.plan, [Piece(0, box, None, window)])
     rect = drawn.partial.rect

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from render.scenes import camera_at, noise, prepare, scene_of
-from render.test_shading import LIGHTS, LIT, places
+from render.scenes import LIGHTS, LIT, WrittenError, camera_at, lights_in, noise, prepare, refuse, scene_of
 
 from clusterviz.data.source import Grid
 from clusterviz.render.cpu import program
@@ -20,15 +19,11 @@ EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
     "pre-integrated": ({"classification": "pre-integrated"}, program, "Preintegrated"),
     "jittered": ({"jitter": True}, rays, "shift_of"),
     "stretched": ({"adaptive": 1 / 64}, program, "Stretch"),
-    "isosurfaces": ({"look": {"isosurfaces": (100.0,)}}, program, "Cut"),
-    "isosurfaces alone": ({"look": {"blending": "isosurface", "isosurfaces": (100.0,)}}, program, "Surfaces"),
+    "isosurfaces": ({"isosurfaces": (100.0,)}, program, "Cut"),
+    "isosurfaces alone": ({"blending": "isosurface", "isosurfaces": (100.0,)}, program, "Surfaces"),
     "split": ({"classification": "pre-integrated", "borders": "split"}, program, "SplitMarch"),
-    "local maximum": ({"look": {"blending": "local-maximum"}}, program, "LocalMaximum"),
+    "local maximum": ({"blending": "local-maximum"}, program, "LocalMaximum"),
 }
-
-
-class WrittenError(Exception):
-    """A kernel holds what it was asked about."""
 
 
 def kernel_with(**keys: Any) -> Kernel:
@@ -38,7 +33,7 @@ def kernel_with(**keys: Any) -> Kernel:
 
 def code_of(lights: Any = (), **look: Any) -> str:
     """The kernel of a scene, as text."""
-    return program_of(kernel_with(look=look, parts={"lights": lights}))
+    return program_of(kernel_with(lights=lights, **look))
 
 
 def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:
@@ -53,17 +48,13 @@ def test_an_unlit_kernel_holds_no_light_whatever_shines() -> None:
 def test_lights_without_places_share_a_kernel() -> None:
     lit = code_of(**LIT)
     assert code_of(LIGHTS * 5, **LIT) == lit
-    assert len(code_of(places(Grid(SHAPE)), **LIT)) > len(lit)
+    assert len(code_of(lights_in(Grid(SHAPE)), **LIT)) > len(lit)
 
 
 @pytest.mark.parametrize("name", EXTRAS)
 def test_only_plans_that_need_it_have_it_in_their_kernel(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     keys, module, part = EXTRAS[name]
-
-    def write(*_: Any) -> None:
-        raise WrittenError
-
-    monkeypatch.setattr(module, part, write)
+    monkeypatch.setattr(module, part, refuse)
     plain, special = kernel_with(), kernel_with(**keys)
     assert program_of(plain)
     with pytest.raises(WrittenError):

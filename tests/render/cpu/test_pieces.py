@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from render.scenes import camera_at, draw_on_cpu, noise, prepare, scene_of, whole
+from render.scenes import camera_at, draw, noise, prepare, scene_of, whole
 
 from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan
@@ -89,5 +89,5 @@ def test_few_and_many_pieces_give_the_same_picture(opacity: Any, unit: float) ->
         pieces = pieces_of(prepared.plan.transfer, prepared.plan.march.slab_units)
         assert (pieces is None) == (cmap is mixed)
         assert pieces is None or pieces.fitted == (unit < 20.0)
-        found = whole(draw_on_cpu(prepared).partial, scene.image.size)
+        found = whole(draw(None, prepared).partial, scene.image.size)
         assert np.abs(found - render_reference(scene, grid, VOXELS)).max() <= 1e-5
