@@ -1,5 +1,5 @@
-// Local maximum projection: the largest scalar of the ray's first stretch not below a threshold. As in image/merge.py, a pixel is the largest
-// scalar of the stretch, the largest of all, the state of the stretch, 1.
+// Local maximum projection: the largest scalar of the ray's first run not below a threshold. As in image/merge.py, a pixel is the largest
+// scalar of the run, the largest of all, the state of the run, 1.
 const int STARTS = 1, CLOSED = 2, EXISTS = 4;
 
 vec4 merged(vec4 front, vec4 behind) {

@@ -44,10 +44,10 @@ struct Place {
 const int GAP = -1, OUTSIDE = -2;
 
 // Adaptive step: a sample replaces 1 << doublings slabs of the lattice. The functions give the doublings that a group of cells allows; the number
-// of the next `slabs` that are then taken at once, as a stretch begins at a multiple of its length; and the slab from which batches are counted in a
+// of the next `slabs` that are then taken at once, as a long slab begins at a multiple of its length; and the slab from which batches are counted in a
 // brick that a ray enters with slab k.
 int doublings_in(int words, int bit);
-int stretched(int k, int slabs);
+int long_slab(int k, int slabs);
 int batch_from(int k);
 
 ivec3 brick_begin; // first cell of the brick that was found last
@@ -69,7 +69,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
     int start = brick_offset[brick];
     int words = brick * GROUP_WORDS + (bit >> 5);
     bool visible = start >= 0 && (group_visible[words] >> (bit & 31) & 1u) != 0u;
-    // A visible run may extend to the brick's end, unless it is stretched; a gap ends with its group of cells, or with its brick.
+    // A visible run may extend to the brick's end, unless its slabs are long; a gap ends with its group of cells, or with its brick.
     bool whole = visible ? doublings_in(words, bit & 31) == 0 : start < 0;
     vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
     // The last group along an axis may be cut by the brick's end.
@@ -158,7 +158,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         if (is_done(sum)) k = ray.slabs;
         else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again
         if (k >= until) break;
-        int slabs = stretched(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
+        int slabs = long_slab(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
         slabs = up_to_start(k, slabs, sum.high.a, batch.a);
         run_iterations = 2;
         int origin = origin_of(first);

@@ -25,7 +25,7 @@ int slabs_in_batch = frame.cells.w;
 #include <VOXEL>
 #include <SPLINE>
 #include <SCALAR>
-#include <STRETCH>
+#include <STEP>
 #include "march.glsl"
 #include <STARTS>
 #include <GRADIENT>

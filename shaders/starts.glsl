@@ -3,7 +3,7 @@
 // started too late, so it is drawn again from its entry. Checked rays start at their entry and store the opacity that they gathered before their
 // predicted start. `progress` holds planes of floats behind the samples of work groups.
 const int START = 0; // read: view depth of the start; negative if the ray is checked, NOTHING if it meets nothing
-const int TOLD = 1;  // outcome of the ray: one of those below, or the opacity that a checked ray would have missed
+const int OUTCOME = 1;  // outcome of the ray: one of those below, or the opacity that a checked ray would have missed
 const int HIT = 2;   // three planes: midpoint of the first slab that adds something, in index space; NaN if none does
 const float NOTHING = 1e30;
 const int NOWHERE = 0x7fc00000; // bits of NaN
@@ -12,7 +12,7 @@ const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // a
 int started = NO_SLAB; // first slab of the ray, or its predicted start; then the slab from which its batches are counted there
 int batches_begin = 0, hit = NO_SLAB;
 bool is_checked = false;
-float told = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
+float outcome = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
 
 int place_in(int plane, int pixel) {
     int pixels_drawn = frame.rect.z * frame.rect.w;
@@ -34,10 +34,10 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     float depth = kept_in(START, pixel);
     bool meets_nothing = abs(depth) >= NOTHING, again = starts.again != 0;
     is_checked = depth < 0.0;
-    told = kept_in(TOLD, pixel);
+    outcome = kept_in(OUTCOME, pixel);
     hit = progress[place_in(HIT, pixel)] == NOWHERE ? NO_SLAB : -1;
     int entry = slab;
-    if (begins && ((meets_nothing && !is_checked) || again != (told == LATE))) slab = ray.slabs;
+    if (begins && ((meets_nothing && !is_checked) || again != (outcome == LATE))) slab = ray.slabs;
     if (slab >= ray.slabs || again) return;
     double slabs = (double(abs(depth)) - dot(starts.depth.xyz, ray.first) - starts.depth.w) / dot(starts.depth.xyz, ray.slab);
     // No ray starts with the last slab, as a hit in it could not be verified.
@@ -45,10 +45,10 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     if (meets_nothing) start = NO_SLAB;
     if (is_checked) {
         started = start;
-        if (told == AT_ENTRY) told = start > entry ? NOT_YET : 0.0;
-    } else if (begins && (start > entry || (start == entry && told == ESTIMATED))) {
+        if (outcome == AT_ENTRY) outcome = start > entry ? NOT_YET : 0.0;
+    } else if (begins && (start > entry || (start == entry && outcome == ESTIMATED))) {
         // If slabs of boxes in front were skipped, the first slab of this box is a start like any other.
-        told = ESTIMATED;
+        outcome = ESTIMATED;
         slab = started = start;
         batches_begin = first_in_brick_of(ray, start, entry);
     }
@@ -59,9 +59,9 @@ int batches_from(int k) {
 }
 
 int up_to_start(int k, int slabs, float kept, float batch) {
-    if (told == NOT_YET) {
+    if (outcome == NOT_YET) {
         if (k < started) return min(slabs, started - k);
-        told = kept + (1.0 - kept) * batch;
+        outcome = kept + (1.0 - kept) * batch;
         before_start = batch;
     }
     return slabs;
@@ -69,7 +69,7 @@ int up_to_start(int k, int slabs, float kept, float batch) {
 
 void note(int k, float opacity) {
     if (opacity > 0.0) hit = min(hit, k);
-    if (is_checked && k == started && opacity > before_start) told = 0.0; // it would have been drawn again
+    if (is_checked && k == started && opacity > before_start) outcome = 0.0; // it would have been drawn again
 }
 
 bool is_late() {
@@ -78,12 +78,12 @@ bool is_late() {
 
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (is_late()) {
-        told = LATE;
+        outcome = LATE;
         sum = Sum(vec4(0.0), vec4(0.0));
         slab = ray.slabs;
     } else if (hit >= 0 && hit != NO_SLAB) {
         vec3 place = vec3(midpoint(ray, hit));
         for (int axis = 0; axis < 3; ++axis) keep_in(HIT + axis, pixel, place[axis]);
     }
-    keep_in(TOLD, pixel, told);
+    keep_in(OUTCOME, pixel, outcome);
 }

@@ -287,8 +287,8 @@ def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pyte
         told.extend([done] if step == "render" and done else [])
 
     at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device))
-    monkeypatch.setattr(caster, "TELL_SECONDS", 0.0)
-    monkeypatch.setattr(raycast, "TELL_SECONDS", 0.0)
+    monkeypatch.setattr(caster, "PROGRESS_SECONDS", 0.0)
+    monkeypatch.setattr(raycast, "PROGRESS_SECONDS", 0.0)
     monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 8)
     monkeypatch.setattr(raycast, "FIRST_BAND_PIXELS", 1 << 10)
     in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell))

@@ -89,7 +89,7 @@ def announce_compilation() -> None:
         with ExitStack() as stack:
             terminal = sys.stderr if verbosity() is Verbosity.VERBOSE else _open_terminal(stack)
             if terminal is not None and not announced and verbosity() is not Verbosity.QUIET:
-                text = "compiling kernels for this processor, once (`clusterviz prepare` does it ahead)"
+                text = "compiling kernels for this CPU, once (`clusterviz prepare` does it ahead)"
                 print(f"clusterviz: {text}", file=terminal, flush=True)
             announced.append(name)
 

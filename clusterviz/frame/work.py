@@ -29,7 +29,7 @@ from clusterviz.scene.complete import VolumeInfo
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
-REMEDY = "all ranks need the same files, libraries and kind of processor"
+REMEDY = "all ranks need the same files, libraries and kind of CPU"
 
 
 @dataclass(frozen=True)

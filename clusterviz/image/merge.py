@@ -6,10 +6,10 @@ need not be sent. Otherwise they are:
 - `over`: premultiplied colour and opacity.
 - `maximum`, `minimum`: the scalar, 0, 0, 1.
 - `sum`: the sum of opacity × scalar × slabs, 0, 0, and the number of slabs with samples, cut slabs by their share.
-- `stretch`: the largest scalar of the first run of samples at or above a threshold, the largest scalar of all, the
+- `run`: the largest scalar of the first run of samples at or above a threshold, the largest scalar of all, the
   state of the run (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
 
-Scalars are in units of clim. All operators are associative, `sum` up to rounding. `over` and `stretch` need the order
+Scalars are in units of clim. All operators are associative, `sum` up to rounding. `over` and `run` need the order
 from front to back, the others (`ORDER_FREE`) do not. `render/projection.py` makes the picture from merged pixels.
 
 References
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import PartialImage
 
-Operator = Literal["over", "maximum", "minimum", "sum", "stretch"]
+Operator = Literal["over", "maximum", "minimum", "sum", "run"]
 Pixels = NDArray[Any]
 ORDER_FREE: frozenset[Operator] = frozenset(("maximum", "minimum", "sum"))
 STARTS, CLOSED, EXISTS = 1, 2, 4
@@ -56,7 +56,7 @@ def total(front: Pixels, behind: Pixels) -> Pixels:
     return pixels
 
 
-def stretch(front: Pixels, behind: Pixels) -> Pixels:
+def first_run(front: Pixels, behind: Pixels) -> Pixels:
     """First run: that of the front, continued by the part behind if it is open, or else that of the part behind."""
     ahead, after = front[..., 2].astype(int), behind[..., 2].astype(int)
     exists, open_end = ahead & EXISTS > 0, ahead & (EXISTS | CLOSED) == EXISTS
@@ -73,7 +73,7 @@ MERGES: dict[Operator, Callable[[Pixels, Pixels], Pixels]] = {
     "maximum": maximum,
     "minimum": minimum,
     "sum": total,
-    "stretch": stretch,
+    "run": first_run,
 }
 
 

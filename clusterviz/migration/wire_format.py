@@ -57,7 +57,7 @@ class WireFormat:
     @property
     def range_bytes(self) -> int:
         """Bytes of a brick's value ranges: lows, highs, and for the adaptive step bends of groups of cells."""
-        bends = 8 * int(np.prod(self.slot.groups_zyx)) if self.slot.stretched else 0
+        bends = 8 * int(np.prod(self.slot.groups_zyx)) if self.slot.adaptive else 0
         return 2 * int(np.prod(self._range_shape)) * self.dtype.itemsize + bends
 
     @property
@@ -128,7 +128,7 @@ class WireFormat:
         groups, shape = self.slot.groups_zyx, self._range_shape
         side = int(np.prod(shape)) * self.dtype.itemsize
         low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(shape) for begin in (0, side))
-        bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.stretched else None
+        bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.adaptive else None
         return Stored(self._samples(stream), low, high, voxels, bend)
 
     def _samples(self, stream: Bytes) -> NDArray[Any]:

@@ -6,13 +6,13 @@ mixed). Along a line, a trilinear field consists of curves whose changes of slop
 in the middle of n slabs differs from the mean of their n samples by at most length/8 · (3 · length + √3) · bend, with
 lengths in voxels (Peano's kernel of that difference is at most length/8). The error after the transfer function
 follows from the largest slope of extinction κ and emission κc over the range, and from their deviation from lines over
-the scalars that a stretch passes: length/8 · steepness times the change of the slope there.
+the scalars that a long slab passes: length/8 · steepness times the change of the slope there.
 
 The error of κ or κc relative to κ bounds the error of a pixel, since the weights of a ray's slabs add up to at most 1;
 where κ is small, the error along the whole diagonal is less. Each of the two gets half of the bound, and a sixteenth of
 the worst case counts: measured errors are less than a fifth of the bound (docs/measurements/accuracy.md).
 
-A stretch of slabs begins at a multiple of its length in the lattice of the whole volume and lies in one group, so
+A long slab begins at a multiple of its length in the lattice of the whole volume and lies in one group, so
 neither ranks nor bricks of 8, 16, … cells change it. Bricks of other sizes have other groups; their pictures differ
 within the bound.
 
@@ -83,7 +83,7 @@ class AdaptiveStep:
             length = slabs * self.step_voxels
             away = bend[some] * length / 8 * (3 * length + math.sqrt(3.0))
             error, colours = terms.errors(np.minimum(away, high[some] - low[some]), steep[some] * length)
-            # The order of absorption within a stretch is lost: at most a quarter of the colours' range.
+            # The order of absorption within a long slab is lost: at most a quarter of the colours' range.
             order = terms.most * slabs * self.slab_units * colours / 4
             relative = error / np.maximum(terms.least, 1e-300) + order
             absolute = self.diagonal_units * (error + terms.most * order)
@@ -152,7 +152,7 @@ class _Terms:
         Parameters
         ----------
         away : float64 (n,), largest error of the scalar
-        passed : float64 (n,), change of the scalar along a stretch
+        passed : float64 (n,), change of the scalar along a long slab
         """
         with np.errstate(invalid="ignore"):
             found = self._steepest * away[:, None] + self._bent(passed) * passed[:, None] / 8

@@ -47,7 +47,7 @@ class BlendMode:
     Attributes
     ----------
     blending : as in the scene
-    threshold : least scalar of a stretch of a local maximum, in units of clim
+    threshold : least scalar of the run of a local maximum, in units of clim
     shading : lighting; None if the volume is not lit
     surfaces : isosurfaces that are not wholly transparent, by ascending value
     grading : dependence of opacity on the gradient's magnitude; None if there is none

@@ -64,7 +64,7 @@ class March:
     spread : samples beyond a cell's corners on which its pixels depend
     preintegrated : slabs are classified between their ends, not at their midpoints
     jittered : every pixel has its own lattice of slabs
-    stretching : the adaptive step; None: all slabs are equally long
+    adaptive_step : the adaptive step; None: all slabs are equally long
     split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
     """
@@ -77,7 +77,7 @@ class March:
     spread: int
     preintegrated: bool = False
     jittered: bool = False
-    stretching: AdaptiveStep | None = None
+    adaptive_step: AdaptiveStep | None = None
     split: bool = False
     frame_coherence: int | None = None
 

@@ -16,7 +16,7 @@ def needs_gradient(volume: Volume) -> bool:
     return volume.shade or bool(volume.gradient_opacity) or volume.transfer_2d is not None
 
 
-def optics(
+def glow_and_extinction(
     volume: Volume, classify: TransferFunction, scalar: Floats, gradient: Floats | None, grid: Grid
 ) -> tuple[Floats, Floats]:
     """Return straight colour (n, 3) and extinction (n,) of samples.

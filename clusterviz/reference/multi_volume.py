@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.grading import fading, magnitude_of, needs_gradient, optics
+from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
@@ -43,7 +43,7 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True)
-class Body:
+class PlacedVolume:
     """One volume: its scene entry, its grid and its voxels (z, y, x)."""
 
     volume: Volume
@@ -91,10 +91,10 @@ class VolumeRays:
     rays : rays in the world
     """
 
-    def __init__(self, rays: Rays, body: Body, scene: Scene) -> None:
-        self.volume, self.grid, self.voxels, self.scene = body.volume, body.grid, body.voxels, scene
-        self.rays, self.last = to_index_space(rays, body.grid), np.array(body.grid.shape_zyx[::-1], np.float64) - 1
-        self.transfer, self.sampler = transfer_function(body.volume), SAMPLERS[body.volume.interpolation]
+    def __init__(self, rays: Rays, placed: PlacedVolume, scene: Scene) -> None:
+        self.volume, self.grid, self.voxels, self.scene = placed.volume, placed.grid, placed.voxels, scene
+        self.rays, self.last = to_index_space(rays, placed.grid), np.array(placed.grid.shape_zyx[::-1], np.float64) - 1
+        self.transfer, self.sampler = transfer_function(placed.volume), SAMPLERS[placed.volume.interpolation]
         wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
         self.entry, self.leave = inside(wider, (1 + 2 * SLACK) * self.last)
         entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in self.volume.isosurfaces)
@@ -141,7 +141,7 @@ class VolumeRays:
         point = np.clip(self._points(slab, middle)[inside], 0, self.last)
         scalar, valid = self.sampler(self.voxels, *point.T)
         gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
-        colour, extinction = optics(self.volume, self.transfer, scalar, gradient, self.grid)
+        colour, extinction = glow_and_extinction(self.volume, self.transfer, scalar, gradient, self.grid)
         depth[inside] = np.where(valid, extinction, 0) * (slab.end - slab.begin)[inside]
         colour = self._lit(slab.rays[inside], point, np.where(valid[:, None], colour, 0), gradient)
         glow[inside] = depth[inside, None] * colour
@@ -210,24 +210,24 @@ LONGEST = 2.0
 """Of a slab, in the smallest spacing, where anything depends on the field at its ends."""
 
 
-def march_mixture(rays: Rays, bodies: Sequence[Body], step: float, scene: Scene) -> Floats:
+def march_mixture(rays: Rays, volumes: Sequence[PlacedVolume], step: float, scene: Scene) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
 
     Parameters
     ----------
     rays : rays in the world
-    bodies : the volumes, in any order
+    volumes : the volumes, in any order
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
     """
-    corners = np.concatenate([body.grid.corners for body in bodies])
+    corners = np.concatenate([placed.grid.corners for placed in volumes])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    most = LONGEST if any(has_ends(body.volume, scene) for body in bodies) else step
-    length = min(step, most) * min(min(body.grid.spacing) for body in bodies)
+    most = LONGEST if any(has_ends(placed.volume, scene) for placed in volumes) else step
+    length = min(step, most) * min(min(placed.grid.spacing) for placed in volumes)
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    passages = [VolumeRays(rays, body, scene) for body in bodies if body.has_extent]
+    passages = [VolumeRays(rays, placed, scene) for placed in volumes if placed.has_extent]
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))

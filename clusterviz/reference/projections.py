@@ -34,7 +34,7 @@ class Extreme:
 
 
 class LocalMaximum:
-    """The largest scalar of the ray's first stretch of samples not below a threshold, else of the whole ray."""
+    """The largest scalar of the ray's first run of samples not below a threshold, else of the whole ray."""
 
     def __init__(self, rays: int, threshold: float) -> None:
         self.threshold = threshold

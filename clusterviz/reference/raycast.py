@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.grading import needs_gradient, optics
+from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.multi_volume import Body, march_mixture
+from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import Floats, Rays, camera_rays, kept, pixel_shifts, to_index_space
@@ -110,20 +110,22 @@ def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArra
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
         raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))
-    bodies = [Body(*each) for each in zip(scene.volumes, grids, map(np.ascontiguousarray, voxels), strict=True)]
-    for body in bodies:
-        if body.voxels.shape != body.grid.shape_zyx:
+    volumes = [
+        PlacedVolume(*each) for each in zip(scene.volumes, grids, map(np.ascontiguousarray, voxels), strict=True)
+    ]
+    for placed in volumes:
+        if placed.voxels.shape != placed.grid.shape_zyx:
             raise InputError(
-                "not the grid's shape", where="voxels", found=body.voxels.shape, allowed=body.grid.shape_zyx
+                "not the grid's shape", where="voxels", found=placed.voxels.shape, allowed=placed.grid.shape_zyx
             )
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
     jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
     rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
-    for begin in range(0, len(rgba) if bodies else 0, RAYS_AT_ONCE):
+    for begin in range(0, len(rgba) if volumes else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
         some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
-        rgba[part] = march_mixture(some, bodies, scene.quality.step if step is None else step, scene)
+        rgba[part] = march_mixture(some, volumes, scene.quality.step if step is None else step, scene)
     return rgba.reshape(height, width, 4)
 
 
@@ -137,7 +139,7 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
         scalar, valid = sample(voxels, *slab.point.T)
         valid &= kept(slab.point, scene.clip, grid)
         gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
-        colour, extinction = optics(volume, classify, scalar, gradient, grid)
+        colour, extinction = glow_and_extinction(volume, classify, scalar, gradient, grid)
         depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.grading import needs_gradient, optics
+from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
@@ -215,7 +215,7 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         middle, known = sample(voxels, *slab.point.T)
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
         gradient = gradients(slab.point)
-        glow, extinction = optics(volume, classify, middle, gradient, grid)
+        glow, extinction = glow_and_extinction(volume, classify, middle, gradient, grid)
         glow, extinction = lit_up(glow, gradient, slab.point, slab.rays, voxels.shape), np.where(known, extinction, 0)
         begin = slab.begin.copy()
         for met in course.crossings(slab.rays, slab.begin, slab.end):

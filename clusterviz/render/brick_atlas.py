@@ -49,7 +49,7 @@ class BrickAtlas:
         self.slots: dict[Index, int] = {}
         self._free = list(range(slot_count))[::-1]
         self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
-        self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.stretched else None
+        self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.adaptive else None
         self._stretched: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(slot_count, np.int64)
         self._voxels = (
@@ -136,7 +136,7 @@ class BrickAtlas:
         """Return the lengths of slabs in the groups of all slots, cached for one transfer function."""
         if self._stretched is None or self._stretched[0] is not plan.transfer:
             assert self._ranges, "no slot was filled"
-            assert self._bends is not None, "nothing is stretched"
+            assert self._bends is not None, "the step is fixed"
             self._stretched = plan.transfer, stretch_bits(self._ranges, self._bends, plan, self._slot)
         return self._stretched[1]
 

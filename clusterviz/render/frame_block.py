@@ -33,7 +33,7 @@ FRAME = np.dtype(
         ("rect", "i4", 4),  # footprint: first pixel in x, y; width, height
         ("scalar", "f4", 4),  # scale and bias from a stored voxel to units of clim
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
-        ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a stretch
+        ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a run
         ("last_segment", "i4"),
         ("base", "i4"),  # integer subtracted from 16-bit voxels
         ("first_box", "i4"),  # 1: pixels are empty; 2: pixels are empty, and no other box follows

@@ -31,7 +31,15 @@ from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.multi_volume_bricks import store_as
-from clusterviz.render.render_result import SQUARE, TELL_SECONDS, PartOf, RenderResult, Tell, footprint, untold
+from clusterviz.render.render_result import (
+    PROGRESS_SECONDS,
+    SQUARE,
+    PartOf,
+    Progress,
+    RenderResult,
+    footprint,
+    no_progress,
+)
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, variant_of
 from clusterviz.render.volume_layers import joined_segments, multi_volume_blocks, multi_volume_tables
@@ -120,13 +128,13 @@ class Raycaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded.
 
         Parameters
         ----------
         pieces : the iterator advances when a piece is drawn
-        tell : called with the part of the pieces that is drawn, in [0, 1], if their number is known
+        progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
 
         Returns
         -------
@@ -155,9 +163,9 @@ class Raycaster:
                 buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
                 if plan.blend_mode.grading.table is not None:
                     buffers.table(plan.blend_mode.grading.table).use(1)
-            return self._draw_pieces(plan, pieces, tell)
+            return self._draw_pieces(plan, pieces, progress)
 
-    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], tell: Tell) -> list[RenderResult]:
+    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], progress: Progress) -> list[RenderResult]:
         """Draw pieces; consecutive ones with the same bricks share their tables."""
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
@@ -166,7 +174,7 @@ class Raycaster:
             tables: _Tables | None = None
             for number, piece in enumerate(pieces):
                 started, rect, layers = perf_counter(), footprint(plan, piece), layers_of(plan, piece)
-                part = PartOf(tell, number, count)
+                part = PartOf(progress, number, count)
                 part(0.0)
                 if not layers or not rect.pixels:
                     drawn.append(RenderResult(blank()))
@@ -185,9 +193,9 @@ class Raycaster:
         return drawn
 
     def _draw_bands(
-        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, tell: Tell
+        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, progress: Progress
     ) -> RenderResult:
-        """Draw a large picture from top to bottom, in bands that take about `TELL_SECONDS` each."""
+        """Draw a large picture from top to bottom, in bands that take about `PROGRESS_SECONDS` each."""
         drawn: list[RenderResult] = []
         top, rows = rect.y_begin, rect.height
         if rect.pixels > MOST_PIXELS_AT_ONCE:
@@ -197,8 +205,8 @@ class Raycaster:
             own = starts and starts.rows(top - rect.y_begin, band.y_end - rect.y_begin)
             drawn.append(self._draw_piece(plan, band, _only(tables), started, own, ONLY if tables.alone else 1))
             started = perf_counter()
-            tell((band.y_end - rect.y_begin) / rect.height)
-            top, rows = band.y_end, max(TILE, int(rows * TELL_SECONDS / (started - began)) // TILE * TILE)
+            progress((band.y_end - rect.y_begin) / rect.height)
+            top, rows = band.y_end, max(TILE, int(rows * PROGRESS_SECONDS / (started - began)) // TILE * TILE)
         rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
         seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
         return RenderResult(

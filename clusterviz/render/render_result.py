@@ -15,13 +15,13 @@ from clusterviz.plan.plan import Plan
 from clusterviz.report.frame_coherence import FrameCoherence
 
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
-Tell = Callable[[float], None]
+Progress = Callable[[float], None]
 """Progress callback; its argument is the part of the drawing that is done, in [0, 1]."""
-TELL_SECONDS = 0.25
+PROGRESS_SECONDS = 0.25
 """Time between progress reports, if the device allows."""
 
 
-def untold(done: float) -> None:
+def no_progress(done: float) -> None:
     """Ignore progress."""
 
 
@@ -29,14 +29,14 @@ def untold(done: float) -> None:
 class PartOf:
     """Progress callback for one of several equal parts; it reports nothing if their number is unknown (0)."""
 
-    tell: Tell
+    progress: Progress
     number: int
     count: int
 
     def __call__(self, done: float) -> None:
         """Report the progress of the whole from that of this part."""
         if self.count:
-            self.tell(min(1.0, (self.number + done) / self.count))
+            self.progress(min(1.0, (self.number + done) / self.count))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.cpu.kernel import can_draw
-from clusterviz.render.render_result import RenderResult, Tell, untold
+from clusterviz.render.render_result import Progress, RenderResult, no_progress
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
 
@@ -95,10 +95,12 @@ class RendererCache:
         """Read bricks back."""
         return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
         """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `VectorCaster.draw`."""
         return (
-            [RenderResult(blank()) for _ in pieces] if self._caster is None else self._caster.draw(plan, pieces, tell)
+            [RenderResult(blank()) for _ in pieces]
+            if self._caster is None
+            else self._caster.draw(plan, pieces, progress)
         )
 
     @property

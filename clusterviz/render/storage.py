@@ -38,7 +38,7 @@ class Slot:
     reach : cells beyond its own in which the brick samples the field
     spread : samples beyond a cell's corners on which its pixels depend
     parts : slots of several volumes, one after the other behind a header; cells are then those of the domain
-    stretched : slabs may be longer in some groups of its cells
+    adaptive : slabs may be longer in some groups of its cells
     layout : layout with bricks of several sizes, of which this is the largest slot; None: all bricks have this slot
     """
 
@@ -49,7 +49,7 @@ class Slot:
     reach: int = 0
     spread: int = 0
     parts: tuple[Slot, ...] = ()
-    stretched: bool = False
+    adaptive: bool = False
     layout: BrickLayout | None = None
 
     def at(self, index_zyx: Index) -> Slot:
@@ -126,7 +126,7 @@ class Slot:
     @property
     def group_words(self) -> int:
         """Words of a brick's groups: their visibility, and the lengths of their slabs."""
-        return self.visibility_words * (3 if self.stretched else 1)
+        return self.visibility_words * (3 if self.adaptive else 1)
 
     @property
     def texel_scale(self) -> float:
@@ -183,9 +183,9 @@ def slot_of(plan: Plan) -> Slot:
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
     """Return the slot of a volume's bricks, no larger than its largest brick."""
-    textured, stretched = "hardware" in march.filter, march.stretching is not None
+    textured, adaptive = "hardware" in march.filter, march.adaptive_step is not None
     sizes = None if layout.edges_zyx is None else layout
     z, y, x = (int(sides.max()) for sides in layout.sides_zyx)
     return Slot(
-        (z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, (), stretched, layout=sizes
+        (z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, (), adaptive, layout=sizes
     )

@@ -50,7 +50,7 @@ class Stored:
 def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
     """Encode a brick's samples (z, y, x)."""
     low, high = group_ranges(voxels, slot)
-    bend = group_curvature(voxels, slot) if slot.stretched else None
+    bend = group_curvature(voxels, slot) if slot.adaptive else None
     return Stored(encoding.encode(voxels), low, high, voxels.size, bend)
 
 
@@ -199,9 +199,9 @@ def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> N
     ranges : low and high of n bricks, each (n, *slot.groups_zyx)
     bends : results of `group_curvature`, (n, 2, *slot.groups_zyx)
     """
-    assert plan.march.stretching is not None, "nothing is stretched"
+    assert plan.march.adaptive_step is not None, "the step is fixed"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
-    return plan.march.stretching.doublings(plan.transfer, *known).reshape(ranges[0].shape)
+    return plan.march.adaptive_step.doublings(plan.transfer, *known).reshape(ranges[0].shape)
 
 
 def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:

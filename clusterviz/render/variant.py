@@ -109,7 +109,7 @@ class Variant:
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
             "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
             "GRADIENT": self._gradient,
-            "STRETCH": "stretched.glsl" if self.slot.stretched else "even.glsl",
+            "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": (STARTS_BLOCK, "starts.glsl") if self.frame_coherence else "entries.glsl",
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",

@@ -251,7 +251,7 @@ def multi_volume_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes."""
     each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
-    blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Looks", ROWS_BINDING, rows)
+    blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Rows", ROWS_BINDING, rows)
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
     layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
     return (*(blocks if rows else blocks[:1]), *sums, layers, *each, "multi_volume.glsl")

@@ -110,7 +110,7 @@ BLEND_MODES: dict[Blending, BlendModeTraits] = {
     "local-maximum": BlendModeTraits(
         "colour and opacity of the largest scalar in the first interval not below threshold, else of the whole ray",
         "local_maximum.glsl",
-        "stretch",
+        "run",
         "colour of run",
         threshold=True,
     ),

@@ -15,27 +15,27 @@ from clusterviz.image.merge import CLOSED, EXISTS, STARTS, Operator, merge_parti
 from clusterviz.image.partial import PartialImage, Rect
 
 SIZE = (23, 17)
-OPERATORS: tuple[Operator, ...] = ("maximum", "minimum", "sum", "stretch")
+OPERATORS: tuple[Operator, ...] = ("maximum", "minimum", "sum", "run")
 DTYPES = (np.dtype(np.uint8), np.dtype(np.float16), np.dtype(np.float32))
 KINDS = ("float32", "uint8", *OPERATORS)
 """Colours of these types, merged by over, or scalars of projections."""
 
 
 def random_pixels(rng: np.random.Generator, count: int, kind: Any) -> NDArray[Any]:
-    """Pixels (count, 4) of a kind, with a stretch of blank ones or of others."""
-    stretch = slice(*np.sort(rng.integers(0, count + 1, 2)))
+    """Pixels (count, 4) of a kind, with a run of blank ones or of others."""
+    run = slice(*np.sort(rng.integers(0, count + 1, 2)))
     if kind in OPERATORS:
-        return _random_scalars(rng, count, kind, stretch)
+        return _random_scalars(rng, count, kind, run)
     alpha = rng.choice([0, 1e-8, 1 / 255, 0.3, 254 / 255, 1], (count, 1)) * rng.choice([1, rng.random()], (count, 1))
-    alpha[stretch] = rng.choice([0, 1])
+    alpha[run] = rng.choice([0, 1])
     straight = rng.choice([0, 1 / 255, 0.5, 254 / 255, 1], (count, 3))
     pixels = np.concatenate([straight * alpha, alpha], axis=1)
     return (np.rint(pixels * 255) if kind == "uint8" else pixels).astype(kind)
 
 
-def _random_scalars(rng: np.random.Generator, count: int, operator: str, stretch: slice) -> NDArray[np.float32]:
+def _random_scalars(rng: np.random.Generator, count: int, operator: str, run: slice) -> NDArray[np.float32]:
     seen = rng.random(count) < rng.choice([0.2, 0.7, 1.0])
-    seen[stretch] = rng.random() < 0.5
+    seen[run] = rng.random() < 0.5
     pixels = np.zeros((count, 4), np.float32)
     # Few values, so that many are equal; the scalar 0 is not a blank pixel.
     scalars = rng.choice(np.float32([-1.5, -1e-8, 0, 1e-8, 0.3, 0.7, 1, 40]), (2, count))
@@ -43,7 +43,7 @@ def _random_scalars(rng: np.random.Generator, count: int, operator: str, stretch
     if operator == "sum":
         pixels[:, 3] = rng.choice(np.float32([1, 2, 0.3, 17]), count)
         pixels[:, 0] = np.abs(pixels[:, 0]) * rng.random(count, np.float32)
-    if operator == "stretch":
+    if operator == "run":
         exists = rng.random(count) < 0.7
         flags = EXISTS + rng.choice([0, STARTS], count) + rng.choice([0, CLOSED], count)
         pixels[:, 0] = np.where(exists, scalars[0], 0)

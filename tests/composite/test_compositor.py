@@ -260,7 +260,7 @@ def test_an_algorithm_of_one_image_a_rank_runs_where_images_may_be_brought_side_
         ([1, 1, 1, 2, 0, 0], (WHOLE, left, right, WHOLE, left, WHOLE), algorithm),
         ([0, 1, 2, 0, 1], (WHOLE, left, left, WHOLE, left), "direct-send"),
     ):
-        for kind in ("float32", "stretch"):
+        for kind in ("float32", "run"):
             case = Case(3, order, [random_image(rng, rect, kind) for rect in rects], kind)
             made, counters = compose(case, algorithm)
             assert counters[0].algorithm == ran
@@ -269,12 +269,12 @@ def test_an_algorithm_of_one_image_a_rank_runs_where_images_may_be_brought_side_
 
 def test_without_order_images_of_a_node_cross_the_network_as_one() -> None:
     sent = {}
-    for operator in ("stretch", "maximum"):
+    for operator in ("run", "maximum"):
         # The nodes' ranks take turns in depth.
-        case = Case(4, [0, 2, 1, 3], dense_case(4, "stretch").images, operator)
+        case = Case(4, [0, 2, 1, 3], dense_case(4, "run").images, operator)
         _, counters = compose(case, "auto", "hierarchical", 2, codec="raw")
         sent[operator] = sum(counted.total.bytes_sent for counted in counters)
-    assert sent["stretch"] == 2 * sent["maximum"] > 0
+    assert sent["run"] == 2 * sent["maximum"] > 0
 
 
 @pytest.mark.parametrize("transport", ["shared", "hierarchical"])

@@ -54,7 +54,7 @@ def sample(operator: str, s: float | None) -> np.ndarray:
         return np.zeros(4)
     if operator == "over":
         return np.array([abs(s) * 0.5, 0, 0, abs(s)])
-    if operator == "stretch":
+    if operator == "run":
         above = s >= THRESHOLD
         return np.array([s if above else 0.0, s, STARTS | EXISTS if above else 0, 1])
     return np.array([s, 0, 0, 1])
@@ -86,7 +86,7 @@ def test_cuts_and_brackets_do_not_matter(operator: str, parts: list[list[float |
         assert plain[0, 0] == {"maximum": max, "minimum": min}[operator](values)
     if operator == "sum":
         assert plain[0] == pytest.approx([sum(values), 0, 0, len(values)])
-    if operator == "stretch":
+    if operator == "run":
         first, largest = stretch_by_hand(values)
         assert plain[0, 1] == largest
         assert bool(int(plain[0, 2]) & EXISTS) == (first is not None)

@@ -82,7 +82,7 @@ def plain_bend(samples: Any) -> float:
 @pytest.mark.parametrize("margin", [0, 1])
 def test_bends_are_the_second_differences_inside_groups(margin: int) -> None:
     voxels = np.random.default_rng(5).integers(0, 256, np.add((17, 9, 12), margin)).astype(np.uint8)
-    slot = Slot((24, 8, 16), "u8", False, margin=margin, stretched=True)
+    slot = Slot((24, 8, 16), "u8", False, margin=margin, adaptive=True)
     steep, bend = group_curvature(voxels, slot)
     assert bend.shape == slot.groups_zyx == (3, 1, 2)
     inside = voxels[margin:, margin:, margin:][:17, :9, :12].astype(np.float64)
@@ -97,10 +97,10 @@ def test_bends_are_the_second_differences_inside_groups(margin: int) -> None:
 def test_an_invalid_voxel_leaves_its_groups_without_a_bend() -> None:
     voxels = np.zeros((17, 9, 9), np.float32)
     voxels[8, 3, 3], voxels[14, 3, 3] = np.nan, np.inf
-    _, bend = group_curvature(voxels, Slot((16, 8, 8), "f32", False, stretched=True))
+    _, bend = group_curvature(voxels, Slot((16, 8, 8), "f32", False, adaptive=True))
     assert np.isnan(bend).all()
 
 
 def test_only_plans_that_stretch_slabs_pay_for_it() -> None:
-    plain, stretched = (Slot((16, 16, 16), "u8", False, stretched=each) for each in (False, True))
-    assert (plain.group_words, stretched.group_words) == (1, 3)
+    plain, adaptive = (Slot((16, 16, 16), "u8", False, adaptive=each) for each in (False, True))
+    assert (plain.group_words, adaptive.group_words) == (1, 3)

@@ -29,8 +29,8 @@ BRICK = 16
 BUFFERS = 7
 ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
 PLAIN = (
-    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit entries even "
-    "voxel_u8"
+    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit entries "
+    "fixed_step voxel_u8"
 )
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
@@ -103,7 +103,7 @@ CASES = {
         buffers=3,
         side=19 + 2,
     ),
-    "adaptive": Case({"adaptive": 0.01}, "even", "stretched"),
+    "adaptive": Case({"adaptive": 0.01}, "fixed_step", "adaptive_step"),
     "pre-integrated": Case(
         {"classification": "pre-integrated"}, "composite samples segment", "preintegrated ramp sums", buffers=1, side=19
     ),

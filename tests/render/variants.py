@@ -50,8 +50,8 @@ def _rays() -> Iterator[tuple[str, Variant]]:
     for jittered, split, coherent in product((False, True), repeat=3):
         ways = {"jittered": jittered, "split": split, "preintegrated": split, "frame_coherence": coherent}
         yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
-    stretched = Slot(CELLS, "u8", False, stretched=True)
-    yield "adaptive step", Variant("linear", stretched, 33, 0, 0)
+    adaptive = Slot(CELLS, "u8", False, adaptive=True)
+    yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
     parts = (
         VolumeVariant("linear", slot, 1, lights=2, caps=3),
         VolumeVariant("cubic", slot, 0, preintegrated=True),

@@ -1,6 +1,6 @@
 """The over operator as compiled vector code: for two images, for many layers in one pass, and by depth.
 
-The operators of projections (maximum, minimum, sum, stretch) use the same kernels.
+The operators of projections (maximum, minimum, sum, run) use the same kernels.
 
 - blend.py, layers.py, depth.py   two images, many layers, nearest depths; each with a plain NumPy reference
 - job.py      jobs of the kernels: arrays as addresses in a table of numbers

@@ -32,8 +32,8 @@ def add(builder: Any, front: Any, behind: Any) -> Any:
     return builder.fadd(front, behind)
 
 
-def stretch(builder: Any, front: Any, behind: Any) -> Any:
-    """Return the first stretch: that of the front, the front's continued behind, or that behind."""
+def first_run(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the first run: that of the front, the front's continued behind, or that behind."""
     lanes = front.type.count
     words = ir.VectorType(_I32, lanes)
     ahead, after = (builder.fptosi(_component(builder, pixels, 2), words) for pixels in (front, behind))
@@ -107,7 +107,7 @@ def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
 
 
 _maximum, _minimum = _merger(maximum), _merger(minimum)
-_total, _stretch = _merger(add), _merger(stretch)
+_total, _first_run = _merger(add), _merger(first_run)
 
 
 @compiled
@@ -120,4 +120,4 @@ def merge_pixels(operator, target, front, behind, count):  # type: ignore[no-unt
     elif operator == SUM:
         _total(target, front, behind, count)
     else:
-        _stretch(target, front, behind, count)
+        _first_run(target, front, behind, count)

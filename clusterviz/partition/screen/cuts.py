@@ -76,7 +76,7 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
     load balancing, EGPGV 2007.
     """
     if not weights or min(weights) < 1:
-        raise InputError("nobody to draw", where="groups", found=list(weights), allowed="1 rank or more each")
+        raise InputError("no ranks to draw", where="groups", found=list(weights), allowed="1 rank or more each")
     return ScreenTree(cost.size, weights, _grow(cost, Rect(0, 0, *cost.size), weights, 0))
 
 

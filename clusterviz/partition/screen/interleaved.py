@@ -41,7 +41,7 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
     5.2.3, static.
     """
     if groups < 1:
-        raise InputError("nobody to draw", where="groups", found=groups, allowed="1 or more")
+        raise InputError("no ranks to draw", where="groups", found=groups, allowed="1 or more")
     rows, columns = tile_counts(size, side)
     shift = next(n for n in range(max(1, round(GOLDEN * groups)), groups + 2) if gcd(n, groups) == 1)
     owner = (np.arange(columns) + shift * np.arange(rows)[:, None]) % groups

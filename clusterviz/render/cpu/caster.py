@@ -38,7 +38,15 @@ from clusterviz.render.cpu.transfer.pieces import Pieces, pieces_of
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
 from clusterviz.render.frame_coherence import LastFrame, depth_of
 from clusterviz.render.multi_volume_bricks import store_as
-from clusterviz.render.render_result import SQUARE, TELL_SECONDS, PartOf, RenderResult, Tell, footprint, untold
+from clusterviz.render.render_result import (
+    PROGRESS_SECONDS,
+    SQUARE,
+    PartOf,
+    Progress,
+    RenderResult,
+    footprint,
+    no_progress,
+)
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import group_doublings, visible_groups
 from clusterviz.scene.transfer import TransferFunction
@@ -135,13 +143,13 @@ class VectorCaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], tell: Tell = untold) -> list[RenderResult]:
+    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
         """Draw one frame's pieces: the bricks that they show are there.
 
         Parameters
         ----------
         pieces : the next is asked for when the one before is drawn
-        tell : told what part of them is drawn, where it is known how many they are
+        progress : called what part of them is drawn, where it is known how many they are
 
         Returns
         -------
@@ -157,7 +165,7 @@ class VectorCaster:
             if shown is None or not piece.shows_bricks_of(shown.piece):
                 shown = self._shown_by(plan, piece)
             blank_piece = shown.bricks == 0 or rect.pixels == 0
-            part = PartOf(tell, number, count)
+            part = PartOf(progress, number, count)
             drawn.append(RenderResult(blank()) if blank_piece else self._draw_piece(plan, rect, shown, started, part))
         return drawn
 
@@ -196,7 +204,7 @@ class VectorCaster:
                 tables["pitches"] = self.pool.pitches(box, bricks)
         return _Shown(piece, len(bricks), bricks.tobytes(), box, tables, volumes)
 
-    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float, tell: Tell) -> RenderResult:
+    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float, progress: Progress) -> RenderResult:
         pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         job = job_of(plan, (shown.box, shown.bricks), rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
@@ -204,7 +212,7 @@ class VectorCaster:
         if plan.march.frame_coherence is not None:
             memory = self._last_frame.arrays(plan, members, rect, pixels.shape[:2])
             hand_over(job, memory, depth_of(plan), plan.march.frame_coherence)
-        self._run(job, shown.wide, tell)
+        self._run(job, shown.wide, progress)
         frame_coherence = None
         if memory:
             counts = (int(job[name][0]) for name in COUNTS)
@@ -215,14 +223,14 @@ class VectorCaster:
             PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, frame_coherence
         )
 
-    def _run(self, job: NDArray[np.void], wide: bool, tell: Tell) -> None:
+    def _run(self, job: NDArray[np.void], wide: bool, progress: Progress) -> None:
         """Let all threads draw tiles until there are none; this one waits, so that it can be interrupted."""
         address, cast = job.__array_interface__["data"][0], compiled(replace(self._kernel, wide=wide))
         threads = [_pool(os.getpid()).submit(cast, address) for _ in range(self._threads)]
         tiles = int(job["tiles"][0])
         try:
-            while wait(threads, TELL_SECONDS).not_done:
-                tell(min(1.0, int(job["counter"][0]) / tiles))
+            while wait(threads, PROGRESS_SECONDS).not_done:
+                progress(min(1.0, int(job["counter"][0]) / tiles))
         finally:
             # After an interrupt there are no more tiles; those that are being drawn write to memory of this frame.
             job["counter"] = tiles
@@ -233,7 +241,7 @@ class VectorCaster:
         parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
         shown = (
             plan.blend_mode,
-            plan.march.stretching,
+            plan.march.adaptive_step,
             plan.transfer,
             *(one for p in parts for one in (p.blend_mode, p.transfer)),
         )
@@ -246,7 +254,7 @@ class VectorCaster:
         ranges, (begin, end) = self.pool.ranges(bricks), plan.layout.unit_box(box.begin_zyx, box.end_zyx)
         visible, places = visible_groups(ranges, plan), plan.layout.units(bricks) - begin
         found = skips_of(visible, places, BrickBox(begin, end).shape_zyx, plan.layout.brick)
-        if plan.march.stretching is not None and isinstance(self.pool, Memory):
+        if plan.march.adaptive_step is not None and isinstance(self.pool, Memory):
             found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
         self._skips[box, bricks.tobytes()] = found
         return found

@@ -40,7 +40,7 @@ class Kernel:
     graded : what the gradient's magnitude does to opacity
     smooth : gradients are those of cubic B-splines, whatever the field is
     jittered : every pixel has a lattice of slabs of its own
-    stretched : slabs are longer where groups of cells allow it
+    adaptive : slabs are longer where groups of cells allow it
     split : slabs are cut where they leave a brick
     surfaces : isosurfaces are shown, alone or in the volume
     frame_coherence : rays start where the last frame says
@@ -60,7 +60,7 @@ class Kernel:
     graded: Graded = ""
     smooth: bool = False
     jittered: bool = False
-    stretched: bool = False
+    adaptive: bool = False
     split: bool = False
     surfaces: bool = False
     frame_coherence: bool = False
@@ -87,7 +87,7 @@ class Kernel:
             *([self.graded] if self.graded else []),
             *(["smooth"] if self.smooth else []),
             *(["jittered"] if self.jittered else []),
-            *(["stretched"] if self.stretched else []),
+            *(["adaptive"] if self.adaptive else []),
             *(["split"] if self.split else []),
             *(["surfaces"] if self.surfaces and self.blending == "composite" else []),
             *(["frame_coherence"] if self.frame_coherence else []),
@@ -125,7 +125,7 @@ def kernel_of(plan: Plan, lanes: int, pieces: Pieces | None) -> Kernel:
         graded,
         smooth,
         jittered,
-        stretched=plan.march.stretching is not None,
+        adaptive=plan.march.adaptive_step is not None,
         split=plan.march.split,
         surfaces=surfaces,
         frame_coherence=plan.march.frame_coherence is not None,

@@ -129,7 +129,7 @@ class Kept:
     slot : one word a voxel, and one behind them that loads may touch
     low, high : smallest and largest finite sample of its groups of cells
     voxels : samples that it was made of
-    bend : of its groups, see `bends.py`; None where slabs are not stretched
+    bend : of its groups, see `stored_brick.py`; None where the step is fixed
     """
 
     slot: Taken
@@ -249,7 +249,7 @@ class Memory:
         return self._by_units([one.low for one in kept]), self._by_units([one.high for one in kept])
 
     def bends(self, bricks: NDArray[np.int64]) -> NDArray[np.float32]:
-        """How bent the field is in the groups of the units of bricks, (m, 2, *slot.unit.groups_zyx): see `bends.py`."""
+        """Curvature of the field in groups of units of bricks, (m, 2, *slot.unit.groups_zyx)."""
         found = [self._kept[z, y, x].bend for z, y, x in bricks.tolist()]
         return self._by_units([bend for bend in found if bend is not None])
 

@@ -85,7 +85,7 @@ def _march(kernel: Kernel, code: Code, job: Job, starts: Starts | None) -> March
     samples = Samples(code, job, field, starts)
     if kernel.split:
         return SplitMarch(code, job, _preintegrated(kernel, code, job, field, samples), kernel.jittered, pitch)
-    stretch = Stretch(code) if kernel.stretched else None
+    stretch = Stretch(code) if kernel.adaptive else None
     cut = Cut(code) if kernel.surfaces else None
     blend_mode = _blend_mode(kernel, code, job, field, samples, (stretch, cut))
     places = Places(code, job, kernel.filter == "nearest", pitch, stretch)

@@ -143,7 +143,7 @@ def measure(
         if picture is not None:
             write(picture, drawn.work.scene)
     finish_seconds = perf_counter() - began
-    with abort_on_failure(channel, count, "tell"):
+    with abort_on_failure(channel, count, "send costs"):
         mine = (cpu_seconds, _resources(channel, drawn, drawn.work.plan), counted, _covered_rect(drawn))
         gathered = channel.allgather(mine)
     timed = [

@@ -18,7 +18,7 @@ VOXELS = noise(SHAPE, "uint8")
 EXTRAS: dict[str, tuple[dict[str, Any], Any, str]] = {
     "pre-integrated": ({"classification": "pre-integrated"}, program, "Preintegrated"),
     "jittered": ({"jitter": True}, rays, "shift_of"),
-    "stretched": ({"adaptive": 1 / 64}, program, "Stretch"),
+    "adaptive": ({"adaptive": 1 / 64}, program, "Stretch"),
     "isosurfaces": ({"isosurfaces": (100.0,)}, program, "Cut"),
     "isosurfaces alone": ({"blending": "isosurface", "isosurfaces": (100.0,)}, program, "Surfaces"),
     "split": ({"classification": "pre-integrated", "borders": "split"}, program, "SplitMarch"),

@@ -1,4 +1,4 @@
-"""Slabs that are longer where a group of cells allows it (plan/adaptive_step.py): the twin of stretched.glsl.
+"""Slabs that are longer where a group of cells allows it (plan/adaptive_step.py): the twin of adaptive_step.glsl.
 
 A run of longer slabs is one of ordinary slabs to a look: its midpoints lie farther apart, and a sample's opacity is
 that of several. How long they may be stands in the table of skips, which knows every group.

@@ -7,14 +7,14 @@ int doublings_in(int words, int bit) {
     return doublings;
 }
 
-int stretched(int k, int slabs) {
+int long_slab(int k, int slabs) {
     int allowed = doublings;
     while (doublings > 0 && ((k & ((1 << doublings) - 1)) != 0 || slabs >> doublings == 0)) --doublings;
-    // A longer stretch may begin after a shorter one.
+    // A longer slab may begin after a shorter one.
     return doublings == allowed ? slabs >> doublings << doublings : 1 << doublings;
 }
 
-// The ends of batches cut no stretch, with any bricks.
+// The ends of batches cut no long slab, with any bricks.
 int batch_from(int k) {
     return k & -slabs_in_batch;
 }

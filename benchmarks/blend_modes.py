@@ -1,4 +1,4 @@
-"""What each look costs beside plain compositing: `python benchmarks/looks.py [DATA] [--size N] [--json F]`.
+"""What each look costs beside plain compositing: `python benchmarks/blend_modes.py [DATA] [--size N] [--json F]`.
 
 One rank, one picture, bricks in GPU memory already, the looks in turn so that a busy machine slows all alike; the
 median of each look's times over that of compositing. Looks differ in how many slabs they must sample (an average takes
