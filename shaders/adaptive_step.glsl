@@ -7,16 +7,12 @@ int doublings_in(int words, int bit) {
     return doublings;
 }
 
+// The ends of batches cut no long slab.
 int long_slab(int k, int slabs) {
     int allowed = doublings;
     while (doublings > 0 && ((k & ((1 << doublings) - 1)) != 0 || slabs >> doublings == 0)) --doublings;
     // A longer slab may begin after a shorter one.
     return doublings == allowed ? slabs >> doublings << doublings : 1 << doublings;
-}
-
-// The ends of batches cut no long slab, with any bricks.
-int batch_from(int k) {
-    return k & -slabs_in_batch;
 }
 
 // Opacity of a sample that replaces several slabs, from that of one.

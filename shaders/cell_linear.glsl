@@ -9,8 +9,8 @@ ivec3 cell_within(ivec3 at) {
 
 // Whether the cell has a field.
 bool extent_of(int brick, ivec3 at, out vec2 extent) {
-    vec4 near = vec4(pair_at(brick, at), pair_at(brick, at + ivec3(0, 1, 0)));
-    vec4 far = vec4(pair_at(brick, at + ivec3(0, 0, 1)), pair_at(brick, at + ivec3(0, 1, 1)));
+    vec4 near, far;
+    cell_at(brick, at, near, far);
     vec4 low = min(near, far), high = max(near, far);
     extent = vec2(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
     // By their bits, since compilers invert comparisons, which is wrong for NaN.
@@ -20,9 +20,9 @@ bool extent_of(int brick, ivec3 at, out vec2 extent) {
 
 // Coefficients of 1, t, t², t³ of the field at begin + t · by.
 vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) {
-    vec2 a = pair_at(brick, at), b = pair_at(brick, at + ivec3(0, 1, 0));
-    vec2 c = pair_at(brick, at + ivec3(0, 0, 1)), d = pair_at(brick, at + ivec3(0, 1, 1));
-    vec4 x = vec4(a.x, b.x, c.x, d.x), slope = vec4(a.y, b.y, c.y, d.y) - x;
+    vec4 near, far;
+    cell_at(brick, at, near, far);
+    vec4 x = vec4(near.xz, far.xz), slope = vec4(near.yw, far.yw) - x;
     x += slope * begin.x;
     slope *= by.x;
     vec2 across = x.yw - x.xz, slope_across = slope.yw - slope.xz;

@@ -1,6 +1,10 @@
 // Emission and absorption of a slab from its midpoint: premultiplied colour and opacity.
+bool is_seen(float s) {
+    return s >= buckets.w; // nothing is visible below, and NaN compares false
+}
+
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
-    if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
+    if (!is_seen(s)) return;
     Segment segment = segment_at(s);
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     float opacity = slab_opacity(segment.unit_opacity, frame.optics.x * share * faded(gradient));
@@ -10,9 +14,10 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     if (FADED) {
         take_share(sum, s, place, beyond, 1.0);
-    } else if (s >= buckets.w) {
-        Segment segment = segment_at(s);
+    } else if (is_seen(s)) {
+        Segment segment = slab_at(s);
         vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-        sum += ((1.0 - sum.a) * doubled(segment.opacity)) * vec4(lit(segment.colour, gradient, place, beyond, true), 1.0);
+        float weight = (1.0 - sum.a) * doubled(segment.opacity);
+        sum = fma(vec4(weight), vec4(lit(segment.colour, gradient, place, beyond, true), 1.0), sum);
     }
 }

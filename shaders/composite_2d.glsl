@@ -1,6 +1,10 @@
 // Emission and absorption of a slab with a 2-D transfer function of scalar and gradient magnitude.
+bool is_seen(float s) {
+    return s >= buckets.w; // nothing is visible below, and NaN compares false
+}
+
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
-    if (!(s >= buckets.w)) return; // nothing is visible below, and NaN compares false
+    if (!is_seen(s)) return;
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     vec4 entry = classified(s, gradient);
     float opacity = slab_opacity(entry.a, frame.optics.x * share);

@@ -1,10 +1,6 @@
 // Rays start where they enter the box.
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {}
 
-int batches_from(int k) {
-    return k;
-}
-
 int up_to_start(int k, int slabs, float kept, float batch) {
     return slabs;
 }

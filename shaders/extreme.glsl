@@ -1,4 +1,8 @@
 // Maximum and minimum projection: (scalar, 0, 0, 1), or zeros for a ray without samples.
+bool is_seen(float s) {
+    return abs(s) <= 3e38; // NaN compares false
+}
+
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     bool further = LARGEST ? s > sum.x : s < sum.x;
     // NaN compares false.

@@ -1,7 +1,10 @@
 // First hit: (scalar, 0, 0, 1) of the ray's first scalar not below a threshold, or zeros.
+bool is_seen(float s) {
+    return s >= frame.optics.z && s <= 3e38; // NaN compares false
+}
+
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    // NaN compares false.
-    if (sum.w == 0.0 && s >= frame.optics.z && s <= 3e38) sum = vec4(s, 0.0, 0.0, 1.0);
+    if (sum.w == 0.0 && is_seen(s)) sum = vec4(s, 0.0, 0.0, 1.0);
 }
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {

@@ -9,10 +9,6 @@ int long_slab(int k, int slabs) {
     return slabs;
 }
 
-int batch_from(int k) {
-    return k;
-}
-
 float doubled(float opacity) {
     return opacity;
 }

@@ -14,8 +14,12 @@ vec4 merged(vec4 front, vec4 behind) {
     return both;
 }
 
+bool is_seen(float s) {
+    return abs(s) <= 3e38; // NaN compares false
+}
+
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    if (!(abs(s) <= 3e38)) return; // NaN compares false
+    if (!is_seen(s)) return;
     bool above = s >= frame.optics.z;
     sum = merged(sum, vec4(above ? s : 0.0, s, above ? float(STARTS | EXISTS) : 0.0, 1.0));
 }

@@ -3,16 +3,13 @@
 // voxel is invalid. Cell and offset are separate, as their sum would lose precision.
 float scalar_at(int brick, ivec3 cell, vec3 beyond);
 
-// In a brick, a ray is cut into batches of a fixed number of slabs, beginning with its first slab there. Positions in a batch are float32
-// offsets from its origin, the slab in its middle. Each batch is composited by itself, and then added to the pixel with compensated summation, so
+// The lattice is cut into batches of a fixed number of slabs, and where it leaves a brick. Positions in a batch are float32 offsets from its
+// origin, the slab in its middle. Each batch is composited by itself, and then added to the pixel with compensated summation, so
 // that 10^6 faint slabs add up. So the begin and the number of runs change no bit: pictures are the same with and without empty-space skipping.
 // A run ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
-const int LONGEST_RUN = 16;
+const int LONGEST_RUN = TWO_AT_ONCE ? 64 : 16;
 const int LONGEST_SKIP = 1 << 20;
 const int NO_SLAB = 1 << 30; // not the number of any slab
-// llvmpipe silently leaves all loops after 65535 iterations in total, so a dispatch does less, and the next one continues. Sixteen divergent
-// lanes may take sixteen times the iterations that each of them counts.
-const int ITERATIONS = 3600;
 
 struct Sum {
     vec4 high; // value of the pixel: with most blend modes premultiplied colour and opacity
@@ -26,15 +23,6 @@ void add(inout Sum sum, vec4 more) {
     sum.high = total;
 }
 
-// Number of midpoints from `local` on that lie in the box [0, size) for certain: from 1 to `limit`.
-int slabs_inside(vec3 local, vec3 size, vec3 slab, int limit) {
-    // Smaller by the rounding of float32, so that no slab is taken that the next brick, which decides exactly, takes too.
-    vec3 ahead = mix(local, size - local, greaterThanEqual(slab, vec3(0.0))) - float(BRICK) * 3e-7;
-    vec3 slabs = ahead / max(abs(slab), vec3(1e-30));
-    float least = min(min(slabs.x, slabs.y), min(slabs.z, float(limit)));
-    return clamp(int(least - 1e-3) + 1, 1, limit);
-}
-
 struct Place {
     int brick;   // offset of its voxels; GAP if nothing is visible, OUTSIDE if another box owns the slab
     ivec3 cell;  // in the brick
@@ -43,12 +31,10 @@ struct Place {
 };
 const int GAP = -1, OUTSIDE = -2;
 
-// Adaptive step: a sample replaces 1 << doublings slabs of the lattice. The functions give the doublings that a group of cells allows; the number
-// of the next `slabs` that are then taken at once, as a long slab begins at a multiple of its length; and the slab from which batches are counted in a
-// brick that a ray enters with slab k.
+// Adaptive step: a sample replaces 1 << doublings slabs of the lattice. The functions give the doublings that a group of cells allows, and the
+// number of the next `slabs` that are then taken at once, as a long slab begins at a multiple of its length.
 int doublings_in(int words, int bit);
 int long_slab(int k, int slabs);
-int batch_from(int k);
 
 ivec3 brick_begin; // first cell of the brick that was found last
 
@@ -58,23 +44,28 @@ Place place_of(Ray ray, int k, vec3 slab) {
     ivec3 cell = cell_of(position);
     if (!owned(cell)) return Place(OUTSIDE, ivec3(0), vec3(0.0), 0);
     // Instead of integer division, which is slow without hardware support; exact.
-    ivec3 number = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
+    ivec3 number = BRICK == 1 << BRICK_SHIFT ? cell >> BRICK_SHIFT : ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
     ivec3 first = number * BRICK, at = number - bricks_begin;
     brick_begin = first;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;
     ivec3 group = cell >> GROUP_SHIFT;
-    int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
-    int start = brick_offset[brick];
-    int words = brick * GROUP_WORDS + (bit >> 5);
-    bool visible = start >= 0 && (group_visible[words] >> (bit & 31) & 1u) != 0u;
-    // A visible run may extend to the brick's end, unless its slabs are long; a gap ends with its group of cells, or with its brick.
-    bool whole = visible ? doublings_in(words, bit & 31) == 0 : start < 0;
-    vec3 local = vec3(whole ? cell : cell - (group << GROUP_SHIFT)) + beyond;
+    int skip = skip_at(brick, group);
+    bool visible = skip == 0;
+    // A visible run may extend to the brick's end, unless its slabs are long.
+    bool whole = visible ? doublings == 0 : skip < 0;
+    ivec3 low = (group - max(skip - 1, 0)) << GROUP_SHIFT, high = (group + max(skip, 1)) << GROUP_SHIFT;
     // The last group along an axis may be cut by the brick's end.
-    vec3 extent = whole ? vec3(BRICK) : vec3(min(ivec3(1 << GROUP_SHIFT), BRICK - (group << GROUP_SHIFT)));
-    return Place(visible ? start : GAP, cell, beyond, slabs_inside(local, extent, slab, visible ? LONGEST_RUN : LONGEST_SKIP));
+    if (whole) low = ivec3(0);
+    if (whole || BRICK % (1 << GROUP_SHIFT) != 0) high = whole ? ivec3(BRICK) : min(high, BRICK);
+    vec3 local = vec3(cell) + beyond;
+    // Smaller by the rounding of float32, so that no slab is taken that the next brick, which decides exactly, takes too.
+    vec3 ahead = mix(local - vec3(low), vec3(high) - local, greaterThanEqual(slab, vec3(0.0))) - SLACK;
+    vec3 slabs = ahead * (1.0 / max(abs(slab), vec3(1e-30)));
+    int limit = visible ? LONGEST_RUN : LONGEST_SKIP;
+    int inside = clamp(int(min(min(slabs.x, slabs.y), min(slabs.z, float(limit))) - 1e-3) + 1, 1, limit);
+    return Place(visible ? brick_offset[brick] : GAP, cell, beyond, inside);
 }
 
 // Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.
@@ -96,10 +87,8 @@ int origin_of(int first) {
 
 int run_iterations; // iterations of loops that a run has counted
 
-// Frame coherence (starts.glsl): the slab from which batches are counted in a brick that a ray reaches with slab k; the number of the next slabs
-// before a predicted start, by the opacities of the pixel and of the batch; the note that a batch, or a single slab, has reached an opacity with
-// slab k; and whether the ray has to be drawn again.
-int batches_from(int k);
+// Frame coherence (starts.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and of the batch; the note that
+// a batch, or a single slab, has reached an opacity with slab k; and whether the ray has to be drawn again.
 int up_to_start(int k, int slabs, float kept, float batch);
 void note(int k, float opacity);
 bool is_late();
@@ -117,6 +106,9 @@ void put_behind(inout Sum sum, vec4 batch) {
     if (batch.a > 0.0) add_run(sum, batch);
 }
 
+// Whether a dispatch has done its share of a ray after so many iterations, when it has come to slab k.
+bool has_done_share(int iterations, int k);
+
 // March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
@@ -133,27 +125,25 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     }
     vec4 batch = vec4(0.0);
     ivec3 brick = ivec3(-1);
-    int entered = 0, first = -1; // first slabs of the brick's batches, and of the current batch
+    int first = -1; // first slab of the current batch
     int until = last;
     while (k < until) {
         Place place;
         for (;;) {
             place = place_of(ray, k, slab);
-            if (brick_begin != brick) {
-                brick = brick_begin;
-                entered = batches_from(batch_from(k));
-            }
             if (place.brick != GAP) break;
             k = min(k + place.slabs, last);
-            if (k == last || (++iterations >= ITERATIONS && k - first >= slabs_in_batch)) break;
+            ++iterations;
+            if (k == last || has_done_share(iterations, k)) break;
         }
-        int begin = entered + ((k - entered) & -slabs_in_batch);
-        if (begin != first) {
+        int begin = k & -slabs_in_batch;
+        if (begin != first || brick_begin != brick) {
             put_behind(sum, batch);
             batch = vec4(0.0);
             first = begin;
-            // A dispatch ends only with a batch; if it ends in a gap, the next one begins with the batch there.
-            if (iterations >= ITERATIONS && k < last) until = k = begin;
+            brick = brick_begin;
+            // A dispatch ends only with a batch.
+            if (has_done_share(iterations, k) && k < last) until = k;
         }
         if (is_done(sum)) k = ray.slabs;
         else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again

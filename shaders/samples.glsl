@@ -3,11 +3,29 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond);
 // Part of a slab: the last one, cut by the exit.
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share);
 
+bool is_seen(float s);
+
+const float AHEAD = 4.0; // slabs; what is fetched ahead should be there by then
+
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
-    for (int at = from; at < to; at += 1 << doublings) {
-        vec3 beyond = place.beyond + (float(at) + 0.5 * float((1 << doublings) - 1)) * slab;
-        take(sum, scalar_at(place.brick, place.cell, beyond), place, beyond);
-        note(origin + at, sum.a);
+    int length = 1 << doublings;
+    float middle = 0.5 * float(length - 1);
+    // Two samples at once where a processor would wait for one of them.
+    for (int at = from; at < to; at += (TWO_AT_ONCE ? 2 : 1) * length) {
+        int next = at + length;
+        vec3 here = fma(vec3(float(at) + middle), slab, place.beyond), there = fma(vec3(float(next) + middle), slab, place.beyond);
+        prefetch(place.brick, place.cell, here + AHEAD * slab);
+        if (TWO_AT_ONCE) prefetch(place.brick, place.cell, there + AHEAD * slab);
+        float s = scalar_at(place.brick, place.cell, here), t = TWO_AT_ONCE ? scalar_at(place.brick, place.cell, there) : 0.0;
+        bool both = TWO_AT_ONCE && next < to;
+        if (is_seen(s) || (both && is_seen(t))) {
+            take(sum, s, place, here);
+            note(origin + at, sum.a);
+            if (both) {
+                take(sum, t, place, there);
+                note(origin + next, sum.a);
+            }
+        }
     }
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }

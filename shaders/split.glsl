@@ -63,17 +63,6 @@ double begin_in_box(Ray ray, int k, dvec2 box) {
     return max(max(double(k), JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
 }
 
-int first_in_brick_of(Ray ray, int k, int entry) {
-    double s = begin_in_box(ray, entry, in_box(ray)), unused;
-    for (int axis = 0; axis < 3; ++axis) {
-        bool rises = ray.slab[axis] > 0.0LF;
-        int face = brick_along(ray, axis, double(k), unused) + (rises ? 0 : 1);
-        // The volume's own faces are not begins.
-        if (ray.slab[axis] != 0.0LF && (rises ? face > 0 : face <= last_cell[axis] / BRICK)) s = max(s, met(ray, axis, face));
-    }
-    return int(s);
-}
-
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
@@ -84,22 +73,20 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     double near = shift + 1e-6LF, far = past - 1e-6LF;
     int iterations = 0;
     vec4 batch = vec4(0.0);
-    int first = 0; // first slab of the batch, in the brick that begins at `brick_begin`
+    int first = -1; // first slab of the batch, in the brick that begins at `brick_begin`
     brick_begin = ivec3(-1);
     // A dispatch ends only with a batch, and at an integer.
-    while (s < end && !(iterations >= ITERATIONS && s >= double(first + slabs_in_batch) && s == floor(s))) {
+    while (s < end && !(has_done_share(iterations, int(s)) && s >= double(first + slabs_in_batch) && s == floor(s))) {
         dvec3 ends;
         ivec3 number = ivec3(brick_along(ray, 0, s, ends.x), brick_along(ray, 1, s, ends.y), brick_along(ray, 2, s, ends.z));
         double leave = min(end, min(ends.x, min(ends.y, ends.z)));
         ivec3 at = number - bricks_begin;
         iterations += 2;
-        // A slab that is cut lies in several bricks; a ray starts in the first of them.
-        int begin = brick_begin == number * BRICK ? first : brick_begin.x < 0 ? batches_from(int(s)) : int(s);
-        int later = (int(s) - begin) & -slabs_in_batch;
-        if (later > 0 || brick_begin != number * BRICK) {
+        int begin = int(s) & -slabs_in_batch;
+        if (begin != first || brick_begin != number * BRICK) {
             put_behind(sum, batch);
             batch = vec4(0.0);
-            first = begin + later;
+            first = begin;
             brick_begin = number * BRICK;
             if (is_done(sum)) break;
         }
@@ -139,6 +126,5 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         if (is_late()) return;
     }
     put_behind(sum, batch);
-    // If a dispatch ends in a gap, the next one begins with the batch there.
-    k = s < end && !is_done(sum) ? first + ((int(s) - first) & -slabs_in_batch) : ray.slabs;
+    k = s < end && !is_done(sum) ? int(s) : ray.slabs;
 }

@@ -9,8 +9,8 @@ const float NOTHING = 1e30;
 const int NOWHERE = 0x7fc00000; // bits of NaN
 const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // as in render/starts.py
 
-int started = NO_SLAB; // first slab of the ray, or its predicted start; then the slab from which its batches are counted there
-int batches_begin = 0, hit = NO_SLAB;
+int started = NO_SLAB; // first slab of the ray, or its predicted start
+int hit = NO_SLAB;
 bool is_checked = false;
 float outcome = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
 
@@ -26,9 +26,6 @@ float kept_in(int plane, int pixel) {
 void keep_in(int plane, int pixel, float number) {
     progress[place_in(plane, pixel)] = floatBitsToInt(number);
 }
-
-// First slab of a ray, from slab `entry` on, in the brick that holds slab k.
-int first_in_brick_of(Ray ray, int k, int entry);
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     float depth = kept_in(START, pixel);
@@ -50,12 +47,7 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
         // If slabs of boxes in front were skipped, the first slab of this box is a start like any other.
         outcome = ESTIMATED;
         slab = started = start;
-        batches_begin = first_in_brick_of(ray, start, entry);
     }
-}
-
-int batches_from(int k) {
-    return k == started && !is_checked ? batches_begin : k;
 }
 
 int up_to_start(int k, int slabs, float kept, float batch) {

@@ -1,6 +1,10 @@
 // Average and sum projection: opacity times scalar, clamped to clim, times slabs; and the number of slabs with a sample.
+bool is_seen(float s) {
+    return abs(s) <= 3e38; // NaN compares false
+}
+
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
-    if (!(abs(s) <= 3e38)) return; // NaN compares false
+    if (!is_seen(s)) return;
     sum += share * vec4(segment_at(s).unit_opacity * clamp(s, 0.0, 1.0), 0.0, 0.0, 1.0);
 }
 

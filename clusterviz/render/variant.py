@@ -99,8 +99,9 @@ class Variant:
             "CONSTANTS": self.constants,
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
-            "SEGMENT": NOTHING if self.preintegrated else "segment.glsl",
-            "VOXEL": voxel_file(self.slot),
+            "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "VOXEL": (voxel_file(self.slot), "cells.glsl"),
+            "PREFETCH": "no_prefetch.glsl",
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
             "CELL": cell_file(self.filter) if self.surfaces else NOTHING,
@@ -116,6 +117,8 @@ class Variant:
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
+            "GROUPS": "groups.glsl",
+            "MAIN": "pixels.glsl",
             "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
         return assemble("raycast.glsl", slots | (self._multi_volume if self.volumes else {}))
@@ -162,6 +165,7 @@ class Variant:
         gz, gy, gx = self.slot.groups_zyx
         lines = [
             f"const int BRICK = {self.brick}; // cells along its side",
+            f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
             f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
             f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
@@ -176,6 +180,7 @@ class Variant:
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
             "const int FIRST_BUCKET = 0;",
+            "const bool TWO_AT_ONCE = false; // samples",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
         if self.slot.margin or self.preintegrated or self.surfaces:

@@ -70,7 +70,18 @@ VOLUME = np.dtype(
     ]
 )
 OWN_NAMES = (
-    *("Segment", "segment_of", "segment_at", "third", "voxel_at", "row_at", "pair_at", "scalar_at"),
+    *(
+        "Segment",
+        "segment_of",
+        "segment_at",
+        "third",
+        "voxel_at",
+        "row_at",
+        "pair_at",
+        "cell_at",
+        "rows_at",
+        "scalar_at",
+    ),
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
     *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
@@ -177,7 +188,7 @@ class VolumeVariant:
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
-        files = (voxel, spline_file(self.filter, gradient), field, gradient, *light)
+        files = (voxel, "cells.glsl", spline_file(self.filter, gradient), field, gradient, *light)
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:

@@ -1,0 +1,4 @@
+// Segment of a whole slab.
+Segment slab_at(float s) {
+    return segment_at(s);
+}
