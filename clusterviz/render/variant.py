@@ -39,6 +39,28 @@ PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
 """Files that sample runs of slabs, where samples.glsl does not."""
 
 
+PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
+"""Lanes of a vector: the pixels of a packet across and down."""
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """How a CPU draws.
+
+    Attributes
+    ----------
+    lanes : of a vector
+    pieces : most pieces of the transfer function in registers; 0: it is in memory
+    fitted : a slab's opacity is a polynomial on each piece
+    far : samples are so far apart, and bricks so many, that caches hold few of them
+    """
+
+    lanes: int
+    pieces: int = 0
+    fitted: bool = False
+    far: bool = False
+
+
 @dataclass(frozen=True)
 class Variant:
     """Constants and files of one program of the ray caster.
@@ -64,6 +86,7 @@ class Variant:
     volumes : variants of several volumes; empty for one volume
     caps : number of planes by whose normals cut faces are lit, including the volume's own faces
     frame_coherence : rays start by the hits of the last frame
+    cpu : how a CPU draws it; None: a GPU draws
     """
 
     filter: Filter
@@ -85,6 +108,7 @@ class Variant:
     volumes: tuple[VolumeVariant, ...] = ()
     caps: int = 0
     frame_coherence: bool = False
+    cpu: Lanes | None = None
 
     @property
     def source(self) -> ShaderSource:
@@ -121,7 +145,29 @@ class Variant:
             "MAIN": "pixels.glsl",
             "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
         }
-        return assemble("raycast.glsl", slots | (self._multi_volume if self.volumes else {}))
+        return assemble(
+            "raycast.glsl", slots | (self._multi_volume if self.volumes else {}) | (self._on_cpu if self.cpu else {})
+        )
+
+    @property
+    def _on_cpu(self) -> dict[str, Files]:
+        """Return the slots of files that a CPU does in its own way."""
+        assert self.cpu, "a GPU draws"
+        found: dict[str, Files] = {"MAIN": "tiles.glsl"}
+        if not self.slot.adaptive:
+            found["GROUPS"] = "skips.glsl"
+        if self.has_cells:
+            found["VOXEL"] = "cells_u8.glsl"
+        if self.has_cells and self.filter == "linear":
+            found |= {"SCALAR": "linear_cells.glsl", "PREFETCH": NOTHING}
+        if self.cpu.pieces:
+            found["SEGMENT"] = ("segment.glsl", "pieces.glsl")
+        return found
+
+    @property
+    def has_cells(self) -> bool:
+        """Whether a word of memory holds voxels of two rows and two layers."""
+        return self.cpu is not None and self.slot.kind == "u8" and not self.volumes
 
     @property
     def _traits(self) -> BlendModeTraits:
@@ -163,6 +209,9 @@ class Variant:
         """GLSL declarations of the program's constants."""
         z, y, x = self.slot.cells_zyx
         gz, gy, gx = self.slot.groups_zyx
+        row, slice_ = self.slot.row_words, self.slot.slice_words
+        if self.has_cells:
+            row, slice_ = self.slot.samples_zyx[2], self.slot.samples_zyx[2] * self.slot.samples_zyx[1]
         lines = [
             f"const int BRICK = {self.brick}; // cells along its side",
             f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
@@ -170,8 +219,8 @@ class Variant:
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
             f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
             f"const int REACH = {self.slot.reach}; // cells beyond them in which the field is sampled",
-            f"const int ROW_WORDS = {self.slot.row_words};",
-            f"const int SLICE_WORDS = {self.slot.slice_words};",
+            f"const int ROW_WORDS = {row};",
+            f"const int SLICE_WORDS = {slice_};",
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
             f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
             f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
@@ -180,13 +229,21 @@ class Variant:
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             f"const int FURTHER_STARTS = {self.further_starts};",
             "const int FIRST_BUCKET = 0;",
-            "const bool TWO_AT_ONCE = false; // samples",
+            f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
         if self.slot.margin or self.preintegrated or self.surfaces:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
+        if self.cpu:
+            width, height = PACKETS[self.cpu.lanes]
+            lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
+            lines.append(
+                f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them"
+            )
+            lines.append(f"const int PIECES = {self.cpu.pieces};")
+            lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": 2 * self.surfaces}))
             lines.append(f"const int SURFACES = {self.surfaces};")

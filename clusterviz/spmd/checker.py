@@ -270,7 +270,7 @@ class Checker:
                 return BuiltIn(texel, name.at, name.text, tuple(arguments))
         elif name.text == "barrier":
             return BuiltIn(VOID, name.at, name.text, ())
-        elif name.text == "atomicAdd":
+        elif name.text in ("atomicAdd", "atomicMin"):
             if len(given) == 2 and given[0] is given[1] and given[0] in (INT, UINT):
                 self.target(arguments[0])
                 return BuiltIn(given[0], name.at, name.text, tuple(arguments))

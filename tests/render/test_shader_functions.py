@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import moderngl
 import numpy as np
@@ -11,6 +13,7 @@ from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene
 
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
+from clusterviz.gl.shader import ShaderSource
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
@@ -19,8 +22,7 @@ from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import Slot, make_slot
 from clusterviz.render.variant import Variant, variant_of
 from clusterviz.scene.complete import transfer_function
-
-pytestmark = pytest.mark.gl
+from clusterviz.spmd.machine_code import addresses, function_of, object_code
 
 GRID = Grid(SHAPE)
 PROBE = """
@@ -29,39 +31,59 @@ layout(std430, binding = 10) writeonly buffer FoundBlock {{ vec4 found[]; }};
 vec4 probe(vec4 x) {{ {body} }}
 void main() {{
     uint i = gl_WorkGroupID.x * 64u + gl_LocalInvocationIndex;
-    if (i < uint(given.length())) found[i] = probe(given[i]);
+    if (i < {count}u) found[i] = probe(given[i]);
 }}
 """
 PLAIN = Variant("linear", Slot((16, 16, 16), "f32", False), 16, 0, 0)
+CPU_LANES = 16, 8, 4
+Device = moderngl.Context | int
+"""OpenGL, or the lanes of a CPU's vectors."""
+
+
+@pytest.fixture(params=[pytest.param("opengl", marks=pytest.mark.gl), *CPU_LANES])
+def device(request: pytest.FixtureRequest) -> Device:
+    return request.param if request.param in CPU_LANES else request.getfixturevalue("context")
 
 
 def evaluate(
-    context: moderngl.Context, body: str, given: np.ndarray, variant: Variant = PLAIN, **buffers: np.ndarray
+    device: Device, body: str, given: np.ndarray, variant: Variant = PLAIN, **blocks: np.ndarray
 ) -> np.ndarray:
     """float32 (n, 4): what `body` returns for each x of `given` (n, up to 4), in a variant's program.
 
-    `frame` is its uniform block; `b3`, `b4`, … are its buffers by binding.
+    `u0`, `u1`, … are its uniform blocks, and `b3`, `b4`, … its buffers by binding.
     """
     points = np.zeros((len(given), 4), np.float32)
     points[:, : given.reshape(len(given), -1).shape[1]] = given.reshape(len(given), -1)
-    source = variant.source
-    text = source.text.partition("void main()")[0] + PROBE.format(body=body)
-    program = compile_compute(context, replace(source, text=text))
-    held = {name: context.buffer(np.ascontiguousarray(data).tobytes()) for name, data in buffers.items()}
+    text = variant.source.text.partition("void main()")[0] + PROBE.format(body=body, count=len(points))
+    source, groups, found = replace(variant.source, text=text), -(-len(points) // 64), np.zeros_like(points)
+    if isinstance(device, int):
+        uniforms, buffers = (
+            {int(k[1:]): np.ascontiguousarray(b) for k, b in blocks.items() if k[0] == kind} for kind in "ub"
+        )
+        system = np.zeros(7, np.uint32)
+        table = addresses(uniforms, buffers | {9: points, 10: found}, system)
+        for system[0] in range(groups):
+            for system[6] in range(0, 64, device):
+                on_cpu(source, device)(table.ctypes.data)
+        return found
+    program = compile_compute(device, source)
+    held = {name: device.buffer(np.ascontiguousarray(data).tobytes()) for name, data in blocks.items()}
     for name, buffer in held.items():
-        if name == "frame":
-            buffer.bind_to_uniform_block(0)
-        else:
-            buffer.bind_to_storage_buffer(int(name[1:]))
-    source_buffer, target = context.buffer(points.tobytes()), context.buffer(reserve=points.nbytes)
+        (buffer.bind_to_uniform_block if name[0] == "u" else buffer.bind_to_storage_buffer)(int(name[1:]))
+    source_buffer, target = device.buffer(points.tobytes()), device.buffer(reserve=points.nbytes)
     source_buffer.bind_to_storage_buffer(9)
     target.bind_to_storage_buffer(10)
-    program.run(-(-len(points) // 64))
-    context.finish()
+    program.run(groups)
+    device.finish()
     found = np.frombuffer(target.read(), np.float32).reshape(-1, 4)
     for made in (source_buffer, target, program, *held.values()):
         made.release()
     return found
+
+
+@cache
+def on_cpu(source: ShaderSource, lanes: int) -> Callable[[int], None]:
+    return function_of(object_code(source, "probe", lanes), "probe")
 
 
 def relative(found: np.ndarray, expected: np.ndarray) -> float:
@@ -81,23 +103,23 @@ ALPHAS = np.unique(
 ALPHAS = ALPHAS[ALPHAS <= 1 - 2.0**-24]
 
 
-def test_optical_depth_of_every_opacity(context: moderngl.Context) -> None:
-    found = evaluate(context, "return vec4(optical_depth(x.x));", ALPHAS)[:, 0]
+def test_optical_depth_of_every_opacity(device: Device) -> None:
+    found = evaluate(device, "return vec4(optical_depth(x.x));", ALPHAS)[:, 0]
     assert relative(found, -np.log1p(-ALPHAS.astype(np.float64))) <= 4e-7
 
 
-def test_absorption_of_every_depth(context: moderngl.Context) -> None:
+def test_absorption_of_every_depth(device: Device) -> None:
     depths = np.float32(np.concatenate([[0.0], np.geomspace(1e-30, 1e30, 6000), np.linspace(0, 100, 3000)]))
-    found = evaluate(context, "return vec4(absorbed(x.x));", depths)[:, 0]
+    found = evaluate(device, "return vec4(absorbed(x.x));", depths)[:, 0]
     assert relative(found, -np.expm1(-depths.astype(np.float64))) <= 4e-7
 
 
 @pytest.mark.parametrize("units", [1e-6, 1e-3, 0.1, 1.0, 3.0, 100.0, 1e4])
-def test_slab_opacity_of_every_opacity_and_length(context: moderngl.Context, units: float) -> None:
+def test_slab_opacity_of_every_opacity_and_length(device: Device, units: float) -> None:
     alphas = np.union1d(ALPHAS[(ALPHAS == 0) | (ALPHAS >= 1e-8)], np.float32([1e-8, 1 - 1e-7]))
     units = float(np.float32(units))
     found = evaluate(
-        context, "return vec4(slab_opacity(x.x, x.y));", np.column_stack([alphas, np.full(len(alphas), units)])
+        device, "return vec4(slab_opacity(x.x, x.y));", np.column_stack([alphas, np.full(len(alphas), units)])
     )
     assert relative(found[:, 0], -np.expm1(units * np.log1p(-alphas.astype(np.float64)))) <= 1e-6
 
@@ -109,7 +131,7 @@ MANY = tuple((0.5 + 1e-5 * k, k % 2 * 0.4) for k in range(60))
 @pytest.mark.parametrize("opacity", [BUMP, STEEP, MANY, 0.3], ids=["bump", "steep", "many-close", "number"])
 @pytest.mark.parametrize("uniform_bytes", [0, 1 << 16], ids=["storage", "block"])
 def test_segment_of_every_scalar_is_the_last_that_starts_at_or_below_it(
-    context: moderngl.Context, opacity: object, uniform_bytes: int
+    device: Device, opacity: object, uniform_bytes: int
 ) -> None:
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at("outside", GRID), opacity=opacity, clim=(0.0, 1.0)), voxels).plan
@@ -117,11 +139,10 @@ def test_segment_of_every_scalar_is_the_last_that_starts_at_or_below_it(
     starts = plan.segments.records["start"]
     scalars = np.concatenate([np.linspace(-1, 2, 3001), starts[1:], np.nextafter(starts[1:], -1), [-1e30, 1e30]])
     variant, buffers = variant_of(plan, slot, uniform_bytes), shader_buffers(plan, slot)
-    records = plan.segments.records.tobytes().ljust(variant.block_bytes, b"\0")
-    block = context.buffer(records)
-    block.bind_to_uniform_block(1)
-    found = evaluate(context, "return vec4(segment_of(x.x));", scalars.astype(np.float32), variant, **buffers)[:, 0]
-    block.release()
+    block = np.frombuffer(plan.segments.records.tobytes().ljust(max(variant.block_bytes, 16), b"\0"), np.uint8)
+    found = evaluate(device, "return vec4(segment_of(x.x));", scalars.astype(np.float32), variant, u1=block, **buffers)[
+        :, 0
+    ]
     assert np.array_equal(found, np.searchsorted(starts, scalars.astype(np.float32), side="right") - 1)
 
 
@@ -129,18 +150,18 @@ def shader_buffers(plan: Plan, slot: Slot, box: BrickBox | None = None) -> dict[
     """The frame block and the transfer function, by binding."""
     box = box or BrickBox((0, 0, 0), plan.layout.counts_zyx)
     frame = frame_block(plan, box, Rect(0, 0, *plan.view.size), slot)
-    return {"frame": frame, "b4": plan.segments.buckets, "b5": plan.segments.records}
+    return {"u0": frame, "b4": plan.segments.buckets, "b5": plan.segments.records}
 
 
 @pytest.mark.parametrize("slab", [1.0, 0.05, 20.0])
-def test_classification_follows_the_transfer_function(context: moderngl.Context, slab: float) -> None:
+def test_classification_follows_the_transfer_function(device: Device, slab: float) -> None:
     voxels = noise()
     scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.0, 1.0), unit=1.0, step=slab)
     plan, transfer = prepare(scene, voxels).plan, transfer_function(scene.volumes[0])
     slot = make_slot(plan.layout, plan.encoding, plan.march)
     scalars = np.linspace(-0.5, 1.5, 20001).astype(np.float32)
     body = "Segment s = segment_at(x.x); return vec4(s.colour, s.opacity);"
-    found = evaluate(context, body, scalars, variant_of(plan, slot, 0), **shader_buffers(plan, slot))
+    found = evaluate(device, body, scalars, variant_of(plan, slot, 0), **shader_buffers(plan, slot))
     expected = -np.expm1(-slab * transfer.extinction(scalars))
     assert np.abs(found[:, 3] - expected).max() <= 2e-6 * expected.max()
     assert np.abs(found[:, :3] - transfer.colour(scalars)).max() <= 1e-6
@@ -148,7 +169,7 @@ def test_classification_follows_the_transfer_function(context: moderngl.Context,
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
 @pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "float32"])
-def test_field_in_a_brick_is_that_of_its_samples(context: moderngl.Context, dtype: str, interpolation: str) -> None:
+def test_field_in_a_brick_is_that_of_its_samples(device: Device, dtype: str, interpolation: str) -> None:
     voxels = noise((8, 9, 12), np.dtype(dtype))
     scene = scene_of(voxels, camera_at("outside", Grid(voxels.shape)), interpolation=interpolation)
     prepared = prepare(scene, voxels, brick=16)
@@ -159,7 +180,7 @@ def test_field_in_a_brick_is_that_of_its_samples(context: moderngl.Context, dtyp
     points = points.astype(np.float32)
     packed = slot.pack(plan.encoding.encode(prepared.bricks[0, 0, 0]))
     body = "return vec4(scalar_at(0, ivec3(x.xyz), x.xyz - floor(x.xyz)));"
-    found = evaluate(context, body, points, variant_of(plan, slot, 0), b7=packed, **shader_buffers(plan, slot))[:, 0]
+    found = evaluate(device, body, points, variant_of(plan, slot, 0), b7=packed, **shader_buffers(plan, slot))[:, 0]
     sample = trilinear if interpolation == "linear" else nearest
     low, high = scene.volumes[0].clim
     expected = (sample(voxels, *points.T.astype(np.float64))[0] - low) / (high - low)
@@ -167,7 +188,7 @@ def test_field_in_a_brick_is_that_of_its_samples(context: moderngl.Context, dtyp
 
 
 @pytest.mark.parametrize(("camera", "jitter"), [*((camera, False) for camera in CAMERAS), ("outside", True)])
-def test_first_slab_of_a_box_is_found_from_every_camera(context: moderngl.Context, camera: str, jitter: bool) -> None:
+def test_first_slab_of_a_box_is_found_from_every_camera(device: Device, camera: str, jitter: bool) -> None:
     """The estimate against a search through all slabs of the ray, for each brick as a box."""
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at(camera, GRID), step=0.7, jitter=jitter), voxels, brick=11).plan
@@ -182,7 +203,7 @@ def test_first_slab_of_a_box_is_found_from_every_camera(context: moderngl.Contex
     counts, slabs = np.zeros(len(pixels)), np.zeros(len(pixels))
     for index in np.ndindex(*plan.layout.counts_zyx):
         box = BrickBox(index, tuple(i + 1 for i in index))
-        found = evaluate(context, body, pixels, variant_of(plan, slot, 0), **shader_buffers(plan, slot, box))
+        found = evaluate(device, body, pixels, variant_of(plan, slot, 0), **shader_buffers(plan, slot, box))
         assert np.array_equal(found[:, 0], found[:, 1]), index
         counts, slabs = counts + found[:, 2], found[:, 3]
     assert slabs.max() > 20

@@ -1,0 +1,158 @@
+"""Built-in functions of GLSL in generated code, scalar by scalar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from clusterviz.spmd.emitter import Emitter, Part, constant
+
+Parts = list[Part]
+Function = Callable[[Emitter, list[Parts]], Parts]
+
+
+def _each(function: Callable[..., Part]) -> Function:
+    """Return a function of components; an argument that is a scalar counts for each of them."""
+
+    def found(emit: Emitter, given: list[Parts]) -> Parts:
+        size = max(map(len, given))
+        return [function(emit, *(one[n % len(one)] for one in given)) for n in range(size)]
+
+    return found
+
+
+def least(emit: Emitter, a: Part, b: Part) -> Part:
+    """Return the minimum; b where one is NaN."""
+    return emit.select(emit.compare("<", a, b), a, b)
+
+
+def most(emit: Emitter, a: Part, b: Part) -> Part:
+    """Return the maximum; b where one is NaN."""
+    return emit.select(emit.compare(">", a, b), a, b)
+
+
+def _mix(emit: Emitter, a: Part, b: Part, share: Part) -> Part:
+    if share.element == "b":
+        return emit.select(share, b, a)
+    return emit.binary("+", a, emit.binary("*", emit.binary("-", b, a), share))
+
+
+def _absolute(emit: Emitter, a: Part) -> Part:
+    if a.element in "fd":
+        return emit.call("fabs", a.element, a)
+    return most(emit, a, emit.binary("-", constant(a.element, 0), a))
+
+
+def _dot(emit: Emitter, a: Parts, b: Parts) -> Part:
+    found = emit.binary("*", a[0], b[0])
+    for x, y in zip(a[1:], b[1:], strict=True):
+        found = emit.binary("+", found, emit.binary("*", x, y))
+    return found
+
+
+def _length(emit: Emitter, a: Parts) -> Part:
+    return emit.call("sqrt", a[0].element, _dot(emit, a, a))
+
+
+def _joined(sign: str) -> Function:
+    def found(emit: Emitter, given: list[Parts]) -> Parts:
+        result = given[0][0]
+        for part in given[0][1:]:
+            result = emit.binary(sign, result, part)
+        return [result]
+
+    return found
+
+
+def _normalized(emit: Emitter, given: list[Parts]) -> Parts:
+    length = _length(emit, given[0])
+    return [emit.binary("/", part, length) for part in given[0]]
+
+
+def _halves(emit: Emitter, given: list[Parts]) -> Parts:
+    (part,) = given[0]
+    lanes = emit.lanes if part.varying else 1
+    both = emit.new(f"bitcast {emit.of(part)} to <{2 * lanes} x i32>")
+    kind = f"<{2 * lanes} x i32>"
+    if not part.varying:
+        return [emit.part(f"extractelement {kind} {both}, i32 {n}", "u", False) for n in range(2)]
+    numbers = [", ".join(f"i32 {2 * lane + n}" for lane in range(lanes)) for n in range(2)]
+    return [
+        emit.part(f"shufflevector {kind} {both}, {kind} poison, <{lanes} x i32> <{one}>", "u", True) for one in numbers
+    ]
+
+
+LOGARITHM = (0.222222222, 0.285714286, 0.4, 0.666666667, 2.0)
+EXPONENTIAL = (0.000198412698, 0.00138888889, 0.00833333333, 0.0416666667, 0.166666667, 0.5, 1.0, 1.0)
+
+
+def _polynomial(emit: Emitter, x: Part, coefficients: tuple[float, ...]) -> Part:
+    found = constant("f", coefficients[0])
+    for coefficient in coefficients[1:]:
+        found = emit.call("fmuladd", "f", emit.spread(found) if x.varying else found, x, constant("f", coefficient))
+    return found
+
+
+def _power(emit: Emitter, x: Part, y: Part) -> Part:
+    """Return x^y for normal x > 0, and 0 for x = 0: by the logarithm of the mantissa, and an exponential series."""
+
+    def number(value: float) -> Part:
+        return constant("f", value)
+
+    bits = emit.bits(most(emit, x, number(1.2e-38)), "i")
+    exponent = emit.binary(">>", emit.binary("-", bits, constant("i", 0x3F3504F3)), constant("i", 23))
+    mantissa = emit.bits(emit.binary("-", bits, emit.binary("<<", exponent, constant("i", 23))), "f")
+    above = emit.binary("-", mantissa, number(1.0))
+    f = emit.binary("/", above, emit.binary("+", above, number(2.0)))
+    series = emit.binary("*", f, _polynomial(emit, emit.binary("*", f, f), LOGARITHM))
+    logarithm = emit.call("fmuladd", "f", emit.convert(exponent, "f"), number(0.693147181), series)
+    power = most(emit, least(emit, emit.binary("*", y, logarithm), number(88.0)), number(-87.0))
+    n = emit.call("floor", "f", emit.call("fmuladd", "f", power, number(1.44269504), number(0.5)))
+    rest = emit.call(
+        "fmuladd", "f", n, number(2.12194440e-4), emit.call("fmuladd", "f", n, number(-0.693359375), power)
+    )
+    whole = emit.binary("<<", emit.binary("+", emit.convert(n, "i"), constant("i", 127)), constant("i", 23))
+    found = emit.binary("*", emit.bits(whole, "f"), _polynomial(emit, rest, EXPONENTIAL))
+    return emit.select(emit.compare(">", x, number(0.0)), found, number(0.0))
+
+
+def _call(name: str) -> Function:
+    return _each(lambda emit, *parts: emit.call(name, parts[0].element, *parts))
+
+
+def _compare(sign: str) -> Function:
+    return _each(lambda emit, a, b: emit.compare(sign, a, b))
+
+
+def _bits(element: str) -> Function:
+    return _each(lambda emit, a: emit.bits(a, element))
+
+
+BUILT_INS: dict[str, Function] = {
+    **{name: _call(name) for name in ("floor", "ceil", "trunc", "sqrt", "exp", "exp2", "log", "log2", "sin", "cos")},
+    "pow": _each(_power),
+    "fma": _call("fmuladd"),
+    "fract": _each(lambda emit, a: emit.binary("-", a, emit.call("floor", a.element, a))),
+    "inversesqrt": _each(lambda emit, a: emit.binary("/", constant(a.element, 1.0), emit.call("sqrt", a.element, a))),
+    "abs": _each(_absolute),
+    "min": _each(least),
+    "max": _each(most),
+    "clamp": _each(lambda emit, a, low, high: most(emit, least(emit, a, high), low)),
+    "mix": _each(_mix),
+    "dot": lambda emit, given: [_dot(emit, *given)],
+    "length": lambda emit, given: [_length(emit, given[0])],
+    "normalize": _normalized,
+    "lessThan": _compare("<"),
+    "lessThanEqual": _compare("<="),
+    "greaterThan": _compare(">"),
+    "greaterThanEqual": _compare(">="),
+    "equal": _compare("=="),
+    "notEqual": _compare("!="),
+    "all": _joined("&"),
+    "any": _joined("|"),
+    "not": _each(lambda emit, a: emit.inverse(a)),
+    "floatBitsToInt": _bits("i"),
+    "floatBitsToUint": _bits("u"),
+    "intBitsToFloat": _bits("f"),
+    "uintBitsToFloat": _bits("f"),
+    "unpackDouble2x32": _halves,
+}
