@@ -56,16 +56,15 @@ model](../concepts/time-model.md) assumes that all links are used at once at ful
 """
 
 LESSON = """\
-For dense images all algorithms in which all ranks work send the same bytes, and the number of messages makes the
-difference: direct send has n². For sparse images, algorithms that move no pixel twice (direct send, SLIC) get faster
-with more ranks until their messages count. At 3·2^k ranks the fold makes binary swap up to {fold:.1f} times as slow as
-2-3 swap. Serial and tree work on whole images and suit two or three ranks.
+For dense images the number of messages makes the difference. For sparse images, algorithms that move no pixel twice
+(direct send, SLIC) get faster with more ranks until their messages count. At 3·2^k ranks the fold makes binary swap up
+to {fold:.1f} times as slow as 2-3 swap.
 
 ## Networks
 
-The constants of the time model for these networks. `clusterviz bench network` measured those of `laptop`, with 2 ranks
-on 2 cores of a virtual machine (AMD EPYC, Zen 4; MPICH). The others have the line rates of their networks and round
-figures for latency and overhead; the files say where each constant is from.
+`clusterviz bench network` measured the constants of `laptop`, with 2 ranks on 2 cores of a virtual machine (AMD EPYC,
+Zen 4; MPICH). The others have the line rates of their networks and round figures for latency and overhead; the files
+say where each constant is from.
 """
 
 

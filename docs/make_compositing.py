@@ -22,26 +22,26 @@ SIZE = (4096, 4096)
 
 HEAD = """# Compositing
 
-Each rank draws a part of the data. Compositing merges these partial images, front to back, into one picture. An
-algorithm is a schedule: transfers of pixels between ranks, in rounds. The [time model](time-model.md) chooses one,
-unless `cluster.compositing` names it. The [compositor](compositor.md) sends the pixels.
+Compositing merges the partial images of all ranks, front to back, into one picture. An algorithm is a schedule:
+transfers of pixels between ranks, in rounds. The [time model](time-model.md) chooses one, unless `cluster.compositing`
+names it. The [compositor](compositor.md) sends the pixels.
 
-Below, n is the number of ranks and P the number of pixels. All algorithms work for any number of ranks and pixels.
-{several} take any number of partial images a rank, in any order of depth; the others take one, or several that are
-adjacent in depth. `python docs/make_compositing.py` writes this page from the docstrings of the algorithms, which also
-have the costs as formulas, and from counts of their schedules without the final gather.
+Below, n is the number of ranks and P the number of pixels; both may be any number. {several}
+take any number of partial images a rank, in any order; the others one, or several that are adjacent in depth.
+`python docs/make_compositing.py` writes this page from counts of the schedules, without the final gather, and from the
+docstrings of the algorithms, which also have the costs as formulas.
 """
 
 COUNTS = """## Messages
 
-Dense images cover the whole picture. For them all algorithms send (n − 1)·P pixels in total, because each pixel needs
-n − 1 merges. Messages of all ranks, with the number of rounds in brackets:
+Of dense images, which cover the whole picture, all algorithms send (n − 1)·P pixels in total. Messages of all ranks,
+with the number of rounds in brackets:
 """
 
 FOOTPRINTS = """## Sparse images
 
-If each rank has a brick of a cube, seen along its diagonal, its image covers a part of the picture, and only the
-bounding rectangle of its pixels is sent. Pixels sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
+If each rank has a brick of a cube, seen along its diagonal, only the bounding rectangle of its pixels is sent. Pixels
+sent by all ranks, divided by n^(1/3)·P, at 4096x4096:
 """
 
 ITEMS = ("What", "When", "When not", "Reference")
