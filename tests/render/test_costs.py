@@ -27,10 +27,10 @@ BRICK = 16
 # Of every picture: pixels, progress and samples, the transfer function's buckets, records, where bricks begin, visible
 # groups, the frame.
 BUFFERS = 7
-ALWAYS = "raycast buffers ray opacity transfer records_uniform march"
+ALWAYS = "raycast pixels buffers ray opacity transfer records_uniform march groups no_prefetch"
 PLAIN = (
-    "composite linear_u8 over samples segment unclipped unlit gradient_none unfaded unjittered unsplit entries "
-    "fixed_step voxel_u8"
+    "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered unsplit "
+    "entries fixed_step voxel_u8"
 )
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
@@ -105,18 +105,22 @@ CASES = {
     ),
     "adaptive": Case({"adaptive": 0.01}, "fixed_step", "adaptive_step"),
     "pre-integrated": Case(
-        {"classification": "pre-integrated"}, "composite samples segment", "preintegrated ramp sums", buffers=1, side=19
+        {"classification": "pre-integrated"},
+        "composite samples whole_slab segment",
+        "preintegrated ramp sums",
+        buffers=1,
+        side=19,
     ),
     "pre-integrated, split": Case(
         {"classification": "pre-integrated", "borders": "split"},
-        "composite samples segment unsplit",
+        "composite samples whole_slab segment unsplit",
         "preintegrated ramp sums split",
         buffers=1,
     ),
     "midpoints, which need no split": Case({"borders": "split"}),
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated"} | SHADE,
-        "composite samples segment unlit gradient_none",
+        "composite samples whole_slab segment unlit gradient_none",
         "preintegrated ramp sums gradient lights lights_far",
         buffers=2,
         side=19 + 2,
@@ -134,7 +138,7 @@ CASES = {
     ),
     "gradient opacity, pre-integrated": Case(
         FADED | {"classification": "pre-integrated"},
-        "composite samples segment gradient_none unfaded",
+        "composite samples whole_slab segment gradient_none unfaded",
         "preintegrated ramp sums gradient magnitude faded",
         buffers=2,
         side=19 + 2,
