@@ -29,8 +29,8 @@ BRICK = 16
 BUFFERS = 7
 ALWAYS = "raycast pixels buffers ray opacity transfer records_uniform march groups no_prefetch"
 PLAIN = (
-    "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered unsplit "
-    "entries fixed_step voxel_u8"
+    "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
+    "unsplit entries fixed_step voxel_u8"
 )
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}
