@@ -40,19 +40,37 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
     sources : sources of the code
     make : compiles an object file with the function; called only if no file is found
     """
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
     path, code = _find(name, sources)
     if code is None:
         on_compiling(name)
         code = make()
         _save(path, code)
+    return load_function(code, name)
+
+
+def load_function(code: bytes, name: str) -> int:
+    """Load an object file for the life of the process; return the address of one of its functions."""
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _ENGINES.append(engine)
     address: int = engine.get_function_address(name)
     return address
+
+
+def optimized_object(text: str) -> bytes:
+    """Return an object file for this CPU from LLVM IR as text."""
+    import llvmlite.binding as llvm
+
+    target = machine()
+    module = llvm.parse_assembly(text)
+    module.triple, module.data_layout = target.triple, str(target.target_data)
+    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+    code: bytes = target.emit_object(module)
+    return code
 
 
 @cache

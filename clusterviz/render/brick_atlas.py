@@ -22,7 +22,7 @@ from clusterviz.gl.texels import read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import STORED_TYPE, Slot
-from clusterviz.render.stored_brick import Stored, stretch_bits, visibility_bits
+from clusterviz.render.stored_brick import Stored, doubling_bits, visibility_bits
 from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
@@ -50,7 +50,7 @@ class BrickAtlas:
         self._free = list(range(slot_count))[::-1]
         self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.adaptive else None
-        self._stretched: tuple[TransferFunction, NDArray[np.uint32]] | None = None
+        self._doublings: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(slot_count, np.int64)
         self._voxels = (
             _texture(context, slot, slot_count) if slot.textured else context.buffer(reserve=slot_count * slot.bytes)
@@ -134,11 +134,11 @@ class BrickAtlas:
 
     def _stretches(self, plan: Plan) -> NDArray[np.uint32]:
         """Return the lengths of slabs in the groups of all slots, cached for one transfer function."""
-        if self._stretched is None or self._stretched[0] is not plan.transfer:
+        if self._doublings is None or self._doublings[0] is not plan.transfer:
             assert self._ranges, "no slot was filled"
             assert self._bends is not None, "the step is fixed"
-            self._stretched = plan.transfer, stretch_bits(self._ranges, self._bends, plan, self._slot)
-        return self._stretched[1]
+            self._doublings = plan.transfer, doubling_bits(self._ranges, self._bends, plan, self._slot)
+        return self._doublings[1]
 
     def bind(self) -> None:
         """Bind the buffer or texture for drawing."""
@@ -157,7 +157,7 @@ class BrickAtlas:
             self._ranges = np.zeros(shape, stored.low.dtype), np.zeros(shape, stored.high.dtype)
         self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
         if self._bends is not None:
-            self._bends[number], self._stretched = stored.bend, None
+            self._bends[number], self._doublings = stored.bend, None
         self._counts[number] = stored.voxels
 
     def _take_over(self, smaller: BrickAtlas) -> None:

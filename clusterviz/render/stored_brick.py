@@ -204,7 +204,7 @@ def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> N
     return plan.march.adaptive_step.doublings(plan.transfer, *known).reshape(ranges[0].shape)
 
 
-def stretch_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
+def doubling_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
     """Return two bits for each group, its doublings: uint32 (n, 2 * slot.visibility_words), low bits first.
 
     Parameters

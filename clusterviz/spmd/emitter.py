@@ -125,13 +125,13 @@ class Emitter:
         zeros = f"<{self.lanes} x i32> zeroinitializer"
         return self.part(f"shufflevector {kind} {one}, {kind} poison, {zeros}", part.element, True)
 
-    def alike(self, *parts: Part) -> list[Part]:
+    def spread_all(self, *parts: Part) -> list[Part]:
         """Return parts as vectors if one of them is varying."""
         return [self.spread(part) for part in parts] if any(part.varying for part in parts) else list(parts)
 
     def call(self, name: str, result: str, *parts: Part, suffix: str = "") -> Part:
         """Call an LLVM intrinsic with parts of one type, by its name without the type."""
-        parts = tuple(self.alike(*parts))
+        parts = tuple(self.spread_all(*parts))
         varying, element = parts[0].varying, parts[0].element
         letter = {"f": "f32", "d": "f64", "b": "i1", "l": "i64"}.get(element, "i32")
         full = f"llvm.{name}.{suffix or (f'v{self.lanes}' * varying + letter)}"
@@ -180,7 +180,7 @@ class Emitter:
                 if known.constant is not None and not (sign == "^" and known.constant):
                     fixed = bool(known.constant) == (sign == "|")
                     return other if not fixed or sign == "^" else known
-        a, b = self.alike(a, b)
+        a, b = self.spread_all(a, b)
         if element in "fd":
             operator = REAL[sign]
         elif sign == ">>":
@@ -195,7 +195,7 @@ class Emitter:
 
     def compare(self, sign: str, a: Part, b: Part) -> Part:
         """Return a comparison's value; false for NaN but with "!="."""
-        a, b = self.alike(a, b)
+        a, b = self.spread_all(a, b)
         if a.element in "fd":
             word = "fcmp " + {"==": "oeq", "!=": "une"}.get(sign, "o" + ORDER.get(sign, ""))
         else:

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import machine
+from clusterviz.kernels.objects import load_function, optimized_object
 from clusterviz.spmd.codegen import BUFFERS, SYSTEM_BLOCK, Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
 from clusterviz.spmd.parser import parse
 
 Blocks = Mapping[int, NDArray[Any]]
-_ENGINES: list[Any] = []
 
 
 def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> bytes:
@@ -37,26 +36,12 @@ def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = 
     used = dict(INTRINSICS) if intrinsics else {}
     if lanes != 16 or not llvm.get_host_cpu_features().get("avx512f"):
         used.pop("piece_row", None)
-    target = machine()
-    module = llvm.parse_assembly(Generator(parse(source), lanes, used).text(name))
-    module.triple, module.data_layout = target.triple, str(target.target_data)
-    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=3))
-    builder.getModulePassManager().run(module, builder)
-    code: bytes = target.emit_object(module)
-    return code
+    return optimized_object(Generator(parse(source), lanes, used).text(name))
 
 
 def function_of(code: bytes, name: str) -> Callable[[int], None]:
     """Return a function of an object file; it takes the address of the table that `addresses` returns."""
-    import llvmlite.binding as llvm
-
-    module = llvm.parse_assembly("")
-    module.triple = machine().triple
-    engine = llvm.create_mcjit_compiler(module, machine())
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    _ENGINES.append(engine)
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(engine.get_function_address(name))
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(load_function(code, name))
 
 
 def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> NDArray[np.uint64]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from clusterviz.kernels.objects import function_address, machine
+from clusterviz.kernels.objects import function_address, optimized_object
 from clusterviz.render.cpu.kernel import Kernel
 
 
@@ -30,16 +30,7 @@ def sources() -> list[bytes]:
 
 
 def _object(kernel: Kernel) -> bytes:
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
     # What writes a kernel's code is needed only where no file holds it.
     from clusterviz.render.cpu.program import program_of
 
-    target = machine()
-    module = llvm.parse_assembly(program_of(kernel))
-    module.triple, module.data_layout = target.triple, str(target.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    builder = llvm.create_pass_builder(target, options)
-    builder.getModulePassManager().run(module, builder)
-    code: bytes = target.emit_object(module)
-    return code
+    return optimized_object(program_of(kernel))
