@@ -346,7 +346,7 @@ def test_pictures_are_those_of_the_reference(
     context: moderngl.Context, row: Row, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if reason := OPEN.get((row.mode, row.camera, row.grid, row.extreme)):
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=False))
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
     # A constant field has neither gradients nor surfaces, nor, here, a threshold; and the one cell is invalid.
     constant = row.extreme == "constant" and row.mode in ("gradient opacity", "surfaces", "first-hit")
     empty = constant or (row.extreme, row.grid) == ("invalid voxels", "one cell")
