@@ -9,7 +9,11 @@ caster of `render/cpu` does not use it yet.
 - parser.py        syntax
 - checker.py       names and types: from syntax to the typed program
 - emitter.py       LLVM instructions on numbers that are equal for all lanes, and on vectors
-- codegen.py       code of the typed program: masks, branches, loops, memory
+- analysis.py      costs, effects, and how statements are left
+- variables.py     masks of active lanes, and variables
+- memory.py        loads and stores in blocks and arrays
+- expressions.py   code of expressions
+- codegen.py       code of statements and calls
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
 - machine_code.py  machine code for this CPU

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import load_function, optimized_object
-from clusterviz.spmd.codegen import BUFFERS, SYSTEM_BLOCK, Generator
+from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
+from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK
 from clusterviz.spmd.parser import parse
 
 Blocks = Mapping[int, NDArray[Any]]
@@ -49,7 +50,7 @@ def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> 
 
     Parameters
     ----------
-    system : uint32 (7,), see `codegen.SYSTEM_BLOCK`
+    system : uint32 (7,), see `memory.SYSTEM_BLOCK`
 
     Returns
     -------

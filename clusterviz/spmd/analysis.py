@@ -1,0 +1,192 @@
+"""Facts of a typed program that decide how its code is generated: costs, effects, and how statements are left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterator
+from dataclasses import fields
+from typing import Any
+
+from clusterviz.spmd.ir import (
+    Assign,
+    Block,
+    BuiltIn,
+    Call,
+    Constant,
+    Declare,
+    Element,
+    Expression,
+    Leave,
+    Loop,
+    Memory,
+    Name,
+    Operation,
+    Pick,
+    Program,
+    Statement,
+    Variable,
+)
+
+MOST_UNROLLED = 4  # iterations of a loop
+COSTLY = 100  # cost from which lanes that do not need a value are masked
+SEPARATE = 1000  # cost from which a value that no lane needs is not computed
+ATOMIC = "atomicAdd", "atomicMin"
+
+
+def children(node: Any) -> Iterator[Any]:
+    """Return the parts of a node of the typed program, but not what it refers to."""
+    for one in fields(node):
+        if one.name in ("type", "at", "function", "variable", "block"):
+            continue
+        value = getattr(node, one.name)
+        for item in value if isinstance(value, (tuple, list)) else (value,):
+            item = item[0] if isinstance(item, tuple) else item
+            if isinstance(item, (Expression, Statement)):
+                yield item
+
+
+def root(target: Expression) -> Variable | None:
+    """Return the variable of which a value is a part; None if it is in a block, or computed."""
+    while isinstance(target, Pick | Element):
+        target = target.base
+    return target.variable if isinstance(target, Name) else None
+
+
+def returns(node: Any) -> Iterator[Leave]:
+    """Return the `return` statements inside of a node."""
+    if isinstance(node, Leave) and node.kind == "return":
+        yield node
+    for child in children(node):
+        if isinstance(child, Statement):
+            yield from returns(child)
+
+
+def used_by(program: Program) -> set[int]:
+    """Return the ids of the variables that `main`, and what it calls, may use."""
+    main = program.functions["main"][0]
+    values = {id(d.variable): d.value for d in program.globals if d.value is not None}
+    found, waiting, seen = set[int](), list[Any]([main.body]), {id(main)}
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Call) and id(node.function) not in seen:
+            seen.add(id(node.function))
+            waiting.append(node.function.body)
+        if isinstance(node, Name) and id(node.variable) not in found:
+            found.add(id(node.variable))
+            if id(node.variable) in values:
+                waiting.append(values[id(node.variable)])
+        waiting += children(node)
+    return found
+
+
+class Facts:
+    """Facts of statements and expressions, each found once.
+
+    Parameters
+    ----------
+    intrinsics : names of functions that do not get their code from their bodies
+    """
+
+    def __init__(self, intrinsics: Container[str]) -> None:
+        self._intrinsics = intrinsics
+        self._known: dict[tuple[str, int], Any] = {}
+
+    def _fact(self, kind: str, node: Any, find: Callable[[Any], Any]) -> Any:
+        key = kind, id(node)
+        if key not in self._known:
+            self._known[key] = find(node)
+        return self._known[key]
+
+    def leaves(self, node: Statement | Expression) -> frozenset[str]:
+        """Return how a statement may leave what surrounds it."""
+
+        def find(node: Any) -> frozenset[str]:
+            if isinstance(node, Leave):
+                return frozenset([node.kind])
+            if isinstance(node, Expression):
+                return frozenset()
+            found = frozenset[str]().union(*(self.leaves(child) for child in children(node)))
+            return found - {"break", "continue"} if isinstance(node, Loop) else found
+
+        return self._fact("leaves", node, find)  # type: ignore[no-any-return]
+
+    def returns_last(self, body: Block) -> bool:
+        """Return whether a function returns nowhere but at its end."""
+        last = body.statements[-1] if body.statements else None
+
+        def find(node: Any) -> bool:
+            return sum(1 for _ in returns(node)) == (1 if isinstance(last, Leave) else 0)
+
+        return self._fact("returns", body, find)  # type: ignore[no-any-return]
+
+    def cost(self, node: Statement | Expression) -> int:
+        """Return about how many operations a node takes; much for memory and loops."""
+
+        def find(node: Any) -> int:
+            own = 1 + sum(self.cost(child) for child in children(node))
+            if isinstance(node, Call):
+                known = node.function.name in self._intrinsics or node.function.body is None
+                return own + (1 if known else self.cost(node.function.body))  # type: ignore[arg-type]
+            if isinstance(node, Loop | Leave):
+                return own + 1000 * isinstance(node, Loop)
+            return own + 100 * isinstance(node, Memory)
+
+        return self._fact("cost", node, find)  # type: ignore[no-any-return]
+
+    def price(self, node: Expression) -> int:
+        """Return the cost of an expression that not all lanes may evaluate; very much if it changes anything."""
+
+        def changes(node: Any) -> bool:
+            if isinstance(node, Call) and any(p.kind != "in" for p in node.function.parameters):
+                return True
+            return isinstance(node, Assign) or self._has_effect(node) or any(changes(child) for child in children(node))
+
+        return self.cost(node) + SEPARATE * self._fact("changes", node, changes)  # type: ignore[no-any-return]
+
+    def _has_effect(self, node: Any) -> bool:
+        """Return whether a call changes anything but what it is given."""
+
+        def find(node: Any) -> bool:
+            if isinstance(node, Assign) and ((of := root(node.target)) is None or of.kind in ("global", "shared")):
+                return True
+            if isinstance(node, BuiltIn) and node.name in (*ATOMIC, "barrier"):
+                return True
+            if isinstance(node, Call) and node.function.body is not None and inside(node.function.body):
+                return True
+            return any(find(child) for child in children(node))
+
+        def inside(body: Block) -> bool:
+            return self._fact("effects", body, find)  # type: ignore[no-any-return]
+
+        return isinstance(node, Call) and node.function.body is not None and inside(node.function.body)
+
+    def unrolled(self, node: Loop) -> tuple[Variable, range] | None:
+        """Return the variable of a loop that is counted from constant to constant in few steps, and its values."""
+
+        def find(node: Loop) -> tuple[Variable, range] | None:
+            begin, condition, step = node.begin, node.condition, node.step
+            if not (isinstance(begin, Declare) and isinstance(begin.value, Constant) and isinstance(step, Assign)):
+                return None
+            if not (isinstance(condition, Operation) and condition.operator == "<"):
+                return None
+            (a, b), variable, by = condition.operands, begin.variable, step.value
+            counts = isinstance(by, Operation) and by.operator == "+" and isinstance(by.operands[1], Constant)
+            if not (counts and isinstance(a, Name) and a.variable is variable and isinstance(b, Constant)):
+                return None
+            assert isinstance(by, Operation)
+            assert isinstance(by.operands[1], Constant)
+            if root(step.target) is not variable or _assigns(node.body, variable):
+                return None
+            numbers = range(int(begin.value.value), int(b.value), int(by.operands[1].value))
+            return (variable, numbers) if len(numbers) <= MOST_UNROLLED else None
+
+        return self._fact("unrolled", node, find)  # type: ignore[no-any-return]
+
+
+def _assigns(node: Any, variable: Variable) -> bool:
+    if isinstance(node, Assign) and root(node.target) is variable:
+        return True
+    if isinstance(node, Call):
+        pairs = zip(node.arguments, node.function.parameters, strict=True)
+        if any(p.kind != "in" and root(a) is variable for a, p in pairs):
+            return True
+    return any(_assigns(child, variable) for child in children(node))
