@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import load_function, optimized_object
+from clusterviz.kernels.objects import has_features, load_function, optimized_object
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
 from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK
@@ -32,10 +32,8 @@ def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = 
     InputError
         The shader has a mistake.
     """
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
     used = dict(INTRINSICS) if intrinsics else {}
-    if lanes != 16 or not llvm.get_host_cpu_features().get("avx512f"):
+    if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
     return optimized_object(Generator(parse(source), lanes, used).text(name))
 
