@@ -17,4 +17,5 @@ caster of `render/cpu` does not use it yet.
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
 - machine_code.py  machine code for this CPU
+- profiling.py     the same code with counters and clocks
 """

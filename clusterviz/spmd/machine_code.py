@@ -13,19 +13,24 @@ from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import has_features, load_function, optimized_object
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
+from clusterviz.spmd.ir import Program
 from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK
 from clusterviz.spmd.parser import parse
 
 Blocks = Mapping[int, NDArray[Any]]
+Make = Callable[[Program, int, dict[str, Any]], Generator]
 
 
-def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> bytes:
+def object_code(
+    source: ShaderSource, name: str, lanes: int, intrinsics: bool = True, make: Make | None = None
+) -> bytes:
     """Return an object file with a shader's `main` under another name.
 
     Parameters
     ----------
     lanes : of a vector: 4, 8 or 16; more than this CPU's registers hold are divided
     intrinsics : use the CPU's own ways (`intrinsics.py`), as far as this CPU has them
+    make : makes the generator of a program, the lanes and the intrinsics; None: `Generator`
 
     Raises
     ------
@@ -35,7 +40,7 @@ def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = 
     used = dict(INTRINSICS) if intrinsics else {}
     if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
-    return optimized_object(Generator(parse(source), lanes, used).text(name))
+    return optimized_object((make or Generator)(parse(source), lanes, used).text(name))
 
 
 def function_of(code: bytes, name: str) -> Callable[[int], None]:
