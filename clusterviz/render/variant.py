@@ -39,7 +39,7 @@ PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
 """Files that sample runs of slabs, where samples.glsl does not."""
 
 
-PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
+PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2), 1: (1, 1)}
 """Lanes of a vector: the pixels of a packet across and down."""
 
 

@@ -64,6 +64,11 @@ class Generator(Expressions):
     ----------
     lanes : of a vector: 4, 8 or 16
     intrinsics : what replaces functions of the program, by name: from the generator and the arguments to the value
+
+    Raises
+    ------
+    InputError
+        The program has no function `main`, or calls a function that CPUs do not have.
     """
 
     def __init__(
@@ -79,14 +84,18 @@ class Generator(Expressions):
 
         Raises
         ------
-        NotImplementedError
-            The program calls a built-in function that has no code yet: one of textures, for example.
+        InputError
+            The program is nested too deeply.
         """
-        while True:
-            known = len(self._varying)
-            self._pass(name)
-            if len(self._varying) == known:
-                return self.emit.module()
+        try:
+            while True:
+                known = len(self._varying)
+                self._pass(name)
+                if len(self._varying) == known:
+                    return self.emit.module()
+        except RecursionError:
+            where = self._frames[-1].function.at if self._frames else 0
+            raise self._program.places.error("nested too deeply", where) from None
 
     def _pass(self, name: str) -> None:
         self._begin(name)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 
 from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
-from clusterviz.spmd.built_in import BUILT_INS
+from clusterviz.spmd.built_in import BUILT_INS, least, most
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.ir import (
@@ -26,6 +26,7 @@ from clusterviz.spmd.ir import (
     Program,
 )
 from clusterviz.spmd.memory import SYSTEM_BLOCK, Blocks
+from clusterviz.spmd.types import SAMPLERS
 from clusterviz.spmd.variables import Cell, Parts, elements_of
 
 
@@ -96,6 +97,7 @@ class Expressions(Blocks):
         (index,) = self.value(node.index)
         if node.base.type.is_array:
             assert isinstance(node.base, Name)
+            index = self._inside(index, node.base.type.size)
             cells, emit = self._bindings[id(node.base.variable)], self.emit
             found = []
             for cell in cells:
@@ -106,6 +108,8 @@ class Expressions(Blocks):
                     found.append(emit.part(f"load {kind}, ptr {place}", cell.element, cell.varying))
                 else:
                     found.append(self._gather(cell.element, cell.address, self._own_words(cell, index)))
+                # It may not have been written.
+                found[-1] = emit.part(f"freeze {emit.of(found[-1])}", cell.element, found[-1].varying)
             return found
         parts, width = self.value(node.base), node.type.parts
         found = parts[:width]
@@ -218,14 +222,31 @@ class Expressions(Blocks):
         return [self.emit.convert(part, element) for part, element in zip(given, elements, strict=False)]
 
     def _built_in(self, node: BuiltIn) -> Parts:
+        if node.name in ("texelFetch", "textureSize"):
+            return self._texel(node)
         given = [self.value(one) for one in node.arguments]
         if node.name == "barrier":
             return []
         if node.name in ATOMIC:
             return self._atomic(node.name == "atomicAdd", node.arguments[0], given[1][0])
-        if node.name not in BUILT_INS:
-            raise NotImplementedError(node.name)
         return BUILT_INS[node.name](self.emit, given)
+
+    def _texel(self, node: BuiltIn) -> Parts:
+        """Return a texel, of those in the texture the nearest one, or the texture's size."""
+        emit, (sampler, *arguments) = self.emit, node.arguments
+        assert isinstance(sampler, Name)
+        base, sides = self._addresses[id(sampler.variable)], range(2 if sampler.type is SAMPLERS[2] else 3)
+        places = [emit.new(f"getelementptr i32, ptr {base}, i32 {n}") for n in sides]
+        size = [emit.part(f"load i32, ptr {place}, align 4", "i", False) for place in places]
+        if node.name == "textureSize":
+            return size
+        texel = constant("i", 0)
+        for at, side in reversed(list(zip(self.value(arguments[0]), size, strict=True))):
+            last = self._binary("-", side, constant("i", 1))
+            at = most(emit, least(emit, at, last), constant("i", 0))
+            texel = self._binary("+", self._binary("*", texel, side), at)
+        words = self._binary("+", self._binary("*", texel, constant("i", 4)), constant("i", 4))
+        return self._load_numbers("ffff", base, words)
 
     def _atomic(self, adds: bool, target: Expression, more: Part) -> Parts:
         emit, prefix = self.emit, "" if adds else {"i": "s", "u": "u"}[more.element]
@@ -286,6 +307,7 @@ class Expressions(Blocks):
             self._assign_to(target.base, new)
             return
         assert isinstance(target.base, Name)
+        index = self._inside(index, target.base.type.size)
         cells = self._bindings[id(target.base.variable)]
         for number, part in zip(numbers, parts, strict=True):
             cell = cells[number]

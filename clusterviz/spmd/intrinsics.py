@@ -47,7 +47,7 @@ def piece_row(generator: Generator, given: list[list[Part]]) -> list[Part]:
     return [emit.part(f"call {kind} @{name}({emit.of(table)}, {emit.of(piece)})", "f", True)]
 
 
-PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
+PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3), 1: (0,)}
 """Lanes of a packet whose words are brought nearer: its corners, and some between them, stand for the others."""
 
 

@@ -14,7 +14,7 @@ from clusterviz.kernels.objects import has_features, load_function, optimized_ob
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
 from clusterviz.spmd.ir import Program
-from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK
+from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK, TEXTURES
 from clusterviz.spmd.parser import parse
 
 Blocks = Mapping[int, NDArray[Any]]
@@ -48,11 +48,26 @@ def function_of(code: bytes, name: str) -> Callable[[int], None]:
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(load_function(code, name))
 
 
-def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> NDArray[np.uint64]:
+def texture_block(texels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a texture, for the table of addresses.
+
+    Parameters
+    ----------
+    texels : float32 (y, x, 4) or (z, y, x, 4)
+    """
+    size = np.zeros(4, np.int32)
+    size[: texels.ndim - 1] = texels.shape[-2::-1]
+    return np.concatenate([size.view(np.float32), texels.reshape(-1)])
+
+
+def addresses(
+    uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32], textures: Blocks | None = None
+) -> NDArray[np.uint64]:
     """Return the table of the blocks' addresses, by their bindings; the arrays must outlive its use.
 
     Parameters
     ----------
+    textures : see `texture_block`
     system : uint32 (7,), see `memory.SYSTEM_BLOCK`
 
     Returns
@@ -60,7 +75,7 @@ def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> 
     table : uint64 (64,)
     """
     table = np.zeros(64, np.uint64)
-    for first, blocks in ((0, uniforms), (BUFFERS, buffers)):
+    for first, blocks in ((0, uniforms), (BUFFERS, buffers), (TEXTURES, textures or {})):
         for binding, block in blocks.items():
             table[first + binding] = block.__array_interface__["data"][0]
     table[SYSTEM_BLOCK] = system.__array_interface__["data"][0]

@@ -13,7 +13,10 @@ from clusterviz.spmd.types import BYTES
 from clusterviz.spmd.variables import Cell, Parts, Variables, elements_of
 
 SYSTEM_BLOCK = 48  # number of the group, numbers of groups, and the first invocation's number in its group: uint32 (7,)
-BUFFERS = 16  # number of the first storage buffer in the table of addresses; uniform blocks come first
+BUFFERS, TEXTURES = 16, 32
+"""Numbers of the first storage buffer and texture in the table of addresses; uniform blocks come first. A texture is
+its size, int32 (4,), and its texels, float32 (z, y, x, 4)."""
+TABLE = {"uniform": 0, "buffer": BUFFERS, "sampler": TEXTURES}
 
 
 def _offsets(kind: Any, uniform: bool) -> list[int]:
@@ -40,7 +43,7 @@ class Blocks(Variables):
         super()._begin(name)
         self._addresses: dict[int, str] = {}
         for block in self._program.blocks:
-            number = block.binding + (0 if block.kind == "uniform" else BUFFERS)
+            number = block.binding + TABLE[block.kind]
             place = self.emit.new(f"getelementptr ptr, ptr %blocks, i64 {number}")
             self._addresses[id(block)] = self.emit.new(f"load ptr, ptr {place}, !invariant.load !0")
 
@@ -58,16 +61,27 @@ class Blocks(Variables):
         return found
 
     def _fetch(self, node: Memory, numbers: Sequence[int]) -> Parts:
-        emit, elements, words = self.emit, elements_of(node.type), self._words(node)
-        base, read_only = self._addresses[id(node.block)], node.block.kind == "uniform" or node.block.is_read_only
-        offsets = _offsets(node.type, node.block.kind == "uniform")
-        if (
-            words.varying
-            and node.type.is_vector
-            and node.type.size == 4
-            and elements[0] in "fd"
-            and len(set(numbers)) > 1
-        ):
+        block, words = node.block, self._words(node)
+        offsets = _offsets(node.type, block.kind == "uniform")
+        is_fixed = block.kind == "uniform" or block.is_read_only
+        return self._load_numbers(elements_of(node.type), self._addresses[id(block)], words, offsets, numbers, is_fixed)
+
+    def _load_numbers(
+        self,
+        elements: str,
+        base: str,
+        words: Part,
+        offsets: Sequence[int] = (0, 4, 8, 12),
+        numbers: Sequence[int] = range(4),
+        is_fixed: bool = True,
+    ) -> Parts:
+        """Load some of the scalars of a value that lies some words behind an address, at offsets in bytes from there.
+
+        `is_fixed`: what lies there does not change.
+        """
+        emit = self.emit
+        is_row = elements in ("ffff", "dddd") and offsets[-1] == 3 * BYTES[elements[0]]
+        if words.varying and is_row and len(set(numbers)) > 1 and self.lanes > 1:
             columns = self._rows(elements[0], base, words)
             return [columns[n] for n in numbers]
         found = []
@@ -77,7 +91,7 @@ class Blocks(Variables):
                 found.append(self._gather(elements[n], base, at))
                 continue
             place = emit.new(f"getelementptr i32, ptr {base}, {emit.of(at)}")
-            note = ", !invariant.load !0" if read_only else ""
+            note = ", !invariant.load !0" if is_fixed else ""
             found.append(emit.part(f"load {LLVM[elements[n]]}, ptr {place}, align 4{note}", elements[n], False))
         return found
 
@@ -147,6 +161,15 @@ class Blocks(Variables):
         """Return 0, 1, 2, … in the lanes."""
         lanes = ", ".join(f"{LLVM[element]} {lane}" for lane in range(self.lanes))
         return Part(f"<{lanes}>", element, True)
+
+    def _inside(self, index: Part, count: int) -> Part:
+        """Return an index of an array, or its last one if there is no such element."""
+        last = constant(index.element, count - 1)
+        if index.constant is not None:
+            return index if 0 <= index.constant < count else last
+        # What becomes of NaN as an integer is not defined; it has to be one number before it is compared.
+        index = self.emit.part(f"freeze {self.emit.of(index)}", "u", index.varying)
+        return self.emit.call("umin", "u", index, last)
 
     def _own_words(self, cell: Cell, index: Part) -> Part:
         """Return where each lane's element of an array lies, in words."""

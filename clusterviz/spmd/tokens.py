@@ -15,6 +15,14 @@ WORD = re.compile(
     r"|(?P<sign><<=|>>=|\+\+|--|<<|>>|<=|>=|==|!=|&&|\|\||\^\^|[-+*/%&|^]=|[-+*/%&|^~!?:;,.<>=(){}\[\]])|(?P<bad>.)",
     re.MULTILINE | re.DOTALL,
 )
+_OUTSIDE = """
+switch case default do discard goto subroutine precision highp mediump lowp invariant centroid flat smooth sample patch
+attribute varying coherent volatile restrict asm class union enum typedef template this resource inline noinline public
+static extern external interface long short half fixed unsigned superp input output hvec2 hvec3 hvec4 fvec2 fvec3 fvec4
+filter sizeof cast namespace using common partition active
+"""
+OUTSIDE = frozenset(_OUTSIDE.split())
+"""Words of GLSL that the subset does not have, and those that GLSL keeps for later."""
 DEFINE = re.compile(r"\s*#\s*define\s+(\w+)(\([^)]*\))?(.*)")
 
 
@@ -92,6 +100,8 @@ def tokens_of(source: ShaderSource) -> tuple[list[Token], Places]:
             depth += (text == "(") - (text == ")")
             skip_call = depth > 0
         else:
+            if text in OUTSIDE:
+                raise places.error("this word of GLSL is outside of the subset", at, text)
             found.append(Token(kind, text, at))
     found.append(Token("end", "the end", len(source.text)))
     return found, places
