@@ -1,8 +1,8 @@
 """Code of a typed program: an invocation a lane, masks where lanes differ, and plain code where they do not.
 
 Functions are inlined. A value of which all lanes are known to be equal stays one number; which variables are so is
-found by generating code again until no more of them turn out to vary. A branch that depends on the lane is skipped
-where no lane takes it, and variables keep their values in the lanes that do not.
+found by generating code again until no more of them turn out to vary, usually three times. A branch that depends on
+the lane is skipped where no lane takes it, and variables keep their values in the lanes that do not.
 """
 
 from __future__ import annotations
@@ -280,9 +280,10 @@ class Generator(Expressions):
         for lap in laps:
             if node.kind == "continue":
                 self._store_mask(emit.binary("|", self._load_mask(lap.passed), self._full()), lap.passed)
-            elif not lap.live:
-                self._varying.add(lap.key)
             else:
+                if not lap.live:
+                    self._varying.add(lap.key)
+                    lap.live = emit.room(emit.kind("b", True))
                 rest = emit.both(self._load_mask(lap.live), emit.inverse(self._full()))
                 self._store_mask(rest, lap.live)
 

@@ -314,8 +314,7 @@ class Expressions(Blocks):
             assert isinstance(cell, Cell)
             if index.varying:
                 if not cell.varying:
-                    self._varying.add(cell.key)
-                    continue
+                    self._vary(cell)
                 self._scatter(emit.spread(part), cell.address, self._own_words(cell, index))
             else:
                 kind = emit.kind(cell.element, cell.varying)

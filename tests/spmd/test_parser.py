@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
+import llvmlite.binding
 import pytest
 from render.variants import VARIANTS
 
 from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.render.variant import Variant
+from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.parser import parse
 
@@ -22,6 +24,25 @@ def test_every_combination_of_files_is_understood(name: str, variant: Variant) -
     assert program.functions["main"][0].body is not None
     assert program.local_size == (8, 8, 1)
     assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0
+
+
+def covering() -> dict[str, Variant]:
+    """Few variants for CPUs, which read no textures through filters, that have all files of such variants."""
+    waiting = {name: replace(one, cpu=Lanes(8)) for name, one in DISTINCT.values() if "hardware" not in one.filter}
+    files = {name: {*one.source.names} for name, one in waiting.items()}
+    found, missing = dict[str, Variant](), set[str]().union(*files.values())
+    while missing:
+        best = max(waiting, key=lambda name: len(files[name] & missing))
+        found[best], missing = waiting[best], missing - files[best]
+    return found
+
+
+COVERING = covering()
+
+
+@pytest.mark.parametrize(("name", "variant"), COVERING.items(), ids=COVERING)
+def test_every_file_becomes_code_for_cpus(name: str, variant: Variant) -> None:
+    llvmlite.binding.parse_assembly(Generator(parse(variant.source), 8, {}).text("f")).verify()
 
 
 MISTAKES = {
