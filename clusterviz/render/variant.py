@@ -126,7 +126,7 @@ class Variant:
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
             "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
-            "VOXEL": (voxel_file(self.slot), "cells.glsl"),
+            "VOXEL": (voxel_file(self.slot), "cells.glsl", "units.glsl"),
             "PREFETCH": "no_prefetch.glsl",
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
@@ -159,7 +159,7 @@ class Variant:
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl"
         if self.has_cells:
-            found["VOXEL"] = "cells_u8.glsl"
+            found["VOXEL"] = ("words.glsl", "cells_in_words.glsl", f"cells_{self.slot.kind}.glsl", "units.glsl")
         if self.has_cells and self.filter == "linear":
             found |= {"SCALAR": "linear_cells.glsl", "PREFETCH": NOTHING}
         if self.cpu.pieces:
@@ -168,8 +168,8 @@ class Variant:
 
     @property
     def has_cells(self) -> bool:
-        """Whether a word of memory holds voxels of two rows and two layers."""
-        return self.cpu is not None and self.slot.kind == "u8" and not self.volumes
+        """Whether each voxel has a word of memory, with what lies beside it (`cells_in_words.glsl`)."""
+        return self.cpu is not None and not self.slot.textured and not self.volumes
 
     @property
     def _traits(self) -> BlendModeTraits:

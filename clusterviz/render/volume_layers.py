@@ -75,6 +75,8 @@ OWN_NAMES = (
         "segment_of",
         "segment_at",
         "third",
+        "stored_at",
+        "in_units",
         "voxel_at",
         "row_at",
         "pair_at",
@@ -83,7 +85,17 @@ OWN_NAMES = (
         "scalar_at",
     ),
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
-    *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
+    *(
+        "spline",
+        "spline_cell",
+        "spline_row",
+        "spline_rows",
+        "spline_layers",
+        "spline_of_voxels",
+        "spline_slope",
+        "slope_layer",
+        "slope_layers",
+    ),
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
@@ -189,7 +201,7 @@ class VolumeVariant:
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
-        files = (voxel, "cells.glsl", spline_file(self.filter, gradient), field, gradient, *light)
+        files = (voxel, "cells.glsl", "units.glsl", spline_file(self.filter, gradient), field, gradient, *light)
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:

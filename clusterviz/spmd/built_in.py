@@ -34,7 +34,7 @@ def most(emit: Emitter, a: Part, b: Part) -> Part:
 def _mix(emit: Emitter, a: Part, b: Part, share: Part) -> Part:
     if share.element == "b":
         return emit.select(share, b, a)
-    return emit.binary("+", a, emit.binary("*", emit.binary("-", b, a), share))
+    return emit.call("fmuladd", a.element, emit.binary("-", b, a), share, a)
 
 
 def _absolute(emit: Emitter, a: Part) -> Part:
@@ -43,15 +43,15 @@ def _absolute(emit: Emitter, a: Part) -> Part:
     return most(emit, a, emit.binary("-", constant(a.element, 0), a))
 
 
-def _dot(emit: Emitter, a: Parts, b: Parts) -> Part:
+def dot(emit: Emitter, a: Parts, b: Parts) -> Part:
     found = emit.binary("*", a[0], b[0])
     for x, y in zip(a[1:], b[1:], strict=True):
-        found = emit.binary("+", found, emit.binary("*", x, y))
+        found = emit.call("fmuladd", x.element, x, y, found)
     return found
 
 
 def _length(emit: Emitter, a: Parts) -> Part:
-    return emit.call("sqrt", a[0].element, _dot(emit, a, a))
+    return emit.call("sqrt", a[0].element, dot(emit, a, a))
 
 
 def _joined(sign: str) -> Function:
@@ -174,7 +174,7 @@ def _distance(emit: Emitter, given: list[Parts]) -> Parts:
 
 
 def _reflect(emit: Emitter, given: list[Parts]) -> Parts:
-    twice = emit.binary("*", constant(given[0][0].element, 2.0), _dot(emit, given[1], given[0]))
+    twice = emit.binary("*", constant(given[0][0].element, 2.0), dot(emit, given[1], given[0]))
     return [emit.binary("-", i, emit.binary("*", twice, n)) for i, n in zip(*given, strict=True)]
 
 
@@ -215,7 +215,7 @@ BUILT_INS: dict[str, Function] = {
     "max": _each(most),
     "clamp": _each(lambda emit, a, low, high: most(emit, least(emit, a, high), low)),
     "mix": _each(_mix),
-    "dot": lambda emit, given: [_dot(emit, *given)],
+    "dot": lambda emit, given: [dot(emit, *given)],
     "length": lambda emit, given: [_length(emit, given[0])],
     "normalize": _normalized,
     "lessThan": _compare("<"),

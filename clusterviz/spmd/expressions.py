@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 
 from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
-from clusterviz.spmd.built_in import BUILT_INS, least, most
+from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.ir import (
@@ -119,20 +119,15 @@ class Expressions(Blocks):
         return found
 
     def _operation(self, node: Operation) -> Parts:
+        if node.operator in "+-" and node.type.element == "f":
+            for product, other in (node.operands, node.operands[::-1]):
+                if isinstance(product, Operation) and product.operator == "*":
+                    return self._fused(node, product, other)
         given = [self.value(one) for one in node.operands]
-        operator, emit = node.operator, self.emit
+        operator = node.operator
         if operator == "transform":
             matrix, vector = given
-            return [
-                emit.binary(
-                    "+",
-                    emit.binary(
-                        "+", emit.binary("*", matrix[row], vector[0]), emit.binary("*", matrix[3 + row], vector[1])
-                    ),
-                    emit.binary("*", matrix[6 + row], vector[2]),
-                )
-                for row in range(3)
-            ]
+            return [dot(self.emit, matrix[row::3], vector) for row in range(3)]
         if operator == "neg":
             return [self._negative(part) for part in given[0]]
         if operator in ("!", "~"):
@@ -147,6 +142,18 @@ class Expressions(Blocks):
         if operator in ("<", "<=", ">", ">="):
             return [self._compare(operator, x, y) for x, y in pairs]
         return [self._binary(operator, x, y) for x, y in pairs]
+
+    def _fused(self, node: Operation, product: Operation, other: Expression) -> Parts:
+        """Return a product plus or less something as one operation, wherever the expression is used."""
+        (x, y), z = (self.value(one) for one in product.operands), self.value(other)
+        if node.operator == "-":
+            x, z = (
+                (x, [self._negative(one) for one in z])
+                if product is node.operands[0]
+                else ([self._negative(one) for one in x], z)
+            )
+        size = node.type.parts
+        return [self.emit.call("fmuladd", "f", *(one[n % len(one)] for one in (x, y, z))) for n in range(size)]
 
     def _joined(self, sign: str, parts: Parts) -> Part:
         found = parts[0]
@@ -259,8 +266,8 @@ class Expressions(Blocks):
             address = cell.address
         else:
             assert isinstance(target, Memory)
-            words = self._words(target)
-            address = emit.new(f"getelementptr i32, ptr {self._addresses[id(target.block)]}, {emit.of(words)}")
+            place, words = self._place(target)
+            address = emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}")
         word = "add" if adds else f"{prefix}min".removeprefix("s")
         old = emit.part(f"atomicrmw {word} ptr {address}, {emit.of(total)} monotonic", more.element, False)
         # Each lane's own: what the lanes before it have added.

@@ -18,7 +18,8 @@ layout(std430, binding = 0) readonly buffer GivenBlock {{ int given[]; }};
 layout(std430, binding = 1) writeonly buffer FoundBlock {{ int found[]; }};
 layout(std430, binding = 7) readonly buffer VoxelsBlock {{ uint voxels[]; }};
 layout(std430, binding = 9) readonly buffer PiecesBlock {{ float piece_table[]; }};
-uvec2 words_at(int word) {{ return uvec2(voxels[word], voxels[word + 1]); }}
+const int IDLE_WORD = 2;
+uvec2 words_at(int brick, int word, int more) {{ int n = brick + word + more; return uvec2(voxels[n], voxels[n + 1]); }}
 float piece_row(int row, int piece) {{ return piece_table[16 * row + piece]; }}
 struct Pair {{ int a; vec2 b; }};
 int counted = 0;
@@ -58,6 +59,10 @@ FUNCTIONS: dict[str, tuple[str, Callable[[int], int]]] = {
     "return in a branch": (
         "int f(int x) { if (x > 20) return 1; x += 2; return x; }",
         lambda x: 1 if x > 20 else x + 2,
+    ),
+    "product that is not rounded before something is taken from it": (
+        "int f(int x) { float a = float(4097 + x); return int(a * a - 16785408.0); }",
+        lambda x: (4097 + x) ** 2 - 16785408,
     ),
     "loop of own length": (
         "int f(int x) { int n = 0; while (x > 1 && n < 40) { x = x % 2 != 0 ? 3 * x + 1 : x / 2; ++n; } return n; }",
@@ -200,10 +205,11 @@ def test_a_texel_is_fetched(lanes: int) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "int f(int x) { if (x % 3 == 0) return 0; uvec2 w = words_at(x); return int(w.x) + 1000 * int(w.y); }",
+        "int f(int x) { if (x % 3 == 0) return 0; uvec2 w = words_at(2, x, -2); return int(w.x) + 1000 * int(w.y); }",
+        "int f(int x) { uvec2 w = words_at(x, 0, x % 3); return int(w.x) + 1000 * int(w.y); }",
         "int f(int x) { return int(piece_row(2, x % 16)) + int(piece_row(0, 5)); }",
     ],
-    ids=["words_at", "piece_row"],
+    ids=["words_at", "words_at by lane", "piece_row"],
 )
 def test_an_intrinsic_equals_its_meaning_in_glsl(text: str) -> None:
     words, pieces = np.arange(80, dtype=np.uint32) * 7, (np.arange(64) * 3).astype(np.float32)
