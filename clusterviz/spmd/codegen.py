@@ -1,8 +1,8 @@
 """Code of a typed program: an invocation a lane, masks where lanes differ, and plain code where they do not.
 
 Functions are inlined. A value of which all lanes are known to be equal stays one number; which variables are so is
-found by generating code again until no more of them turn out to vary, usually three times. A branch that depends on
-the lane is skipped where no lane takes it, and variables keep their values in the lanes that do not.
+found by generating code again until no more of them turn out to vary. A branch that depends on the lane is skipped
+where no lane takes it, and variables keep their values in the lanes that do not.
 """
 
 from __future__ import annotations
@@ -64,11 +64,6 @@ class Generator(Expressions):
     ----------
     lanes : of a vector: 4, 8 or 16
     intrinsics : what replaces functions of the program, by name: from the generator and the arguments to the value
-
-    Raises
-    ------
-    InputError
-        The program has no function `main`, or calls a function that CPUs do not have.
     """
 
     def __init__(
@@ -84,18 +79,14 @@ class Generator(Expressions):
 
         Raises
         ------
-        InputError
-            The program is nested too deeply.
+        NotImplementedError
+            The program calls a built-in function that has no code yet: one of textures, for example.
         """
-        try:
-            while True:
-                known = len(self._varying)
-                self._pass(name)
-                if len(self._varying) == known:
-                    return self.emit.module()
-        except RecursionError:
-            where = self._frames[-1].function.at if self._frames else 0
-            raise self._program.places.error("nested too deeply", where) from None
+        while True:
+            known = len(self._varying)
+            self._pass(name)
+            if len(self._varying) == known:
+                return self.emit.module()
 
     def _pass(self, name: str) -> None:
         self._begin(name)
@@ -280,10 +271,9 @@ class Generator(Expressions):
         for lap in laps:
             if node.kind == "continue":
                 self._store_mask(emit.binary("|", self._load_mask(lap.passed), self._full()), lap.passed)
+            elif not lap.live:
+                self._varying.add(lap.key)
             else:
-                if not lap.live:
-                    self._varying.add(lap.key)
-                    lap.live = emit.room(emit.kind("b", True))
                 rest = emit.both(self._load_mask(lap.live), emit.inverse(self._full()))
                 self._store_mask(rest, lap.live)
 
