@@ -92,7 +92,8 @@ def render(
     -------
     image : Image or None
         On rank 0 an array, float32 (h, w, 4), premultiplied, without the background; None on other ranks. `show()` and
-        `save("picture.png")` blend it over the scene's background.
+        `save("picture.png")` blend it over the scene's background. With layers=["depth", "normal"] its `layers` holds
+        an array for each, and `save("picture.exr")` writes them too.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def render(
     from clusterviz.comm.mpi import MpiChannel
     from clusterviz.errors import InputError
     from clusterviz.frame import render_frame
-    from clusterviz.image.picture import Image
+    from clusterviz.image.picture import Image, layers_of
     from clusterviz.scene import background_rgb
     from clusterviz.scene.overrides import with_settings
 
@@ -121,7 +122,8 @@ def render(
         rendered = render_frame(opened, channel, source)
         if rendered.image is None:
             return None
-        return Image(rendered.image, background_rgb(rendered.scene.image.background))
+        found = rendered.image
+        return Image(found, background_rgb(rendered.scene.image.background), layers_of(found))
     finally:
         if isinstance(channel, MpiChannel) and comm is not None:
             channel.close()

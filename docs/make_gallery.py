@@ -8,8 +8,10 @@ Each scene of `SCENES` names the samples that fill its volumes; they are fetched
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 import clusterviz
@@ -18,6 +20,7 @@ from clusterviz.data.samples import fetch_sample
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)
 COLOURS = 128  # of a picture's palette: a tenth of the bytes, and no difference that the eye sees
+OBJECTS = np.array([(0.9, 0.6, 0.2), (0.6, 0.2, 0.6), (0.9, 0.2, 0.3), (0.3, 0.6, 0.9)])
 SCENES: dict[str, tuple[str, ...]] = {
     "skin_and_brain": ("ch2",),
     "bones": ("cranium",),
@@ -26,7 +29,16 @@ SCENES: dict[str, tuple[str, ...]] = {
     "two_volumes": (),
     "shells": (),
     "orbital": (),
+    "layers": (),
 }
+
+
+def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """Return depth, normal and object as pictures, uint8 (h, w, 3), white where there is none."""
+    depth, there = layers["depth"], layers["object"] >= 0
+    grey = 1 - 0.8 * (depth - depth[there].min()) / np.ptp(depth[there])
+    colours = [grey[..., None].repeat(3, axis=2), 0.5 + 0.5 * layers["normal"], OBJECTS[layers["object"]]]
+    return [np.round(255 * np.where(there[..., None], one, 1)).astype(np.uint8) for one in colours]
 
 
 def draw(name: str, samples: tuple[str, ...]) -> Path:
@@ -35,7 +47,10 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     scene = clusterviz.load_scene(ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZE)}"])
     path = ROOT / "docs" / "pictures" / f"{name}.png"
     path.parent.mkdir(exist_ok=True)
-    clusterviz.render(scene).save(path)
+    picture = clusterviz.render(scene)
+    picture.save(path)
+    if picture.layers:
+        Image.fromarray(np.concatenate([np.asarray(Image.open(path)), *as_colours(picture.layers)], axis=1)).save(path)
     Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
     return path
 

@@ -9,15 +9,15 @@ vec3 slot_origin(int slot) {
 }
 
 // Unfiltered texels.
-float voxel_at(int slot, ivec3 place) {
-    return fma(texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r, scalar.x, scalar.y);
+float stored_at(int slot, ivec3 place) {
+    return texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r;
 }
 
 vec4 row_at(int slot, ivec3 place) {
-    return vec4(voxel_at(slot, place), voxel_at(slot, place + ivec3(1, 0, 0)), voxel_at(slot, place + ivec3(2, 0, 0)),
-                voxel_at(slot, place + ivec3(3, 0, 0)));
+    return vec4(stored_at(slot, place), stored_at(slot, place + ivec3(1, 0, 0)), stored_at(slot, place + ivec3(2, 0, 0)),
+                stored_at(slot, place + ivec3(3, 0, 0)));
 }
 
 vec2 pair_at(int slot, ivec3 place) {
-    return vec2(voxel_at(slot, place), voxel_at(slot, place + ivec3(1, 0, 0)));
+    return vec2(stored_at(slot, place), stored_at(slot, place + ivec3(1, 0, 0)));
 }

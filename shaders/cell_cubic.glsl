@@ -6,15 +6,15 @@ ivec3 cell_within(ivec3 at) {
 }
 
 bool extent_of(int brick, ivec3 at, out vec2 extent) {
-    float base = voxel_at(brick, at);
-    vec4 low = vec4(0.0), high = vec4(0.0);
-    for (int row = 0; row < 16; ++row) {
-        vec4 found = spline_row(brick, at, (row & 3) - 1, (row >> 2) - 1, base);
-        low = min(low, found);
-        high = max(high, found);
+    float base = stored_at(brick, at);
+    vec4 low = vec4(0.0), high = vec4(0.0), r00, r10, r01, r11;
+    for (int row = 0; row < 4; ++row) {
+        spline_rows(brick, at, 2 * (row & 1) - 1, (row & 2) - 1, base, r00, r10, r01, r11);
+        low = min(min(low, min(r00, r10)), min(r01, r11));
+        high = max(max(high, max(r00, r10)), max(r01, r11));
     }
     run_iterations += 16;
-    extent = base + vec2(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
+    extent = vec2(in_units(base + min(min(low.x, low.y), min(low.z, low.w))), in_units(base + max(max(high.x, high.y), max(high.z, high.w))));
     // By its bits, as in cell_linear.glsl.
     return !MAY_BE_INVALID || floatBitsToUint(abs(spline_of_voxels(brick, at, vec3(0.5)))) < 0x7f800000u;
 }

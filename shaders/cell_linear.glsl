@@ -10,9 +10,9 @@ ivec3 cell_within(ivec3 at) {
 // Whether the cell has a field.
 bool extent_of(int brick, ivec3 at, out vec2 extent) {
     vec4 near, far;
-    cell_at(brick, at, near, far);
+    cell_at(brick, at, ivec3(0), near, far);
     vec4 low = min(near, far), high = max(near, far);
-    extent = vec2(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
+    extent = vec2(in_units(min(min(low.x, low.y), min(low.z, low.w))), in_units(max(max(high.x, high.y), max(high.z, high.w))));
     // By their bits, since compilers invert comparisons, which is wrong for NaN.
     uvec4 bits = max(floatBitsToUint(abs(near)), floatBitsToUint(abs(far)));
     return !MAY_BE_INVALID || all(lessThan(bits, uvec4(0x7f800000u)));
@@ -21,14 +21,15 @@ bool extent_of(int brick, ivec3 at, out vec2 extent) {
 // Coefficients of 1, t, t², t³ of the field at begin + t · by.
 vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) {
     vec4 near, far;
-    cell_at(brick, at, near, far);
+    cell_at(brick, at, ivec3(0), near, far);
     vec4 x = vec4(near.xz, far.xz), slope = vec4(near.yw, far.yw) - x;
     x += slope * begin.x;
     slope *= by.x;
     vec2 across = x.yw - x.xz, slope_across = slope.yw - slope.xz;
     vec2 y = x.xz + across * begin.y, slope_y = slope.xz + slope_across * begin.y + across * by.y, bend = slope_across * by.y;
     float up = y.y - y.x, slope_up = slope_y.y - slope_y.x, bend_up = bend.y - bend.x;
-    return vec4(y.x + up * begin.z, slope_y.x + slope_up * begin.z + up * by.z, bend.x + bend_up * begin.z + slope_up * by.z, bend_up * by.z);
+    return vec4(in_units(y.x + up * begin.z), scalar.x * vec3(slope_y.x + slope_up * begin.z + up * by.z, bend.x + bend_up * begin.z + slope_up * by.z,
+                                                              bend_up * by.z));
 }
 
 float field_on(int brick, ivec3 at, vec3 begin, vec3 by, vec4 cubic, float t) {

@@ -5,7 +5,7 @@ int up_to_start(int k, int slabs, float kept, float batch) {
     return slabs;
 }
 
-void note(int k, float opacity) {}
+void note(int k, vec2 part, float opacity, int object) {}
 
 bool is_late() {
     return false;

@@ -25,14 +25,14 @@ vec3 gradient_at(int brick, ivec3 cell, vec3 beyond) {
     vec3 w = beyond - vec3(at - cell);
     // The four rows along x through the cell, by y and z; and the pairs beside the cell along y and z.
     vec4 r00, r10, r01, r11, low, high, near, far, unused;
-    rows_at(brick, at + ivec3(-1, 0, 0), r00, r10, r01, r11);
-    cell_at(brick, at + ivec3(0, -1, 0), low, high);
+    rows_at(brick, at, ivec3(-1, 0, 0), r00, r10, r01, r11);
+    cell_at(brick, at, ivec3(0, -1, 0), low, high);
     vec4 below = vec4(low.xy, high.xy);
-    cell_at(brick, at + ivec3(0, 1, 0), low, high);
+    cell_at(brick, at, ivec3(0, 1, 0), low, high);
     vec4 above = vec4(low.zw, high.zw);
-    cell_at(brick, at + ivec3(0, 0, -1), near, unused);
-    cell_at(brick, at + ivec3(0, 0, 1), unused, far);
-    return vec3(derivative(vec4(r00.x, r10.x, r01.x, r11.x), vec4(r00.y, r10.y, r01.y, r11.y), vec4(r00.z, r10.z, r01.z, r11.z),
+    cell_at(brick, at, ivec3(0, 0, -1), near, unused);
+    cell_at(brick, at, ivec3(0, 0, 1), unused, far);
+    return scalar.x * vec3(derivative(vec4(r00.x, r10.x, r01.x, r11.x), vec4(r00.y, r10.y, r01.y, r11.y), vec4(r00.z, r10.z, r01.z, r11.z),
                            vec4(r00.w, r10.w, r01.w, r11.w), begins.x, ends.x, w.x, w.yz),
                 derivative(below, vec4(r00.yz, r01.yz), vec4(r10.yz, r11.yz), above, begins.y, ends.y, w.y, w.xz),
                 derivative(near, vec4(r00.yz, r10.yz), vec4(r01.yz, r11.yz), far, begins.z, ends.z, w.z, w.xy));

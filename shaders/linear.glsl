@@ -3,11 +3,11 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     // Rounding may put a sample a last digit outside of its brick.
     ivec3 at = clamp(cell + ivec3(floor(beyond)), ivec3(-REACH), SLOT_CELLS - 1 + REACH);
     vec3 w = beyond - vec3(at - cell);
-    vec4 near = vec4(voxel_at(brick, at), voxel_at(brick, at + ivec3(0, 1, 0)),
-                     voxel_at(brick, at + ivec3(0, 0, 1)), voxel_at(brick, at + ivec3(0, 1, 1)));
-    vec4 far = vec4(voxel_at(brick, at + ivec3(1, 0, 0)), voxel_at(brick, at + ivec3(1, 1, 0)),
-                    voxel_at(brick, at + ivec3(1, 0, 1)), voxel_at(brick, at + ivec3(1, 1, 1)));
+    vec4 near = vec4(stored_at(brick, at), stored_at(brick, at + ivec3(0, 1, 0)),
+                     stored_at(brick, at + ivec3(0, 0, 1)), stored_at(brick, at + ivec3(0, 1, 1)));
+    vec4 far = vec4(stored_at(brick, at + ivec3(1, 0, 0)), stored_at(brick, at + ivec3(1, 1, 0)),
+                    stored_at(brick, at + ivec3(1, 0, 1)), stored_at(brick, at + ivec3(1, 1, 1)));
     vec4 x = near + (far - near) * w.x;
     vec2 y = x.xz + (x.yw - x.xz) * w.y;
-    return y.x + (y.y - y.x) * w.z;
+    return in_units(y.x + (y.y - y.x) * w.z);
 }

@@ -11,5 +11,5 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond) {
     vec4 near = vec4(rows & 255), far = vec4((rows >> 8) & 255);
     vec4 x = near + (far - near) * w.x;
     vec2 y = x.xz + (x.yw - x.xz) * w.y;
-    return fma(y.x + (y.y - y.x) * w.z, scalar.x, scalar.y);
+    return in_units(y.x + (y.y - y.x) * w.z);
 }

@@ -87,11 +87,16 @@ int origin_of(int first) {
 
 int run_iterations; // iterations of loops that a run has counted
 
-// Frame coherence (starts.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and of the batch; the note that
-// a batch, or a single slab, has reached an opacity with slab k; and whether the ray has to be drawn again.
+// Frame coherence (starts.glsl) and layers (crossing.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and
+// of the batch; the note that a batch, or a single slab, has reached an opacity with an object in slab k, in a part counted from the slab's midpoint
+// on the lattice; and whether the ray ends, as it has to be drawn again, or has found what it looks for.
 int up_to_start(int k, int slabs, float kept, float batch);
-void note(int k, float opacity);
+void note(int k, vec2 part, float opacity, int object);
 bool is_late();
+
+const vec2 WHOLE_SLAB = vec2(-0.5, 0.5);
+const int SURFACE_OBJECTS = 1024; // objects: number of the volume, and for its n-th isosurface n times this more, n from 1
+float in_front = 0.0; // opacity of the pixel, the batch left out
 
 // The blend mode: adds a run of whole slabs to its batch, as if nothing were in front; composites the last slab, or the first one, cut to a share
 // by the exit or the entry; adds a batch behind the pixel; and decides if anything behind can matter. A run's slabs, from `from` up to `to`, are
@@ -116,8 +121,9 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     if (JITTERED && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
         if (place.brick >= 0) {
+            in_front = sum.high.a;
             vec4 share = last_of(ray, 0, place, slab, ray.first_share);
-            note(0, share.a);
+            note(0, vec2(0.5 - ray.first_share, 0.5), share.a, 0);
             put_behind(sum, share);
             ++samples;
         }
@@ -150,6 +156,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         if (k >= until) break;
         int slabs = long_slab(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
         slabs = up_to_start(k, slabs, sum.high.a, batch.a);
+        in_front = sum.high.a;
         run_iterations = 2;
         int origin = origin_of(first);
         take_run(batch, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
@@ -162,8 +169,10 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
         if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {
+            in_front = sum.high.a;
             vec4 share = last_of(ray, k, place, slab, ray.last_share);
-            note(k, share.a);
+            float begin = k > 0 ? -0.5 : 0.5 - ray.first_share;
+            note(k, vec2(begin, begin + ray.last_share), share.a, 0);
             put_behind(sum, share);
             ++samples;
         }

@@ -5,19 +5,19 @@ void face(Ray ray) {
     face_all(ray);
 }
 
-// Premultiplied colour and opacity of slab k, which is `at` slabs behind the begin, over the given range.
-vec4 mixed(int k, int at, dvec2 span) {
-    vec4 sum = vec4(0.0); // sum of the optical depths, with colours
-    take_all(sum, k, at, span);
-    return in_order(sum, float(span.y - span.x));
+// Add slab k, which is `at` slabs behind the begin, over the given range.
+void mix_in(inout vec4 sum, int k, int at, dvec2 span) {
+    vec4 depths = vec4(0.0); // sum of the optical depths, with colours
+    densest = 0.0;
+    take_all(depths, k, at, span);
+    in_order(sum, depths, k, float(0.5LF * (span.x + span.y) - double(k)), float(span.y - span.x), densest_volume);
 }
 
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
     begin_all(on_lattice(ray, origin), place.brick);
     for (int at = from; at < to; ++at) {
         double along = double(origin + at);
-        sum += (1.0 - sum.a) * mixed(origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
-        note(origin + at, sum.a);
+        mix_in(sum, origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
     }
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }
@@ -28,5 +28,7 @@ vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     double begin = double(k) - 0.5LF, end = begin + 1.0LF;
     if (JITTERED && k == 0) begin += 1.0LF - double(ray.first_share);
     if (k == ray.slabs - 1) end = begin + double(share);
-    return mixed(k, 0, dvec2(begin, end));
+    vec4 sum = vec4(0.0);
+    mix_in(sum, k, 0, dvec2(begin, end));
+    return sum;
 }

@@ -21,7 +21,7 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     for (int at = from; at < to; ++at) {
         Class back = class_at(scalar_at(place.brick, place.cell, place.beyond + (float(at) + 0.5) * slab));
         take_slab(sum, front, back, frame.optics.x, place, place.beyond + float(at) * slab);
-        note(origin + at, sum.a);
+        note(origin + at, WHOLE_SLAB, sum.a, 0);
         front = back;
     }
     run_iterations += (to - from + 1) * SAMPLE_ITERATIONS;

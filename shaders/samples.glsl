@@ -10,6 +10,7 @@ const float AHEAD = 4.0; // slabs; what is fetched ahead should be there by then
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
     int length = 1 << doublings;
     float middle = 0.5 * float(length - 1);
+    vec2 part = vec2(-0.5, middle + middle + 0.5);
     // Two samples at once where a processor would wait for one of them.
     for (int at = from; at < to; at += (TWO_AT_ONCE ? 2 : 1) * length) {
         int next = at + length;
@@ -20,10 +21,10 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
         bool both = TWO_AT_ONCE && next < to;
         if (is_seen(s) || (both && is_seen(t))) {
             take(sum, s, place, here);
-            note(origin + at, sum.a);
+            note(origin + at, part, sum.a, 0);
             if (both) {
                 take(sum, t, place, there);
-                note(origin + next, sum.a);
+                note(origin + next, part, sum.a, 0);
             }
         }
     }

@@ -117,7 +117,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             Class back = class_at(scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab));
             vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
             take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
-            note(int(s), batch.a);
+            note(int(s), WHOLE_SLAB, batch.a, 0);
             front = back;
             s = to;
             ++samples;

@@ -14,19 +14,6 @@ int hit = NO_SLAB;
 bool is_checked = false;
 float outcome = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch before the start
 
-int place_in(int plane, int pixel) {
-    int pixels_drawn = frame.rect.z * frame.rect.w;
-    return pixels_drawn * (1 + plane) + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y) + pixel;
-}
-
-float kept_in(int plane, int pixel) {
-    return intBitsToFloat(progress[place_in(plane, pixel)]);
-}
-
-void keep_in(int plane, int pixel, float number) {
-    progress[place_in(plane, pixel)] = floatBitsToInt(number);
-}
-
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     float depth = kept_in(START, pixel);
     bool meets_nothing = abs(depth) >= NOTHING, again = starts.again != 0;
@@ -59,7 +46,7 @@ int up_to_start(int k, int slabs, float kept, float batch) {
     return slabs;
 }
 
-void note(int k, float opacity) {
+void note(int k, vec2 part, float opacity, int object) {
     if (opacity > 0.0) hit = min(hit, k);
     if (is_checked && k == started && opacity > before_start) outcome = 0.0; // it would have been drawn again
 }

@@ -22,7 +22,7 @@ void take_volume(inout vec4 sum, Ray ray, int origin, int to, Place place, vec3 
             float s = scalar_at(place.brick, place.cell, beyond);
             if (!is_last && rest.begin == first && end == ends) take(sum, s, place, beyond);
             else take_share(sum, s, place, beyond, end - rest.begin);
-            note(origin + rest.at, sum.a);
+            note(origin + rest.at, vec2(rest.begin, end) - float(rest.at), sum.a, 0);
         }
         rest.begin = end;
         if (end == ends) ++rest.at;
@@ -49,7 +49,8 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
             vec4 look = surface[2 * number + 1];
             vec3 light = lit(look.rgb, gradient_in(course, walk, t), place, place.beyond + along * slab, false);
             sum += (1.0 - sum.a) * look.a * vec4(light, 1.0);
-            note(origin + int(floor(along + 0.5)), sum.a);
+            float number_of_slab = floor(along + 0.5);
+            note(origin + int(number_of_slab), vec2(along - number_of_slab), sum.a, SURFACE_OBJECTS * (1 + number));
             run_iterations += SAMPLE_ITERATIONS;
         }
     }

@@ -1,5 +1,5 @@
 // One of several volumes. This file is included once for each volume, after the files that sample it. Names that belong to one volume are
-// macros; face_before, begin_before and take_before are the functions of the volumes included before, or empty.
+// macros; face_before, begin_before, take_before and slope_before are the functions of the volumes included before, or empty.
 ivec2 seen;   // slabs of the ray whose midpoints lie in the volume, found for the whole ray, so that all boxes agree
 dvec2 within; // part of the ray in the volume, in slabs, with midpoints at integers
 dvec2 uncut;  // part that no clipping plane cuts away
@@ -69,6 +69,18 @@ void take_all(inout vec4 sum, int k, int at, dvec2 span) {
     if (here.brick < 0) return;
     double middle = 0.5LF * (span.x + span.y);
     bool is_kept_there = WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
-    if (IN_VOLUME && is_kept_there) sum += absorbing(k, at, span);
+    if (IN_VOLUME && is_kept_there) {
+        vec4 own = absorbing(k, at, span);
+        sum += own;
+        if (LAYERS && own.a > densest) {
+            densest = own.a;
+            densest_volume = NUMBER;
+        }
+    }
     meet_surfaces(at, span);
+}
+
+void slope_all(int volume, float offset) {
+    slope_before(volume, offset);
+    if (volume == NUMBER) slope_found = gradient_at(here.brick, here.cell, here.beyond + offset * stride);
 }

@@ -1,17 +1,17 @@
 // 16-bit voxels, two to a word. The integer nearest to the low end of clim is taken off before interpolation, where that is exact.
-float voxel_at(int brick, ivec3 place) {
+float stored_at(int brick, ivec3 place) {
     place += MARGIN;
     uint two = voxels[brick + (place.x >> 1) + place.y * ROW_WORDS + place.z * SLICE_WORDS];
     int value = int((two >> (16 * (place.x & 1))) & 65535u);
-    return fma(float(value - frame.base), scalar.x, scalar.y);
+    return float(value - frame.base);
 }
 
 // Four voxels along x, and two.
 vec4 row_at(int brick, ivec3 place) {
-    return vec4(voxel_at(brick, place), voxel_at(brick, place + ivec3(1, 0, 0)), voxel_at(brick, place + ivec3(2, 0, 0)),
-                voxel_at(brick, place + ivec3(3, 0, 0)));
+    return vec4(stored_at(brick, place), stored_at(brick, place + ivec3(1, 0, 0)), stored_at(brick, place + ivec3(2, 0, 0)),
+                stored_at(brick, place + ivec3(3, 0, 0)));
 }
 
 vec2 pair_at(int brick, ivec3 place) {
-    return vec2(voxel_at(brick, place), voxel_at(brick, place + ivec3(1, 0, 0)));
+    return vec2(stored_at(brick, place), stored_at(brick, place + ivec3(1, 0, 0)));
 }

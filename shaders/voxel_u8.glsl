@@ -4,11 +4,11 @@ int third(int x) {
     return x * 683 >> 11;
 }
 
-float voxel_at(int brick, ivec3 place) {
+float stored_at(int brick, ivec3 place) {
     place += MARGIN;
     int word = min(third(place.x), ROW_WORDS - 1);
     uint four = voxels[brick + word + place.y * ROW_WORDS + place.z * SLICE_WORDS];
-    return fma(float((four >> (8 * (place.x - 3 * word))) & 255u), scalar.x, scalar.y);
+    return float((four >> (8 * (place.x - 3 * word))) & 255u);
 }
 
 // Four voxels along x by two fetches, and two by one.
@@ -18,12 +18,12 @@ vec4 row_at(int brick, ivec3 place) {
     int row = brick + place.y * ROW_WORDS + place.z * SLICE_WORDS;
     // The next word's first voxel is this one's last; where the shift is 0, nothing of it is needed.
     uint four = (voxels[row + word] >> shift) | ((voxels[row + min(word + 1, ROW_WORDS - 1)] >> 8) << 1 << (31 - shift));
-    return fma(vec4((uvec4(four) >> uvec4(0, 8, 16, 24)) & 255u), vec4(scalar.x), vec4(scalar.y));
+    return vec4((uvec4(four) >> uvec4(0, 8, 16, 24)) & 255u);
 }
 
 vec2 pair_at(int brick, ivec3 place) {
     place += MARGIN;
     int word = third(place.x);
     uint two = voxels[brick + word + place.y * ROW_WORDS + place.z * SLICE_WORDS] >> (8 * (place.x - 3 * word));
-    return fma(vec2((uvec2(two) >> uvec2(0, 8)) & 255u), vec2(scalar.x), vec2(scalar.y));
+    return vec2((uvec2(two) >> uvec2(0, 8)) & 255u);
 }

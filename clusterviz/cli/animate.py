@@ -22,14 +22,23 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.arguments import (
+    Define,
+    DeviceOption,
+    LayersOption,
+    SceneArgument,
+    Size,
+    overrides_of,
+    parse_device,
+)
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
-from clusterviz.image.files import check_writable, read_image, write_image
+from clusterviz.image.files import LAYERED, check_writable, read_image, write_image
 from clusterviz.image.movie import check_encoder, write_movie
+from clusterviz.image.picture import layers_of
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.statistics import FrameStatistics
@@ -58,22 +67,24 @@ class FrameFiles:
         The name is neither, the folder cannot be written, or there is no encoder.
     """
 
-    def __init__(self, output: Path, resume: bool) -> None:
+    def __init__(self, output: Path, resume: bool, has_layers: bool = False) -> None:
         self._output, self._resume = output, resume
         self._movie = output.suffix.lower() in (".mp4", ".gif")
         self._folder = output.with_name(f"{output.name}.frames") if self._movie else output.parent
         self._pattern = "frame_%06d.png" if self._movie else output.name
-        if self._movie:
+        if self._movie and not has_layers:
             if output.suffix.lower() == ".mp4":
                 check_encoder(output)
             check_replaceable(output)
             return
         if (
-            output.suffix.lower() != ".png"
+            output.suffix.lower() not in (LAYERED if has_layers else (".png", *LAYERED))
             or len(NUMBER_FIELD.findall(output.name)) != 1
             or output.name.count("%") != 1
         ):
-            allowed = "a movie (movie.mp4, movie.gif), or pictures with a field for their number ('frame_%04d.png')"
+            allowed = "pictures with a field for their number ('frame_%04d.exr', 'frame_%04d.npz')"
+            if not has_layers:
+                allowed = f"a movie (movie.mp4, movie.gif), or {allowed[:-1]}, 'frame_%04d.png')"
             raise OutputError("not a name for frames", where="--output", found=output.name, allowed=allowed)
         check_writable(self.path(0))
 
@@ -84,7 +95,7 @@ class FrameFiles:
     @property
     def record(self) -> Path:
         """Path of the record of what the pictures show."""
-        stem = NUMBER_FIELD.sub("", self._pattern.removesuffix(".png")).strip("_-. ") or "frames"
+        stem = NUMBER_FIELD.sub("", Path(self._pattern).stem).strip("_-. ") or "frames"
         return self._folder / f"{stem}.animation.json"
 
     def begin(self, scene: Scene, frames: int, path: Any) -> list[int]:
@@ -128,7 +139,7 @@ class FrameFiles:
         OutputError
             The picture cannot be written; earlier ones are kept.
         """
-        write_image(self.path(number), image, background_rgb(scene.image.background))
+        write_image(self.path(number), image, background_rgb(scene.image.background), layers=layers_of(image))
 
     def finish(self, frames: int, frames_per_second: float) -> None:
         """Encode the movie, if the output is one, and remove its pictures."""
@@ -250,6 +261,7 @@ def command(
     ] = None,
     define: Define = None,
     size: Size = None,
+    layers: LayersOption = None,
     fps: Annotated[float, typer.Option(min=0.01, help="Frames per second.")] = 25.0,
     resume: Annotated[bool, typer.Option("--resume", help="Render only frames that are not there yet.")] = False,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
@@ -260,13 +272,13 @@ def command(
     """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
     channel, startup = start(several_threads=overlap)
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
         keys = load_path(path) if path else None
         if orbit is not None and (opened.camera.position, opened.camera.parallel_scale) == (None, None):
             opened = opened.model_copy(update={"camera": opened.camera.model_copy(update={"fit": "orbit"})})
         count = _frames(orbit, keys, frames, fps, str(path))
     with agree(channel, 0, "output"):
-        files = FrameFiles(output, resume) if channel.rank == 0 else None
+        files = FrameFiles(output, resume, bool(opened.image.layers)) if channel.rank == 0 else None
         if channel.rank == 0:
             check_reports(stats, trace)
     began = time.perf_counter()

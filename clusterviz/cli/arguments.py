@@ -26,9 +26,23 @@ DeviceOption = Annotated[
 ]
 
 
-def overrides_of(define: list[str] | None, size: str | None) -> list[str]:
-    """Return both options as overrides of the scene; the size takes precedence."""
-    return [*(define or []), *([f"image.size={list(parse_size(size))}"] if size else [])]
+LayersOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="L,L,…", help="Layers beside the colours, into .exr or .npz: depth, normal, opacity, object, or all."
+    ),
+]
+
+
+def overrides_of(define: list[str] | None, size: str | None, layers: str | None = None) -> list[str]:
+    """Return options as overrides of the scene; size and layers take precedence."""
+    overrides = [*(define or []), *([f"image.size={list(parse_size(size))}"] if size else [])]
+    if layers is not None:
+        from clusterviz.image.files import CHANNELS
+
+        names = list(CHANNELS) if layers == "all" else parse_names(layers, [*CHANNELS], "--layers")
+        overrides.append(f"image.layers=[{', '.join(names)}]")
+    return overrides
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -8,7 +8,15 @@ from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.arguments import (
+    Define,
+    DeviceOption,
+    LayersOption,
+    SceneArgument,
+    Size,
+    overrides_of,
+    parse_device,
+)
 from clusterviz.cli.console import Verbosity, print_info, show_progress, verbosity
 from clusterviz.cli.instrumentation import (
     Tracing,
@@ -21,6 +29,7 @@ from clusterviz.cli.instrumentation import (
 from clusterviz.comm import agree
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
+from clusterviz.image.picture import layers_of
 from clusterviz.scene import background_rgb, open_scene
 from clusterviz.scene.text import picture_metadata, scene_summary
 from clusterviz.scene.values import Scene
@@ -30,10 +39,11 @@ def command(
     context: typer.Context,
     scene: SceneArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .jpg, .gif, .npy or .exr.")
+        Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .jpg, .gif, .npy, .npz or .exr.")
     ],
     define: Define = None,
     size: Size = None,
+    layers: LayersOption = None,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
     check: Annotated[
@@ -45,10 +55,11 @@ def command(
     """Render a scene or a data file into a picture; under mpirun, on all ranks."""
     channel, startup = start()
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
     with agree(channel, 0, "output"):
         if channel.rank == 0:
-            _check_outputs(output, stats, trace)
+            check_writable(output, bool(opened.image.layers))
+            check_reports(stats, trace)
     tracing = Tracing(channel, trace)
     with show_progress(STEPS if channel.rank == 0 else (), per_step=True) as progress:
         options = Options(device_choice, check, context.obj["debug"], progress, _writer(output), bool(trace))
@@ -65,13 +76,7 @@ def command(
         print_info(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 
-def _check_outputs(output: Path, *reports: Path | None) -> None:
-    """Check before rendering that the outputs can be written."""
-    check_writable(output)
-    check_reports(*reports)
-
-
 def _writer(output: Path) -> Callable[[Any, Scene, int], None]:
     return lambda image, scene, number: write_image(
-        output, image, background_rgb(scene.image.background), picture_metadata(scene)
+        output, image, background_rgb(scene.image.background), picture_metadata(scene), layers_of(image)
     )

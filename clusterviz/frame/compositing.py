@@ -36,6 +36,8 @@ from clusterviz.frame.work import DrawnFrame, RankWork, Rendered
 from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
+from clusterviz.image.picture import Image as Picture
+from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
@@ -89,6 +91,24 @@ class Compositing:
             _check(run, work, partials, work.order, image)
         return image, counts
 
+    def _layer(self, run: Run, work: RankWork, partials: Sequence[PartialImage]) -> Image | None:
+        """Return what ranks found for other layers, on rank 0, composited as the picture is; collective."""
+        cluster, size, channel = work.scene.cluster, work.scene.image.size, run.channel
+        if work.plan is None:
+            return None
+        if work.mode == "hybrid":
+            partials = [joined(partials)] if channel.rank in work.order else []
+        with run.collective("composite", "exchange"):
+            if work.mode == "sort-first":
+                found, _ = TileCollector(channel, size, codec="raw").collect(partials)
+                return None if found is None else as_floats(found)
+            algorithm, transport = cluster.compositing, cluster.transport
+            compositor = Compositor(channel, size, algorithm=algorithm, codec="raw", transport=transport)
+            found, _ = compositor.composite(partials, work.order)
+            layer = None if found is None else as_floats(found)
+            compositor.close()
+            return layer
+
     def _collected(
         self, run: Run, work: RankWork, tiles: Sequence[PartialImage], counts: RankFrame
     ) -> tuple[Image | None, RankFrame]:
@@ -123,6 +143,10 @@ class Compositing:
     def finish(self, run: Run, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
         """Composite a frame, and call `Options.write` with its picture on rank 0; collective."""
         image, counts = self.picture(run, drawn.work, drawn.partials, drawn.counts)
+        if names := drawn.work.scene.image.layers:
+            where, normals = (self._layer(run, drawn.work, [each[n] for each in drawn.layers]) for n in (0, 1))
+            if image is not None:
+                image = Picture(image, layers=named_layers(names, image, where, normals))
         with run.local("write", "finish"):
             if image is not None:
                 run.options.write(image, drawn.work.scene, drawn.number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, process_time
@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.composite.opacity_in_front import opacity_in_front
 from clusterviz.data.source import Index
 from clusterviz.frame.opening import BrickReader
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
-from clusterviz.image.partial import PartialImage, Rect
+from clusterviz.image.partial import PartialImage, Rect, joined
+from clusterviz.partition import Piece
 from clusterviz.render.stored_brick import stamp_of
 from clusterviz.report.frame_coherence import together
 from clusterviz.report.statistics import RankFrame
@@ -44,6 +46,7 @@ class Drawing:
         self._renderers: RendererCache | None = None
         self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
         self._received: dict[Index, tuple[int, Stored]] = {}
+        self._pieces: list[Piece] = []
 
     def load(self, run: Run, work: RankWork) -> None:
         """Compile shaders, read bricks and upload them, as far as they are missing; collective."""
@@ -103,8 +106,8 @@ class Drawing:
         """
         with run.local("render"):
             mine = work.pieces_of(run.channel.rank)
-            pieces = mine if tiles is None else (replace(piece, rect=tile) for tile in tiles for piece in mine)
-            self.sample_counts = []
+            pieces = mine if tiles is None else self._in_tiles(mine, tiles)
+            self.sample_counts, self._pieces = [], mine if tiles is None else []
             if self._renderers is None or work.plan is None:
                 return [], RankFrame({})
             began, began_cpu = perf_counter(), process_time()
@@ -115,6 +118,45 @@ class Drawing:
                 began = run.clock.add_span("render", began, each.seconds_render)
                 began = run.clock.add_span("readback", began, each.seconds_readback)
             return [each.partial for each in drawn], counts
+
+    def find_layers(
+        self, run: Run, work: RankWork, partials: Sequence[PartialImage]
+    ) -> list[tuple[PartialImage, PartialImage]]:
+        """Find where the opacity of pixels passes one half, in the pieces drawn last; collective.
+
+        Parameters
+        ----------
+        work, partials : as drawn
+
+        Returns
+        -------
+        found : for each piece with pixels, see `as_partials`; empty if the scene has no layers
+        """
+        if work.plan is None or not work.plan.layers:
+            return []
+        from clusterviz.render.crossing import as_partials
+
+        images = list(partials)
+        if work.mode == "hybrid":
+            images = [joined(partials)] if run.channel.rank in work.order else []
+        with run.collective("render", "exchange"):
+            fronts = [np.zeros(image.rgba.shape[:2], np.float32) for image in images]
+            if work.mode != "sort-first":
+                fronts = opacity_in_front(images, work.order, work.scene.image.size, run.channel)
+        with run.local("render", "render"):
+            if self._renderers is None:
+                return []
+            if work.mode == "hybrid":
+                fronts = [fronts[0][image.rect.slices_in(images[0].rect)] for image in partials]
+            found = self._renderers.find_layers(work.plan, self._pieces, fronts)
+            return [as_partials(work.plan, image.rect, each) for image, each in zip(partials, found, strict=True)]
+
+    def _in_tiles(self, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
+        """Yield all pieces of each tile, and keep those that were drawn."""
+        for tile in tiles:
+            for piece in pieces:
+                self._pieces.append(replace(piece, rect=tile))
+                yield self._pieces[-1]
 
     def release(self) -> None:
         """Free the renderer and its bricks."""

@@ -163,10 +163,11 @@ class FrameLoop:
         tiles = hooks.before(run, work) if hooks and work.plan else None
         check_consistency(run, work)
         partials, counts = self._drawing.draw(run, work, tiles)
+        layers = self._drawing.find_layers(run, work, partials)
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(run.frame, work, partials, counts, self._infos, self._changes(run, work))
+        return DrawnFrame(run.frame, work, partials, counts, self._infos, self._changes(run, work), layers)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""

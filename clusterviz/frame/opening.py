@@ -175,7 +175,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
     """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic
-    margin = margin_of(volume, classification_of(scene.quality), scene.quality.borders) if known else LARGEST_MARGIN
+    quality, has_layers = scene.quality, bool(scene.image.layers)
+    how = classification_of(quality), quality.borders, has_layers
+    margin = margin_of(volume, *how) if known else LARGEST_MARGIN
     return BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
 
 

@@ -78,6 +78,7 @@ class DrawnFrame:
     counts : costs of drawing on this rank
     infos : info of each volume
     changes : settings that are not used as given
+    layers : what this rank found for other layers, see `Drawing.find_layers`
     """
 
     number: int
@@ -86,6 +87,7 @@ class DrawnFrame:
     counts: RankFrame
     infos: tuple[VolumeInfo, ...] = ()
     changes: tuple[Change, ...] = ()
+    layers: Sequence[tuple[PartialImage, PartialImage]] = ()
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,8 @@ class Rendered:
 
     Attributes
     ----------
-    image : float32 (h, w, 4), premultiplied, without background; None on ranks other than 0
+    image : float32 (h, w, 4), premultiplied, without background, an `Image` if the scene has other layers; None on
+        ranks other than 0
     scene : completed
     statistics : of all ranks, on every rank
     spans : of this rank's trace; empty without `Options.trace`

@@ -1,10 +1,15 @@
-"""Picture files: .npy and .exr hold float32 pixels before the background, .png, .jpg and .gif bytes over it."""
+"""Picture files: .npy, .npz and .exr hold float32 pixels before the background, .png, .jpg and .gif bytes over it.
+
+.npz and .exr also hold other layers than the colours.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,46 +20,56 @@ from clusterviz.image.replace import check_replaceable, replacing
 
 JPEG_QUALITY = 95
 Pixels = NDArray[np.float32]
+Layers = Mapping[str, NDArray[Any]]
+"""Layers beside the colours by name, (h, w) or (h, w, 3)."""
+LAYERED = (".exr", ".npz")
+CHANNELS = {"depth": ("Z",), "normal": ("X", "Y", "Z"), "opacity": ("A",), "object": ("ID",)}
+"""Names of a layer's channels in .exr files, behind the layer's own and a dot."""
 TEXT_KEY = "clusterviz scene"
 """Keyword of the PNG's text chunk."""
 
 
-def write_image(path: str | os.PathLike[str], rgba: Pixels, background: Colour | None, text: str = "") -> None:
+def write_image(
+    path: str | os.PathLike[str], rgba: Pixels, background: Colour | None, text: str = "", layers: Layers | None = None
+) -> None:
     """Write a picture in the format of its extension, atomically.
 
     Parameters
     ----------
-    path : ends in .npy, .exr (float32, premultiplied, before the background) or .png, .jpg, .gif (8 bit, over it)
+    path : ends in .npy, .npz, .exr (float32, premultiplied, before the background) or .png, .jpg, .gif (8 bit, over it)
     rgba : float32 (h, w, 4), premultiplied
-    background : (r, g, b) in [0, 1] or None for transparent; unused by .npy and .exr
+    background : (r, g, b) in [0, 1] or None for transparent; unused by .npy, .npz and .exr
     text : description of the picture, kept in a .png for `read_text`
+    layers : other layers; for .exr and .npz
 
     Raises
     ------
     OutputError
-        Unknown extension, missing or unwritable folder, disk full. No file is left behind.
+        Unknown extension, or one without layers; missing or unwritable folder, disk full. No file is left behind.
     InputError
         `rgba` is not (h, w, 4), or has no pixels.
     """
-    write = _WRITERS[_extension(path)]
+    write = _WRITERS[_extension(path, bool(layers))]
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
     with replacing(path) as temporary:
         if write is _write_png:
             _write_png(temporary, rgba, background, text)
+        elif layers:
+            (_write_exr if write is _write_exr else _write_npz)(temporary, rgba, background, layers)
         else:
             write(temporary, rgba, background)
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
+def check_writable(path: str | os.PathLike[str], has_layers: bool = False) -> None:
     """Check early that `write_image` can write to a path.
 
     Raises
     ------
     OutputError
-        Unknown extension, missing or unwritable folder.
+        Unknown extension, or one without layers; missing or unwritable folder.
     """
-    _extension(path)
+    _extension(path, has_layers)
     check_replaceable(path)
 
 
@@ -75,7 +90,7 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
         raise InputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_READERS))
     try:
         rgba = _READERS[extension](Path(path))
-    except (OSError, ValueError, RuntimeError, KeyError, EOFError) as error:
+    except (OSError, ValueError, RuntimeError, KeyError, EOFError, BadZipFile) as error:
         raise InputError("cannot be read as a picture", where=str(path), found=error) from error
     if rgba.ndim != 3 or rgba.shape[2] != 4:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
@@ -102,10 +117,12 @@ def read_text(path: str | os.PathLike[str]) -> str:
     return str(text)
 
 
-def _extension(path: str | os.PathLike[str]) -> str:
+def _extension(path: str | os.PathLike[str], has_layers: bool) -> str:
     extension = Path(path).suffix.lower()
     if extension not in _WRITERS:
         raise OutputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_WRITERS))
+    if has_layers and extension not in LAYERED:
+        raise OutputError("holds no layers", where=str(path), found=extension, allowed=", ".join(LAYERED))
     return extension
 
 
@@ -143,13 +160,22 @@ def _write_gif(path: Path, rgba: Pixels, background: Colour | None) -> None:
         Image.fromarray(finish(rgba, background)).save(file, format="gif")
 
 
-def _write_exr(path: Path, rgba: Pixels, background: Colour | None) -> None:
+def _write_npz(path: Path, rgba: Pixels, background: Colour | None, layers: Layers | None = None) -> None:
+    with path.open("wb") as file:
+        arrays: dict[str, Any] = {"rgba": np.asarray(rgba, np.float32), **(layers or {})}
+        np.savez_compressed(file, **arrays)
+
+
+def _write_exr(path: Path, rgba: Pixels, background: Colour | None, layers: Layers | None = None) -> None:
     import OpenEXR
 
-    pixels = np.ascontiguousarray(rgba, np.float32)
+    channels = {"RGBA": np.ascontiguousarray(rgba, np.float32)}
+    for name, layer in (layers or {}).items():
+        for part, plane in zip(CHANNELS[name], np.moveaxis(np.atleast_3d(layer), -1, 0), strict=True):
+            channels[f"{name}.{part}"] = np.ascontiguousarray(plane, np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     try:
-        with OpenEXR.File(header, {"RGBA": pixels}) as file:
+        with OpenEXR.File(header, channels) as file:
             file.write(str(path))
         # The library reports no error if the disk is full when it closes the file, so the file is read again.
         _read_exr(path)
@@ -159,6 +185,12 @@ def _write_exr(path: Path, rgba: Pixels, background: Colour | None) -> None:
 
 def _read_npy(path: Path) -> Pixels:
     pixels: Pixels = np.load(path, allow_pickle=False)
+    return pixels
+
+
+def _read_npz(path: Path) -> Pixels:
+    with np.load(path, allow_pickle=False) as file:
+        pixels: Pixels = file["rgba"]
     return pixels
 
 
@@ -183,9 +215,15 @@ _WRITERS: dict[str, Callable[[Path, Pixels, Colour | None], None]] = {
     ".png": _write_png,
     ".npy": _write_npy,
     ".exr": _write_exr,
+    ".npz": _write_npz,
     ".jpg": _write_jpg,
     ".jpeg": _write_jpg,
     ".gif": _write_gif,
 }
-_READERS: dict[str, Callable[[Path], Pixels]] = {".png": _read_png, ".npy": _read_npy, ".exr": _read_exr}
+_READERS: dict[str, Callable[[Path], Pixels]] = {
+    ".png": _read_png,
+    ".npy": _read_npy,
+    ".exr": _read_exr,
+    ".npz": _read_npz,
+}
 _READERS |= dict.fromkeys((".jpg", ".jpeg", ".gif"), _read_png)

@@ -55,6 +55,11 @@ class Rect:
             max(self.y_end, other.y_end),
         )
 
+    def slices_in(self, other: Rect) -> tuple[slice, slice]:
+        """Return the rows and columns of these pixels in an array of another rectangle's, which holds them."""
+        y, x = self.y_begin - other.y_begin, self.x_begin - other.x_begin
+        return slice(y, y + self.height), slice(x, x + self.width)
+
 
 EMPTY = Rect(0, 0, 0, 0)
 

@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import OutputError
-from clusterviz.image.files import write_image
+from clusterviz.image.files import LAYERED, Layers, write_image
 from clusterviz.image.finish import Colour, finish
+
+
+def layers_of(image: NDArray[Any]) -> Layers:
+    """Return the layers of a picture; none if it is a plain array."""
+    return image.layers if isinstance(image, Image) else {}
 
 
 class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
@@ -25,25 +30,32 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
     Attributes
     ----------
     background : (r, g, b) in [0, 1], or None for transparent; `show`, `save` and notebooks blend the pixels over it
+    layers : further layers by name (depth, normal, opacity, object), arrays (h, w) or (h, w, 3); of a crop, empty
     """
 
     background: Colour | None
+    layers: Layers
 
-    def __new__(cls, rgba: NDArray[np.float32], background: Colour | None = None) -> Image:
+    def __new__(
+        cls, rgba: NDArray[np.float32], background: Colour | None = None, layers: Layers | None = None
+    ) -> Image:
         """Return a view of the pixels, without a copy."""
         image = np.asarray(rgba, np.float32).view(cls)
-        image.background = background
+        image.background, image.layers = background, layers or {}
         return image
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the picture in the format of its extension: 8 bit over the background, or float32 before it.
+
+        .exr and .npz hold the layers, too.
 
         Raises
         ------
         OutputError
             Unknown extension, missing or unwritable folder, disk full. No file is left behind.
         """
-        write_image(path, np.asarray(self), self.background)
+        layers = self.layers if str(path).lower().endswith(LAYERED) else None
+        write_image(path, np.asarray(self), self.background, layers=layers)
 
     def show(self) -> None:
         """Show the picture over its background, in a notebook or else in the system's viewer.
@@ -76,7 +88,7 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
         return self.ndim == 3 and self.shape[2] == 4 and self.size > 0 and self.dtype == np.float32
 
     def __array_finalize__(self, array: Any) -> None:
-        self.background = getattr(array, "background", None)
+        self.background, self.layers = getattr(array, "background", None), {}
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
         return array[()] if return_scalar else np.asarray(array)
@@ -86,4 +98,4 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
         return np.asarray(found) if isinstance(found, Image) and not found._is_picture() else found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Image, (np.asarray(self), self.background)
+        return Image, (np.asarray(self), self.background, self.layers)

@@ -2,22 +2,26 @@
 
 Importing numba and loading from its cache takes each rank half a second; loading an object file takes a few
 hundredths. The name of a file contains a hash of the sources, the compilers and the CPU, and its first bytes are a
-checksum.
+checksum of its name and its code. Files and folders that other users may write are neither read nor used.
+
+CLUSTERVIZ_CPU=generic makes code for every CPU of this kind, on x86 that is SSE2 without AVX.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from clusterviz.errors import OutputError
+from clusterviz.errors import InputError, OutputError
 from clusterviz.image.replace import replacing
 
+CPU_VARIABLE = "CLUSTERVIZ_CPU"
 _DIGEST_BYTES = 32
 # Loaded code is valid as long as its engine exists.
 _ENGINES: list[Any] = []
@@ -81,9 +85,33 @@ def machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
-    features = llvm.get_host_cpu_features().flatten()
+    name, features = cpu()
     # Code and the C library's functions may lie anywhere in the address space.
-    return target.create_target_machine(llvm.get_host_cpu_name(), features, opt=3, reloc="static", codemodel="large")
+    return target.create_target_machine(name, features, opt=3, reloc="static", codemodel="large")
+
+
+def cpu() -> tuple[str, str]:
+    """Return LLVM's name and features of the CPU for which code is made.
+
+    Raises
+    ------
+    InputError
+        CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
+    """
+    import llvmlite.binding as llvm
+
+    asked = os.environ.get(CPU_VARIABLE, "").strip()
+    if asked == "generic":
+        return asked, ""
+    if asked not in ("", "native"):
+        raise InputError("no such CPU", where=CPU_VARIABLE, found=asked, allowed="generic, native")
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def has_features(*names: str) -> bool:
+    """Return whether the CPU for which code is made has all of these features, by LLVM's names."""
+    features = cpu()[1].split(",")
+    return all(f"+{name}" in features for name in names)
 
 
 def object_path(name: str, sources: Iterable[bytes]) -> Path:
@@ -110,7 +138,23 @@ def folders() -> tuple[Path, ...]:
 def folder() -> Path:
     """Return the folder for new object files: the first of `folders` that is writeable, else the last."""
     *first, last = folders()
-    return next((each for each in first if os.access(each if each.is_dir() else each.parent, os.W_OK)), last)
+    return next((each for each in first if _can_keep(each)), last)
+
+
+def _can_keep(folder: Path) -> bool:
+    return (
+        is_trusted(folder) if os.access(folder, os.W_OK) else not folder.exists() and os.access(folder.parent, os.W_OK)
+    )
+
+
+def is_trusted(path: Path) -> bool:
+    """Return whether nobody but this user, root, or the owner of this package may have written a file or folder."""
+    try:
+        status = path.stat()
+    except OSError:
+        return False
+    owners = os.getuid(), 0, Path(__file__).stat().st_uid
+    return status.st_uid in owners and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def _engine() -> Any:
@@ -123,14 +167,7 @@ def _engine() -> Any:
 
 def fingerprint(sources: Iterable[bytes]) -> str:
     """Return a hash of the sources, the compiler's version and the CPU."""
-    import llvmlite.binding as llvm
-
-    made_from = [
-        version("numba"),
-        version("llvmlite"),
-        llvm.get_host_cpu_name(),
-        llvm.get_host_cpu_features().flatten(),
-    ]
+    made_from = [version("numba"), version("llvmlite"), *cpu()]
     digest = hashlib.sha256("\n".join(made_from).encode())
     for source in sources:
         digest.update(source)
@@ -138,20 +175,30 @@ def fingerprint(sources: Iterable[bytes]) -> str:
 
 
 def read_code(path: Path) -> bytes | None:
-    """Return the code of a file, None if it is missing or damaged."""
+    """Return the code of a file; None if it is missing, damaged, renamed, or another user may have written it."""
+    if not (is_trusted(path) and is_trusted(path.parent)):
+        return None
     try:
         content = path.read_bytes()
     except OSError:
         return None
     digest, code = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
-    return code if hashlib.sha256(code).digest() == digest else None
+    return code if _digest(path, code) == digest else None
+
+
+def _digest(path: Path, code: bytes) -> bytes:
+    return hashlib.sha256(path.name.encode() + b"\0" + code).digest()
 
 
 def _save(path: Path, code: bytes) -> None:
     """Save the code for later processes; if that is not possible, each process compiles its own."""
+    own = path.parent == folders()[-1]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if own:
+            path.parent.chmod(0o700)
         with replacing(path) as temporary:
-            temporary.write_bytes(hashlib.sha256(code).digest() + code)
+            temporary.write_bytes(_digest(path, code) + code)
+            temporary.chmod(0o600 if own else 0o644)
     except (OSError, OutputError):
         return

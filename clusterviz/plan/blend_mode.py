@@ -32,12 +32,14 @@ class Surface:
     units : isovalue in units of clim
     colour : straight (r, g, b)
     opacity : opacity of the surface, whatever the step
+    number : its number in the volume's list, from 1
     """
 
     value: float
     units: float
     colour: tuple[float, float, float]
     opacity: float
+    number: int = 1
 
 
 @dataclass(frozen=True)
@@ -152,9 +154,11 @@ LARGEST_MARGIN = 2
 """Largest result of `margin_of`, for bricks that are read before the blend mode is known."""
 
 
-def margin_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
+def margin_of(
+    volume: Volume, classification: Classification = "post", borders: Borders = "overlap", has_layers: bool = False
+) -> int:
     """Return the samples that a brick needs beyond its cells on every side: one for its reach, one for a kernel."""
-    kernel = is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
+    kernel = has_layers or is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
     return reach_of(volume, classification, borders) + kernel
 
 
@@ -174,11 +178,11 @@ def make_blend_mode(
     """Return the blend mode of a completed volume."""
     threshold = 0.0 if volume.threshold is None else _in_float32(in_units_of_clim(volume.threshold, *transfer.domain))
     surfaces = []
-    for entry in volume.isosurfaces if has_surfaces(volume) else ():
+    for number, entry in enumerate(volume.isosurfaces if has_surfaces(volume) else (), start=1):
         value, opacity = entry if isinstance(entry, tuple) else (entry, float(transfer.opacity(entry)))
         red, green, blue = transfer.colour(value).tolist()
         units = _in_float32(in_units_of_clim(value, *transfer.domain))
-        surfaces.append(Surface(value, units, (red, green, blue), opacity))
+        surfaces.append(Surface(value, units, (red, green, blue), opacity, number))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
     smooth = volume.gradient == "smooth" and bool(shading or grading)
     return BlendMode(volume.blending, threshold, shading, visible, grading, smooth)

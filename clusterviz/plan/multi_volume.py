@@ -137,7 +137,8 @@ def make_multi_volume(
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
         reach = reach_of(volume, scene.quality.classification)
-        cut = make_cut(domain, layout, known.grid, margin_of(volume) - reach_of(volume), reach)
+        margin = margin_of(volume, has_layers=bool(scene.image.layers)) - reach_of(volume)
+        cut = make_cut(domain, layout, known.grid, margin, reach)
         part = _volume_layer(volume, known, scene, cut, step_world)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)

@@ -7,7 +7,7 @@ those that are chosen automatically (`auto`, `quality.max_error`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +34,7 @@ from clusterviz.plan.blend_mode import (
 )
 from clusterviz.plan.domain import make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.layers import LayeredVolume, make_layers
 from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, make_multi_volume
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
@@ -46,6 +47,8 @@ from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
+CROSSED = 0.5 - 1e-4
+"""Transparency at which a ray has surely passed one half, whatever the rounding."""
 Filter = Literal["linear", "nearest", "cubic", "hardware", "cubic-hardware"]
 
 
@@ -67,6 +70,7 @@ class March:
     adaptive_step : the adaptive step; None: all slabs are equally long
     split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
+    crossing : only where the opacity of a pixel passes one half is found, see `Plan.crossing`
     """
 
     step_world: float
@@ -80,6 +84,7 @@ class March:
     adaptive_step: AdaptiveStep | None = None
     split: bool = False
     frame_coherence: int | None = None
+    crossing: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,7 @@ class Plan:
     cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
     multi_volume : the volumes of a scene with several, else None. If given, index space and bricks are the domain's,
         and encoding, transfer function and segments are the first volume's
+    layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
     view: View
@@ -111,6 +117,12 @@ class Plan:
     layout: BrickLayout
     cost: NDArray[np.float64]
     multi_volume: MultiVolume | None = None
+    layers: tuple[LayeredVolume, ...] = ()
+
+    @property
+    def crossing(self) -> Plan:
+        """Plan by which rays find where their opacity passes one half, with the same bricks."""
+        return replace(self, march=replace(self.march, crossing=True, residual=CROSSED, frame_coherence=None))
 
     @property
     def extent(self) -> tuple[float, float, float]:
@@ -152,12 +164,12 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         slabs.
     """
     volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
-    if layout.margin < margin_of(volume, classification, borders):
+    if layout.margin < (needed := margin_of(volume, classification, borders, bool(scene.image.layers))):
         raise InputError(
             "bricks lack the margin that the blend mode needs",
             where="brick layout",
             found=layout.margin,
-            allowed=margin_of(volume, classification, borders),
+            allowed=needed,
         )
     transfer = transfer_function(volume)
     planes = clip_planes(scene.clip, grid)
@@ -193,6 +205,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         make_preintegrated(transfer) if preintegrated else make_segments(transfer, units),
         layout,
         brick_cost(layout, hidden),
+        layers=make_layers(scene, [grid], [blend_mode]),
     )
 
 
@@ -249,6 +262,7 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan
         layout,
         np.where(clipped_bricks(planes, layout), 0.0, cost),
         multi_volume,
+        make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in multi_volume.volume_layers]),
     )
 
 

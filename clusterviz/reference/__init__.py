@@ -14,6 +14,7 @@
 - preintegrated.py  pre-integrated classification
 - ingredients.py    one volume of a mixture
 - mixture.py        several volumes
+- layers.py         layers beside the colours
 - raycast.py        picture of a scene
 - over.py           compositing of layers
 """
@@ -21,6 +22,6 @@
 from __future__ import annotations
 
 from clusterviz.reference.over import over
-from clusterviz.reference.raycast import render_reference
+from clusterviz.reference.raycast import reference_layers, render_reference
 
-__all__ = ["over", "render_reference"]
+__all__ = ["over", "reference_layers", "render_reference"]

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
+from clusterviz.reference.layers import Field, HalfOpacity
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
@@ -65,11 +66,17 @@ class SurfaceHit:
     place : float64 (m,), world length along the ray
     opacity : float64 (m,), 0 where the slab has no surface
     colour : float64 (m, 3), straight
+    number : int (m,), of the object
+    volume : that it belongs to
+    inside : float64 (m, 3), points where the field has a gradient
     """
 
     place: Floats
     opacity: Floats
     colour: Floats
+    number: NDArray[np.int64]
+    volume: VolumeRays
+    inside: Floats
 
 
 def is_ramped(volume: Volume, scene: Scene) -> bool:
@@ -89,17 +96,19 @@ class VolumeRays:
     Parameters
     ----------
     rays : rays in the world
+    first : number of the volume as an object; its isosurfaces follow as they are listed
     """
 
-    def __init__(self, rays: Rays, placed: PlacedVolume, scene: Scene) -> None:
+    def __init__(self, rays: Rays, placed: PlacedVolume, scene: Scene, first: int) -> None:
         self.volume, self.grid, self.voxels, self.scene = placed.volume, placed.grid, placed.voxels, scene
         self.rays, self.last = to_index_space(rays, placed.grid), np.array(placed.grid.shape_zyx[::-1], np.float64) - 1
         self.transfer, self.sampler = transfer_function(placed.volume), SAMPLERS[placed.volume.interpolation]
         wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
         self.entry, self.leave = inside(wider, (1 + 2 * SLACK) * self.last)
         entries = (e if isinstance(e, tuple) else (e, float(self.transfer.opacity(e))) for e in self.volume.isosurfaces)
-        self.wanted = sorted(entry for entry in entries if entry[1] > 0)
-        values = np.array([value for value, _ in self.wanted])
+        self.first = first
+        self.wanted = sorted((*entry, first + n) for n, entry in enumerate(entries, start=1) if entry[1] > 0)
+        values = np.array([value for value, _, _ in self.wanted])
         self.course = RayField(self.rays, self.voxels, self.volume.interpolation, values)
 
     def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
@@ -117,12 +126,14 @@ class VolumeRays:
         """Return the isosurfaces in a slab; they are clipped at their own positions."""
         if not self.wanted:
             return
-        values, opacities = np.array(self.wanted).T
-        colours = self.transfer.colour(values)
+        values, opacities, numbers = np.array(self.wanted).T
+        colours, numbers = self.transfer.colour(values), numbers.astype(int)
         for met in self.course.crossings(slab.rays, *self._part(slab)):
-            yield self._met(slab, met, opacities[met.surface], colours[met.surface])
+            yield self._met(slab, met, opacities[met.surface], colours[met.surface], numbers[met.surface])
 
-    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats) -> SurfaceHit:
+    def _met(
+        self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats, number: NDArray[np.int64]
+    ) -> SurfaceHit:
         """Return a surface at its position."""
         here, count = met.slabs, len(slab.rays)
         alpha, place, colours = np.zeros(count), np.full(count, np.inf), np.zeros((count, 3))
@@ -131,14 +142,21 @@ class VolumeRays:
         alpha[here] = np.where(kept(point, self.scene.clip, self.grid), opacity, 0)
         gradient = gradient_at(self.volume, self.voxels, met.inside) if self.volume.shade else None
         colours[here] = self._lit(slab.rays[here], point, colour, gradient, ())
-        return SurfaceHit(place, alpha, colours)
+        numbers, inside = np.zeros(count, np.int64), np.zeros((count, 3))
+        numbers[here], inside[here] = number, met.inside
+        return SurfaceHit(place, alpha, colours, numbers, self, inside)
+
+    @property
+    def field(self) -> Field:
+        """The volume, its voxels and its grid."""
+        return self.volume, self.voxels, self.grid
 
     def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """Return absorption of a slab with the sample of its midpoint."""
         middle = slab.begin + (slab.end - slab.begin) / 2
         inside = np.flatnonzero(seen & (middle >= self.entry[slab.rays]) & (middle <= self.leave[slab.rays]))
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
-        point = np.clip(self._points(slab, middle)[inside], 0, self.last)
+        point = np.clip(self.points(slab, middle)[inside], 0, self.last)
         scalar, valid = self.sampler(self.voxels, *point.T)
         gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
         colour, extinction = glow_and_extinction(self.volume, self.transfer, scalar, gradient, self.grid)
@@ -159,7 +177,7 @@ class VolumeRays:
         front, back = (np.where(valid, found, scalar) for found, valid in ends)
         there = seen & (known | (ends[0][1] & ends[1][1]))
         way = np.where(there, np.maximum(end - begin, 0), 0)
-        point = np.clip(self._points(slab, middle), 0, self.last)
+        point = np.clip(self.points(slab, middle), 0, self.last)
         gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
         if gradient is not None:
             gradient = np.where(known[:, None], gradient, 0)
@@ -177,14 +195,14 @@ class VolumeRays:
         entry, leave = self.entry[slab.rays], self.leave[slab.rays]
         return np.clip(entry, slab.begin, slab.end), np.clip(leave, slab.begin, slab.end)
 
-    def _points(self, slab: Slab, at: Floats) -> Floats:
+    def points(self, slab: Slab, at: Floats) -> Floats:
         """Return the points (m, 3) of a slab's rays at given lengths."""
         points: Floats = self.rays.start[slab.rays] + at[:, None] * self.rays.direction[slab.rays]
         return points
 
     def _sample(self, slab: Slab, at: Floats) -> tuple[Floats, Flags]:
         """Return the field at given lengths along a slab's rays, and where it is valid."""
-        scalar, valid = self.sampler(self.voxels, *np.clip(self._points(slab, at), 0, self.last).T)
+        scalar, valid = self.sampler(self.voxels, *np.clip(self.points(slab, at), 0, self.last).T)
         return scalar, valid
 
     def _lit(
@@ -210,7 +228,9 @@ LONGEST = 2.0
 """Of a slab, in the smallest spacing, where anything depends on the field at its ends."""
 
 
-def march_mixture(rays: Rays, volumes: Sequence[PlacedVolume], step: float, scene: Scene) -> Floats:
+def march_mixture(
+    rays: Rays, volumes: Sequence[PlacedVolume], step: float, scene: Scene, met: HalfOpacity | None = None
+) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
 
     Parameters
@@ -219,6 +239,7 @@ def march_mixture(rays: Rays, volumes: Sequence[PlacedVolume], step: float, scen
     volumes : the volumes, in any order
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
+    met : written, if given; a slab is that of the volume that absorbs most in it
     """
     corners = np.concatenate([placed.grid.corners for placed in volumes])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -227,21 +248,30 @@ def march_mixture(rays: Rays, volumes: Sequence[PlacedVolume], step: float, scen
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    passages = [VolumeRays(rays, placed, scene) for placed in volumes if placed.has_extent]
+    firsts = np.cumsum([0, *(1 + len(placed.volume.isosurfaces) for placed in volumes)]).tolist()
+    every = zip(volumes, firsts, strict=False)
+    passages = [VolumeRays(rays, placed, scene, first) for placed, first in every if placed.has_extent]
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
-        for passage in passages:
-            more, light = passage.absorbing(slab, seen)
+        each = [passage.absorbing(slab, seen) for passage in passages]
+        for more, light in each:
             depth, glow = depth + more, glow + light
         colour = glow / np.where(depth > 0, depth, 1)[:, None]
-        met = [one for passage in passages for one in passage.surfaces(slab)]
-        _pass(rgba, transmittance, slab, depth, colour, met)
+        surfaces = [one for passage in passages for one in passage.surfaces(slab)]
+        passed = _Passed(met, slab, passages, np.array([more for more, _ in each])) if met else None
+        _pass(rgba, transmittance, slab, depth, colour, surfaces, passed)
     return rgba
 
 
 def _pass(
-    rgba: Floats, transmittance: Floats, slab: Slab, depth: Floats, colour: Floats, met: Sequence[SurfaceHit]
+    rgba: Floats,
+    transmittance: Floats,
+    slab: Slab,
+    depth: Floats,
+    colour: Floats,
+    met: Sequence[SurfaceHit],
+    passed: _Passed | None,
 ) -> None:
     """Composite a slab behind the pixels: its surfaces at their positions, and between them its uniform absorption.
 
@@ -249,6 +279,7 @@ def _pass(
     ----------
     depth, colour : float64 (m,), (m, 3), optical depth and colour of the whole slab
     met : surfaces of the slab
+    passed : takes all parts, if given
     """
     places = np.array([one.place for one in met]).reshape(-1, len(depth))
     order = np.argsort(places, axis=0, kind="stable")
@@ -257,13 +288,56 @@ def _pass(
     begin, pixel = slab.begin, np.arange(len(depth))
     for which in order:
         place = np.clip(places[which, pixel], slab.begin, slab.end)
-        _absorb(rgba, transmittance, slab.rays, depth * (place - begin) / (slab.end - slab.begin), colour)
+        part = depth * (place - begin) / (slab.end - slab.begin)
+        if passed:
+            passed.take_part(transmittance, part, begin, place)
+        _absorb(rgba, transmittance, slab.rays, part, colour)
         alpha = alphas[which, pixel]
+        if passed:
+            passed.take_surfaces(transmittance, alpha, place, which, met)
         weight = transmittance[slab.rays] * alpha
         rgba[slab.rays] += weight[:, None] * np.column_stack([colours[which, pixel], np.ones(len(depth))])
         transmittance[slab.rays] *= 1 - alpha
         begin = place
-    _absorb(rgba, transmittance, slab.rays, depth * (slab.end - begin) / (slab.end - slab.begin), colour)
+    part = depth * (slab.end - begin) / (slab.end - slab.begin)
+    if passed:
+        passed.take_part(transmittance, part, begin, slab.end)
+    _absorb(rgba, transmittance, slab.rays, part, colour)
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """Takes the parts of a slab for `HalfOpacity`.
+
+    Attributes
+    ----------
+    depths : float64 (volumes, m), optical depth of each volume in the slab
+    """
+
+    met: HalfOpacity
+    slab: Slab
+    volumes: Sequence[VolumeRays]
+    depths: Floats
+
+    def take_part(self, transmittance: Floats, depth: Floats, begin: Floats, end: Floats) -> None:
+        """Take the mixture between two places (m,)."""
+        densest, middle = self.depths.argmax(axis=0), 0.5 * (begin + end)
+        for n, one in enumerate(self.volumes):
+            rays = self.slab.rays
+            own = np.where(densest == n, depth, 0)
+            points = one.points(self.slab, middle)
+            self.met.take(rays, transmittance[rays], own, (begin, end), one.first, points, one.field)
+
+    def take_surfaces(
+        self, transmittance: Floats, alpha: Floats, place: Floats, which: NDArray[np.int64], met: Sequence[SurfaceHit]
+    ) -> None:
+        """Take one of the surfaces of each ray."""
+        for n, one in enumerate(met):
+            rays = self.slab.rays
+            with np.errstate(divide="ignore"):
+                depth = -np.log1p(-np.where(which == n, alpha, 0))
+            way = place, place
+            self.met.take(rays, transmittance[rays], depth, way, one.number, one.inside, one.volume.field)
 
 
 def _absorb(rgba: Floats, transmittance: Floats, rays: NDArray[np.int64], depth: Floats, colour: Floats) -> None:

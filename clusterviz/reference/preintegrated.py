@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
+from clusterviz.reference.layers import HalfOpacity
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
@@ -37,12 +38,15 @@ POWERS = np.arange(8)
 TO_NODES = (NODES[:, None] ** (POWERS + 1) / (POWERS + 1)) @ np.linalg.inv(NODES[:, None] ** POWERS)
 
 
-def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
+def march_preintegrated(
+    rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid, met: HalfOpacity | None = None
+) -> Floats:
     """Return the colours of rays, (n, 4).
 
     The midpoint of a slab decides whether it is clipped. With `quality.borders: split` slabs are cut at the faces of
     bricks of `cluster.brick` cells, and a part uses only the cells of its own brick. Each part has the light of its
     midpoint. An end without a scalar has the midpoint's; a part whose midpoint has none either is transparent.
+    `met` is written.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
@@ -65,6 +69,9 @@ def march_preintegrated(rays: Rays, voxels: NDArray[Any], length: float, scene: 
             if gradient is not None and volume.gradient_opacity:
                 way = way * fading(volume, magnitude_of(gradient, grid))
             colour, depth = integrate(classify, front, back, way)
+            if met:
+                ends_of, field = (part.begin, part.end), (volume, voxels, grid)
+                met.take(slab.rays, transmittance[slab.rays], depth, ends_of, 0, part.point, field)
             alpha = -np.expm1(-depth)
             if volume.shade and gradient is not None:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]

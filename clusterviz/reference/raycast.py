@@ -20,11 +20,20 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
+from clusterviz.reference.layers import HalfOpacity, layers_of
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
 from clusterviz.reference.projections import projection_of
-from clusterviz.reference.rays import Floats, Rays, camera_rays, kept, pixel_shifts, to_index_space
+from clusterviz.reference.rays import (
+    Floats,
+    Rays,
+    camera_rays,
+    kept,
+    pixel_shifts,
+    to_index_space,
+    view_direction,
+)
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
 from clusterviz.scene.complete import transfer_function
@@ -34,11 +43,21 @@ RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: c
 DARK = 2.0**-60
 
 
+def reference_layers(
+    scene: Scene, grid: Grid | Sequence[Grid], voxels: NDArray[Any] | Sequence[NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Return all layers of a scene's picture, see `layers_of`; parameters and errors as of `render_reference`."""
+    met = HalfOpacity.of(camera_rays(scene.camera, scene.image.size).direction)
+    rgba = render_reference(scene, grid, voxels, met=met)
+    return layers_of(met, rgba, view_direction(scene.camera))
+
+
 def render_reference(
     scene: Scene,
     grid: Grid | Sequence[Grid],
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
     step: float | None = None,
+    met: HalfOpacity | None = None,
 ) -> Floats:
     """Ray cast the scene's volume; `multi_volume.py` handles several.
 
@@ -55,6 +74,7 @@ def render_reference(
     grid : grid of the samples, with any invertible direction matrix; a sequence for several volumes
     voxels : (z, y, x), of the grid's shape, any integer or float type; a sequence for several volumes
     step : h in units of the smallest spacing; by default the scene's `quality.step`
+    met : written, if given, for the layers of the picture; not of projections
 
     Returns
     -------
@@ -73,7 +93,7 @@ def render_reference(
     """
     if not isinstance(grid, Grid):
         if len(scene.volumes) != 1:
-            return _render_mixture(scene, grid, list(voxels), step)
+            return _render_mixture(scene, grid, list(voxels), step, met)
         (grid,), (voxels,) = grid, voxels
     if not isinstance(voxels, np.ndarray):
         raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
@@ -91,21 +111,27 @@ def render_reference(
             has_surfaces = volume.blending in ("composite", "isosurface") and bool(volume.isosurfaces)
             jittered = scene.quality.jitter and not has_surfaces
             some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
-            most = 2 * min(grid.spacing)
+            most, passed = 2 * min(grid.spacing), met and met.part(part)
             if has_surfaces:
                 # Surfaces alone are the same, however long slabs are.
                 each = most if volume.blending == "isosurface" else min(length, most)
-                rgba[part] = march_surfaces(some, voxels, each, scene, grid)
+                rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
             elif _is_preintegrated(scene):
-                rgba[part] = march_preintegrated(some, voxels, min(length, most), scene, grid)
+                rgba[part] = march_preintegrated(some, voxels, min(length, most), scene, grid, passed)
             elif volume.blending == "composite":
-                rgba[part] = _march(some, voxels, length, scene, grid)
+                rgba[part] = _march(some, voxels, length, scene, grid, passed)
             else:
                 rgba[part] = _project(some, voxels, length, scene, grid)
     return rgba.reshape(height, width, 4)
 
 
-def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArray[Any]], step: float | None) -> Floats:
+def _render_mixture(
+    scene: Scene,
+    grids: Sequence[Grid],
+    voxels: Sequence[NDArray[Any]],
+    step: float | None,
+    met: HalfOpacity | None,
+) -> Floats:
     """Return the picture of several volumes."""
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
@@ -125,11 +151,14 @@ def _render_mixture(scene: Scene, grids: Sequence[Grid], voxels: Sequence[NDArra
     for begin in range(0, len(rgba) if volumes else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
         some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
-        rgba[part] = march_mixture(some, volumes, scene.quality.step if step is None else step, scene)
+        length = scene.quality.step if step is None else step
+        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part))
     return rgba.reshape(height, width, 4)
 
 
-def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
+def _march(
+    rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid, met: HalfOpacity | None
+) -> Floats:
     """Return the colours of rays, (n, 4), slab after slab for all rays that are inside and not opaque."""
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
@@ -141,6 +170,9 @@ def _march(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: 
         gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
         colour, extinction = glow_and_extinction(volume, classify, scalar, gradient, grid)
         depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
+        if met:
+            part = slab.begin, slab.end
+            met.take(slab.rays, transmittance[slab.rays], depth, part, 0, slab.point, (volume, voxels, grid))
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)

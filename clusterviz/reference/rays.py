@@ -59,6 +59,11 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     return Rays(np.broadcast_to(eye, offset.shape), direction)
 
 
+def view_direction(camera: Camera) -> Floats:
+    """Return the unit vector (3,) of a camera's view in the world; errors as of `camera_rays`."""
+    return _frame(camera)[2]
+
+
 def pixel_shifts(size: tuple[int, int]) -> Floats:
     """Return the jitter of every pixel, in pixel order: a hash of its column and row in [0, 1).
 

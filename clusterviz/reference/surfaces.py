@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
+from clusterviz.reference.layers import HalfOpacity
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
@@ -182,20 +183,40 @@ def extrema(fields: Floats) -> Floats:
     return np.where((square > 0) & (turns > 0) & (turns < 1), turns, 1.0)
 
 
-def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:
+def _value(entry: float | tuple[float, float]) -> float:
+    return entry[0] if isinstance(entry, tuple) else entry
+
+
+def march_surfaces(
+    rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid, passed: HalfOpacity | None = None
+) -> Floats:
     """Return the colours of rays, (n, 4).
 
     The surfaces of a slab are all of its crossings. In a composited volume the parts of a slab before, between and
-    behind its surfaces absorb light as its midpoint does.
+    behind its surfaces absorb light as its midpoint does. `passed` is written.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     wanted = sorted(
         (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
     )
+    numbers = 1 + np.array(sorted(range(len(wanted)), key=lambda n: _value(volume.isosurfaces[n])))
     rgba = np.zeros((len(rays.direction), 4))
 
-    def absorb(pixels: NDArray[np.int64], alpha: Floats, colour: Floats) -> None:
+    def absorb(
+        pixels: NDArray[np.int64],
+        alpha: Floats,
+        colour: Floats,
+        way: tuple[Floats, Floats],
+        number: NDArray[np.int64] | int = 0,
+        points: Floats | None = None,
+    ) -> None:
+        if passed:
+            if points is None:
+                points = rays.start[pixels] + (0.5 * (way[0] + way[1]))[:, None] * rays.direction[pixels]
+            with np.errstate(divide="ignore"):
+                depth = -np.log1p(-alpha)
+            passed.take(pixels, 1 - rgba[pixels, 3], depth, way, number, points, (volume, voxels, grid))
         share = (1 - rgba[pixels, 3:]) * alpha[:, None]
         rgba[pixels] += share * np.append(colour, np.ones((len(pixels), 1)), axis=1)
 
@@ -220,10 +241,12 @@ def march_surfaces(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene
         begin = slab.begin.copy()
         for met in course.crossings(slab.rays, slab.begin, slab.end):
             here, pixels = met.slabs, slab.rays[met.slabs]
-            absorb(pixels, -np.expm1(-extinction[here] * (met.place - begin[here])), glow[here])
+            way = begin[here], met.place
+            absorb(pixels, -np.expm1(-extinction[here] * (way[1] - way[0])), glow[here], way)
             begin[here] = met.place
             point = rays.start[pixels] + met.place[:, None] * rays.direction[pixels]
             colour = lit_up(colours[met.surface], gradients(met.inside), point, pixels)
-            absorb(pixels, np.where(kept(point, scene.clip, grid), opacities[met.surface], 0), colour)
-        absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow)
+            alpha = np.where(kept(point, scene.clip, grid), opacities[met.surface], 0)
+            absorb(pixels, alpha, colour, (met.place, met.place), numbers[met.surface], met.inside)
+        absorb(slab.rays, -np.expm1(-extinction * (slab.end - begin)), glow, (begin, slab.end))
     return rgba

@@ -380,5 +380,5 @@ class Starts:
 def starts_block(plan: Plan, again: bool) -> NDArray[np.void]:
     """Return the record of the shader's block `starts`; `STARTS` (1,)."""
     block = np.zeros(1, STARTS)
-    block["depth"], block["offset"], block["again"] = depth_of(plan), plan.march.frame_coherence, again
+    block["depth"], block["offset"], block["again"] = depth_of(plan), plan.march.frame_coherence or 0, again
     return block

@@ -28,6 +28,7 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.crossing import Crossing, Planes
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.multi_volume_bricks import store_as
@@ -49,6 +50,7 @@ PIXEL_BYTES = 16
 MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
 """Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
 Index = tuple[int, int, int]
+Rays = Starts | Crossing
 
 
 class Raycaster:
@@ -60,7 +62,6 @@ class Raycaster:
     plan : the first plan to draw, which decides the variant, the slots and the encoding of bricks
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
-    band_pixels : larger pictures are drawn in bands
 
     Attributes
     ----------
@@ -69,19 +70,13 @@ class Raycaster:
     """
 
     def __init__(
-        self,
-        context: moderngl.Context,
-        plan: Plan,
-        block_bytes: int | None = None,
-        limit_bytes: int | None = None,
-        band_pixels: int = MOST_PIXELS_AT_ONCE,
+        self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None, limit_bytes: int | None = None
     ) -> None:
-        self._context, self._band_pixels = context, band_pixels
+        self._context = context
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
-        self._variant = self.variant_of(plan)
-        self._program = self._compiled(self._variant)
+        self._programs = self._compiled(plan)
         self._last_frame = LastFrame()
 
     @property
@@ -99,20 +94,22 @@ class Raycaster:
         return variant_of(plan, self.slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
 
     def can_draw(self, plan: Plan) -> bool:
-        """Return True if the program is that of a plan."""
-        return self._variant == self.variant_of(plan)
+        """Return True if there is a program for a plan."""
+        needed = (plan, plan.crossing) if plan.layers else (plan,)
+        return all(self.variant_of(each) in self._programs for each in needed)
 
     def compile(self, plan: Plan) -> None:
         """Compile the program of another plan with the same slots; the bricks stay."""
-        self._variant, old = self.variant_of(plan), self._program
-        self._program = self._compiled(self._variant)
-        old.release()
+        old, self._programs = self._programs, self._compiled(plan)
+        for program in old.values():
+            program.release()
 
-    def _compiled(self, variant: Variant) -> moderngl.ComputeShader:
-        """Compile a program, and the kernel of frame coherence if it needs one."""
-        if variant.frame_coherence:
+    def _compiled(self, plan: Plan) -> dict[Variant, moderngl.ComputeShader]:
+        """Compile the programs of a plan, and the kernel of frame coherence if it needs one."""
+        if plan.march.frame_coherence is not None:
             prepare_reprojection()
-        return compile_compute(self._context, variant.source)
+        variants = [self.variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
+        return {variant: compile_compute(self._context, variant.source) for variant in variants}
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Add bricks, removed from the mapping, and upload them at the latest when they are drawn.
@@ -134,25 +131,49 @@ class Raycaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
+    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
+        """Find where the opacity of pixels passes one half, in pieces that have been drawn.
+
+        Parameters
+        ----------
+        plan, pieces : as drawn
+        fronts : float32 (rows, columns), the opacity in front of each piece, in its footprint
+
+        Returns
+        -------
+        found : of each piece, see `Crossing.found`
+        """
+        crossings = [Crossing.behind(front) for front in fronts]
+        self.draw(plan.crossing, pieces, crossings=crossings)
+        return [one.found for one in crossings]
+
+    def draw(
+        self,
+        plan: Plan,
+        pieces: Iterable[Piece],
+        progress: Progress = no_progress,
+        crossings: Sequence[Crossing] = (),
+    ) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded.
 
         Parameters
         ----------
         pieces : the iterator advances when a piece is drawn
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
+        crossings : of each piece, with a plan that only finds these, which are written
 
         Returns
         -------
         drawn : one result for each piece; its partial image is the footprint of the piece
         """
+        variant = self.variant_of(plan)
         with Buffers(self._context) as buffers:
             segments = plan.segments
             own = segments.buckets, segments.records, segments.sums
             table, rows, sums = joined_segments(plan.multi_volume) if plan.multi_volume else own
             buffers.bind(4, table)
-            records = buffers.make(_padded(rows, self._variant.block_bytes))
-            records.bind_to_uniform_block(1) if self._variant.block_bytes else records.bind_to_storage_buffer(5)
+            records = buffers.make(_padded(rows, variant.block_bytes))
+            records.bind_to_uniform_block(1) if variant.block_bytes else records.bind_to_storage_buffer(5)
             if sums is not None:
                 buffers.bind(0, sums)
             for binding, block in multi_volume_blocks(plan.multi_volume) if plan.multi_volume else ():
@@ -169,13 +190,16 @@ class Raycaster:
                 buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
                 if plan.blend_mode.grading.table is not None:
                     buffers.table(plan.blend_mode.grading.table).use(1)
-            return self._draw_pieces(plan, pieces, progress)
+            return self._draw_pieces(plan, pieces, progress, crossings)
 
-    def _draw_pieces(self, plan: Plan, pieces: Iterable[Piece], progress: Progress) -> list[RenderResult]:
+    def _draw_pieces(
+        self, plan: Plan, pieces: Iterable[Piece], progress: Progress, crossings: Sequence[Crossing]
+    ) -> list[RenderResult]:
         """Draw pieces; consecutive ones with the same bricks share their tables."""
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
-        self._last_frame.next_frame()
+        if not crossings:
+            self._last_frame.next_frame()
         with ExitStack() as last:
             tables: _Tables | None = None
             for number, piece in enumerate(pieces):
@@ -185,8 +209,9 @@ class Raycaster:
                 if not layers or not rect.pixels:
                     drawn.append(RenderResult(blank()))
                     continue
-                coherent = plan.march.frame_coherence is not None
-                starts = Starts.of(self._last_frame, plan, piece, rect) if coherent else None
+                starts: Rays | None = crossings[number] if crossings else None
+                if plan.march.frame_coherence is not None:
+                    starts = Starts.of(self._last_frame, plan, piece, rect)
                 if len(layers) > 1:
                     drawn.append(self._draw_layers(plan, rect, layers, started, starts))
                 else:
@@ -194,17 +219,17 @@ class Raycaster:
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
                     drawn.append(self._draw_bands(plan, rect, tables, started, starts, part))
-                if starts:
+                if isinstance(starts, Starts):
                     drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
 
     def _draw_bands(
-        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Starts | None, progress: Progress
+        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Rays | None, progress: Progress
     ) -> RenderResult:
         """Draw a large picture from top to bottom, in bands that take about `PROGRESS_SECONDS` each."""
         drawn: list[RenderResult] = []
         top, rows = rect.y_begin, rect.height
-        if rect.pixels > self._band_pixels:
+        if rect.pixels > MOST_PIXELS_AT_ONCE:
             rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
         while top < rect.y_end:
             began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
@@ -220,7 +245,7 @@ class Raycaster:
         )
 
     def _draw_layers(
-        self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Starts | None
+        self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Rays | None
     ) -> RenderResult:
         """Draw layers from front to back, without those that no ray reaches; their bricks are not uploaded."""
 
@@ -240,7 +265,7 @@ class Raycaster:
         rect: Rect,
         layers: Callable[[March], Iterator[_Tables]],
         started: float,
-        starts: Starts | None = None,
+        starts: Rays | None = None,
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
@@ -248,14 +273,16 @@ class Raycaster:
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
+            if isinstance(starts, Crossing):
+                pixels.write(starts.pixels.tobytes())
             planes = starts.planes if starts else np.zeros(0, np.float32)
             progress = buffers.bind(2, np.append(np.zeros(ahead + squares, np.uint32), planes.view(np.uint32)))
-            march = March(self._context, self._program, buffers, progress, groups)
+            march = March(self._context, self._programs[self.variant_of(plan)], buffers, progress, groups)
             for again in (False, True) if starts else (False,):
                 if starts:
                     buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
                     # Rays that are drawn again begin with the zeros that were kept.
-                    first = 0 if again else 1
+                    first = 0 if again or isinstance(starts, Crossing) else 1
                 for tables in layers(march):
                     bricks[tables.piece.box] = tables.bricks
                     for box in tables.bind_each():
@@ -275,7 +302,8 @@ class Raycaster:
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
-        self._program.release()
+        for program in self._programs.values():
+            program.release()
 
 
 class _Tables:

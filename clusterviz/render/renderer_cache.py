@@ -6,8 +6,11 @@ another transfer function may need another program, or bricks that were hidden b
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, MutableMapping
+from collections.abc import Collection, Iterable, MutableMapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.image.partial import blank
@@ -17,6 +20,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.cpu.kernel import can_draw
+from clusterviz.render.crossing import Crossing
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
@@ -102,6 +106,15 @@ class RendererCache:
             if self._caster is None
             else self._caster.draw(plan, pieces, progress)
         )
+
+    def find_layers(
+        self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]
+    ) -> list[NDArray[np.float32]]:
+        """Find where the opacity of pixels passes one half. See `Raycaster.find_layers`."""
+        if self._caster is None:
+            return [Crossing.behind(front).found for front in fronts]
+        assert not isinstance(self._caster, VectorCaster), "OpenGL draws scenes with layers"
+        return self._caster.find_layers(plan, pieces, fronts)
 
     @property
     def held(self) -> dict[str, Any]:

@@ -39,7 +39,7 @@ PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
 """Files that sample runs of slabs, where samples.glsl does not."""
 
 
-PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2)}
+PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2), 1: (1, 1)}
 """Lanes of a vector: the pixels of a packet across and down."""
 
 
@@ -86,6 +86,7 @@ class Variant:
     volumes : variants of several volumes; empty for one volume
     caps : number of planes by whose normals cut faces are lit, including the volume's own faces
     frame_coherence : rays start by the hits of the last frame
+    crossing : only where the opacity of a pixel passes one half is found
     cpu : how a CPU draws it; None: a GPU draws
     """
 
@@ -108,6 +109,7 @@ class Variant:
     volumes: tuple[VolumeVariant, ...] = ()
     caps: int = 0
     frame_coherence: bool = False
+    crossing: bool = False
     cpu: Lanes | None = None
 
     @property
@@ -124,7 +126,7 @@ class Variant:
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
             "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
-            "VOXEL": (voxel_file(self.slot), "cells.glsl"),
+            "VOXEL": (voxel_file(self.slot), "cells.glsl", "units.glsl"),
             "PREFETCH": "no_prefetch.glsl",
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
@@ -132,10 +134,10 @@ class Variant:
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
-            "BORDERS": "split.glsl" if self.split else "unsplit.glsl",
+            "BORDERS": ("split.glsl" if self.split else "unsplit.glsl", *self._slope),
             "GRADIENT": self._gradient,
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
-            "STARTS": (STARTS_BLOCK, "starts.glsl") if self.frame_coherence else "entries.glsl",
+            "STARTS": self._starts,
             "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
@@ -157,7 +159,7 @@ class Variant:
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl"
         if self.has_cells:
-            found["VOXEL"] = "cells_u8.glsl"
+            found["VOXEL"] = ("words.glsl", "cells_in_words.glsl", f"cells_{self.slot.kind}.glsl", "units.glsl")
         if self.has_cells and self.filter == "linear":
             found |= {"SCALAR": "linear_cells.glsl", "PREFETCH": NOTHING}
         if self.cpu.pieces:
@@ -166,17 +168,30 @@ class Variant:
 
     @property
     def has_cells(self) -> bool:
-        """Whether a word of memory holds voxels of two rows and two layers."""
-        return self.cpu is not None and self.slot.kind == "u8" and not self.volumes
+        """Whether each voxel has a word of memory, with what lies beside it (`cells_in_words.glsl`)."""
+        return self.cpu is not None and not self.slot.textured and not self.volumes
 
     @property
     def _traits(self) -> BlendModeTraits:
         return BLEND_MODES[self.blending]
 
     @property
+    def _starts(self) -> Files:
+        """Return the files that choose where rays start, and look at what they find."""
+        if self.crossing:
+            return (STARTS_BLOCK, "planes.glsl", "crossing.glsl")
+        return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
+
+    @property
+    def _slope(self) -> tuple[str, ...]:
+        if not self.crossing:
+            return ()
+        return ("slope_mixed.glsl",) if self.volumes else ("slope.glsl",)
+
+    @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        needed = self.lights or self.fading or self.table
+        needed = self.lights or self.fading or self.table or self.crossing
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
@@ -185,7 +200,7 @@ class Variant:
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": multi_volume_files(self.volumes)}
+        return one | {"CLIP": ("kept.glsl", clip), "RUN": multi_volume_files(self.volumes, self.crossing)}
 
     @property
     def _record_bytes(self) -> int:
@@ -231,6 +246,7 @@ class Variant:
             "const int FIRST_BUCKET = 0;",
             f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
+            f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
         ]
         if self.slot.margin or self.preintegrated or self.surfaces:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
@@ -309,4 +325,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         volumes,
         len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
         plan.march.frame_coherence is not None,
+        plan.march.crossing,
     )

@@ -75,6 +75,8 @@ OWN_NAMES = (
         "segment_of",
         "segment_at",
         "third",
+        "stored_at",
+        "in_units",
         "voxel_at",
         "row_at",
         "pair_at",
@@ -83,7 +85,17 @@ OWN_NAMES = (
         "scalar_at",
     ),
     *("invalid", "derivative", "is_missing", "along", "gradient_at"),
-    *("spline", "spline_cell", "spline_row", "spline_layer", "spline_of_voxels", "spline_slope", "slope_layer"),
+    *(
+        "spline",
+        "spline_cell",
+        "spline_row",
+        "spline_rows",
+        "spline_layers",
+        "spline_of_voxels",
+        "spline_slope",
+        "slope_layer",
+        "slope_layers",
+    ),
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
@@ -115,7 +127,7 @@ OWN_NAMES = (
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
 """Names that the files of each volume define."""
-CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span"}
+CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span", "slope": "volume, offset"}
 """Functions that call those of the volumes before, with their parameters."""
 
 
@@ -168,17 +180,18 @@ class VolumeVariant:
         """Most iterations of loops in a slab beyond those of one sample, except those of surfaces that are hit."""
         return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
-    def parts(self, number: int) -> tuple[str, ...]:
+    def parts(self, number: int, crossing: bool) -> tuple[str, ...]:
         """Return the files that sample the volume, between the definitions of its macros.
 
         Parameters
         ----------
         number : number of the volume
+        crossing : as in `Variant`
         """
         macros, chain = self._macros(number), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
-        graded = self.lights or self.fading or self.table
+        graded = self.lights or self.fading or self.table or crossing
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
@@ -188,7 +201,7 @@ class VolumeVariant:
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
-        files = (voxel, "cells.glsl", spline_file(self.filter, gradient), field, gradient, *light)
+        files = (voxel, "cells.glsl", "units.glsl", spline_file(self.filter, gradient), field, gradient, *light)
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
@@ -258,14 +271,14 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
     )
 
 
-def multi_volume_files(volumes: tuple[VolumeVariant, ...]) -> tuple[str, ...]:
+def multi_volume_files(volumes: tuple[VolumeVariant, ...], crossing: bool = False) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes."""
-    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number)]
+    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
     blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Rows", ROWS_BINDING, rows)
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
     layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
-    return (*(blocks if rows else blocks[:1]), *sums, layers, *each, "multi_volume.glsl")
+    return (*(blocks if rows else blocks[:1]), *sums, "densest.glsl", layers, *each, "multi_volume.glsl")
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:

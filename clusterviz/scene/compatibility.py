@@ -103,6 +103,22 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
+def check_layers(volumes: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+    """Refuse layers with projections, which have no depth, and with slabs that are cut at the borders of bricks.
+
+    Parameters
+    ----------
+    volumes, quality : sections of a scene
+    """
+    problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}
+    problems["borders: split"] = quality.borders == "split"
+    for name, is_one in problems.items():
+        if layers and is_one:
+            allowed = f"[], or blending: {_names(mode.surfaces != 'refused' for mode in BLEND_MODES.values())}"
+            allowed = "[], or borders: overlap" if name == "borders: split" else allowed
+            raise InvalidValueError(f"not with {name}", allowed, key="image.layers", found=list(layers))
+
+
 def check_brick_sizes(brick: int, largest: int | None) -> None:
     """Require that larger bricks consist of whole smallest ones, and these of whole groups of cells."""
     if largest is None:

@@ -24,6 +24,7 @@ from clusterviz.scene.compatibility import (
     check_frame_coherence,
     check_gradient,
     check_gradient_opacity,
+    check_layers,
     check_pixel_format,
     check_several_volumes,
     check_surfaces,
@@ -56,6 +57,7 @@ Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
 Filter = Literal["exact", "hardware"]
 PixelFormat = Literal["float32", "float16", "uint8"]
+Layer = Literal["depth", "normal", "opacity", "object"]
 View = Literal[
     "iso",
     "front",
@@ -294,6 +296,13 @@ class ImageSettings(Section):
     background: Background = Field(
         default="white", description="A CSS colour name or #rrggbb, [r, g, b] in 0..1, or transparent."
     )
+    layers: Annotated[tuple[Layer, ...], BeforeValidator(to_builtin)] = Field(
+        default=(),
+        examples=[["depth", "normal"]],
+        description="Layers beside the colours, for .exr and .npz: depth, world units along the view, where the "
+        "opacity of a pixel passes one half, inf where it does not; normal, the unit normal there, towards the eye; "
+        "object, the number of the volume or isosurface there; opacity, of the whole pixel.",
+    )
 
 
 class Quality(Section):
@@ -374,4 +383,5 @@ class Scene(Section):
         check_several_volumes(self.volumes, self.quality, self.cluster)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
+        check_layers(self.volumes, self.quality, self.image.layers)
         return self

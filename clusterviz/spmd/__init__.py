@@ -17,6 +17,5 @@ caster of `render/cpu` does not use it yet.
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
 - machine_code.py  machine code for this CPU
-- interpreter.py  the typed program with NumPy, stopped before every statement
-- probe.py         values at a place in a shader, by the interpreter or written by an instrumented shader
+- profiling.py     the same code with counters and clocks
 """

@@ -61,7 +61,15 @@ def returns(node: Any) -> Iterator[Leave]:
 
 
 def used_by(program: Program) -> set[int]:
-    """Return the ids of the variables that `main`, and what it calls, may use."""
+    """Return the ids of the variables that `main`, and what it calls, may use.
+
+    Raises
+    ------
+    InputError
+        There is no `main`, or a function is called that CPUs do not have.
+    """
+    if "main" not in program.functions:
+        raise program.places.error("no function main", 0)
     main = program.functions["main"][0]
     values = {id(d.variable): d.value for d in program.globals if d.value is not None}
     found, waiting, seen = set[int](), list[Any]([main.body]), {id(main)}
@@ -70,6 +78,8 @@ def used_by(program: Program) -> set[int]:
         if isinstance(node, Call) and id(node.function) not in seen:
             seen.add(id(node.function))
             waiting.append(node.function.body)
+        if isinstance(node, BuiltIn) and node.name == "texture":
+            raise program.places.error("CPUs do not filter textures", node.at, node.name, "texelFetch")
         if isinstance(node, Name) and id(node.variable) not in found:
             found.add(id(node.variable))
             if id(node.variable) in values:

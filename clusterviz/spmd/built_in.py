@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from clusterviz.spmd.emitter import Emitter, Part, constant
@@ -33,7 +34,7 @@ def most(emit: Emitter, a: Part, b: Part) -> Part:
 def _mix(emit: Emitter, a: Part, b: Part, share: Part) -> Part:
     if share.element == "b":
         return emit.select(share, b, a)
-    return emit.binary("+", a, emit.binary("*", emit.binary("-", b, a), share))
+    return emit.call("fmuladd", a.element, emit.binary("-", b, a), share, a)
 
 
 def _absolute(emit: Emitter, a: Part) -> Part:
@@ -42,15 +43,15 @@ def _absolute(emit: Emitter, a: Part) -> Part:
     return most(emit, a, emit.binary("-", constant(a.element, 0), a))
 
 
-def _dot(emit: Emitter, a: Parts, b: Parts) -> Part:
+def dot(emit: Emitter, a: Parts, b: Parts) -> Part:
     found = emit.binary("*", a[0], b[0])
     for x, y in zip(a[1:], b[1:], strict=True):
-        found = emit.binary("+", found, emit.binary("*", x, y))
+        found = emit.call("fmuladd", x.element, x, y, found)
     return found
 
 
 def _length(emit: Emitter, a: Parts) -> Part:
-    return emit.call("sqrt", a[0].element, _dot(emit, a, a))
+    return emit.call("sqrt", a[0].element, dot(emit, a, a))
 
 
 def _joined(sign: str) -> Function:
@@ -123,12 +124,88 @@ def _compare(sign: str) -> Function:
     return _each(lambda emit, a, b: emit.compare(sign, a, b))
 
 
+def _library(name: str) -> Function:
+    """Return a function of the C library, lane by lane."""
+
+    def found(emit: Emitter, *parts: Part) -> Part:
+        emit.declare(name, "float", ["float"] * len(parts))
+        if not any(part.varying for part in parts):
+            return emit.part(f"call float @{name}({', '.join(map(emit.of, parts))})", "f", False)
+        kind, whole = emit.kind("f", True), "poison"
+        for lane in range(emit.lanes):
+            given = ", ".join(emit.of(emit.lane(part, lane)) for part in parts)
+            one = emit.new(f"call float @{name}({given})")
+            whole = emit.new(f"insertelement {kind} {whole}, float {one}, i32 {lane}")
+        return Part(whole, "f", True)
+
+    return _each(found)
+
+
+def _arc_tangent(emit: Emitter, given: list[Parts]) -> Parts:
+    return _library("atan2f" if len(given) == 2 else "atanf")(emit, given)
+
+
+def _sign(emit: Emitter, a: Part) -> Part:
+    zero, one, minus = (constant(a.element, number) for number in (0, 1, -1))
+    below = emit.select(emit.compare("<", a, zero), minus, zero)
+    return emit.select(emit.compare(">", a, zero), one, below)
+
+
+def _modulo(emit: Emitter, a: Part, b: Part) -> Part:
+    return emit.binary("-", a, emit.binary("*", b, emit.call("floor", a.element, emit.binary("/", a, b))))
+
+
+def _smooth_step(emit: Emitter, low: Part, high: Part, x: Part) -> Part:
+    zero, one = constant(x.element, 0.0), constant(x.element, 1.0)
+    share = emit.binary("/", emit.binary("-", x, low), emit.binary("-", high, low))
+    share = most(emit, least(emit, share, one), zero)
+    slope = emit.binary("-", constant(x.element, 3.0), emit.binary("+", share, share))
+    return emit.binary("*", emit.binary("*", share, share), slope)
+
+
+def _cross(emit: Emitter, given: list[Parts]) -> Parts:
+    a, b = given
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return [emit.binary("-", emit.binary("*", a[i], b[k]), emit.binary("*", a[k], b[i])) for i, k in pairs]
+
+
+def _distance(emit: Emitter, given: list[Parts]) -> Parts:
+    return [_length(emit, [emit.binary("-", a, b) for a, b in zip(*given, strict=True)])]
+
+
+def _reflect(emit: Emitter, given: list[Parts]) -> Parts:
+    twice = emit.binary("*", constant(given[0][0].element, 2.0), dot(emit, given[1], given[0]))
+    return [emit.binary("-", i, emit.binary("*", twice, n)) for i, n in zip(*given, strict=True)]
+
+
+def _scaled(factor: float) -> Function:
+    return _each(lambda emit, a: emit.binary("*", a, constant(a.element, factor)))
+
+
 def _bits(element: str) -> Function:
     return _each(lambda emit, a: emit.bits(a, element))
 
 
 BUILT_INS: dict[str, Function] = {
     **{name: _call(name) for name in ("floor", "ceil", "trunc", "sqrt", "exp", "exp2", "log", "log2", "sin", "cos")},
+    **{name: _call("rint") for name in ("round", "roundEven")},
+    **{name: _library(name + "f") for name in ("tan", "asin", "acos")},
+    "atan": _arc_tangent,
+    "radians": _scaled(math.pi / 180),
+    "degrees": _scaled(180 / math.pi),
+    "sign": _each(_sign),
+    "mod": _each(_modulo),
+    "step": _each(
+        lambda emit, edge, a: emit.select(
+            emit.compare("<", a, edge), constant(a.element, 0.0), constant(a.element, 1.0)
+        )
+    ),
+    "smoothstep": _each(_smooth_step),
+    "cross": _cross,
+    "distance": _distance,
+    "reflect": _reflect,
+    "isnan": _each(lambda emit, a: emit.compare("!=", a, a)),
+    "isinf": _each(lambda emit, a: emit.compare("==", emit.call("fabs", a.element, a), constant(a.element, math.inf))),
     "pow": _each(_power),
     "fma": _call("fmuladd"),
     "fract": _each(lambda emit, a: emit.binary("-", a, emit.call("floor", a.element, a))),
@@ -138,7 +215,7 @@ BUILT_INS: dict[str, Function] = {
     "max": _each(most),
     "clamp": _each(lambda emit, a, low, high: most(emit, least(emit, a, high), low)),
     "mix": _each(_mix),
-    "dot": lambda emit, given: [_dot(emit, *given)],
+    "dot": lambda emit, given: [dot(emit, *given)],
     "length": lambda emit, given: [_length(emit, given[0])],
     "normalize": _normalized,
     "lessThan": _compare("<"),

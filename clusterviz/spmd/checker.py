@@ -38,8 +38,10 @@ from clusterviz.spmd.types import (
     built_in,
     common,
     converts,
+    whole,
 )
 
+MOST_PARTS = 1 << 16  # of a value
 COORDINATES = ("xyzw", "rgba", "stpq")
 SYSTEM = {
     "gl_LocalInvocationIndex": UINT,
@@ -75,25 +77,24 @@ class Checker:
         self.error = places.error
         self.types: dict[str, Type] = dict(NAMED)
         self.functions: dict[str, list[Function]] = {}
-        self.scopes: list[dict[str, Variable | Memory]] = [
+        self._scopes: list[dict[str, Variable | Memory]] = [
             {name: Variable(name, kind, "system", 0) for name, kind in SYSTEM.items()}
         ]
         self.function: Function | None = None
-        self.only_reads = False  # no assignments; what is declared may be named in messages
 
     def open(self) -> None:
         """Begin a scope."""
-        self.scopes.append({})
+        self._scopes.append({})
 
     def close(self) -> None:
         """End the innermost scope."""
-        self.scopes.pop()
+        self._scopes.pop()
 
     def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
         """Give a name its meaning in the innermost scope."""
-        if name in self.scopes[-1] or (len(self.scopes) == 1 and name in self.functions):
+        if name in self._scopes[-1] or (len(self._scopes) == 1 and name in self.functions):
             raise self.error(f"{name} is declared twice", at)
-        self.scopes[-1][name] = meaning
+        self._scopes[-1][name] = meaning
 
     def function_of(self, name: str, result: Type, parameters: list[Variable], at: int) -> Function:
         """Return the function with these parameters, which may have been declared before."""
@@ -110,15 +111,14 @@ class Checker:
 
     def value_of(self, token: Token) -> Expression:
         """Return what a name stands for."""
-        for scope in reversed(self.scopes):
+        for scope in reversed(self._scopes):
             if (found := scope.get(token.text)) is not None:
                 if isinstance(found, Memory):
                     return replace(found, at=token.at)
                 if found.constant is not None:
                     return Constant(found.type, token.at, found.constant)
                 return Name(found.type, token.at, found)
-        known = ", ".join(name for scope in self.scopes for name in scope) if self.only_reads else None
-        raise self.error(f"{token.text} is not declared", token.at, None, known)
+        raise self.error(f"{token.text} is not declared", token.at)
 
     def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:
         """Return a value as one of another type, where GLSL converts without being told."""
@@ -132,15 +132,17 @@ class Checker:
 
     def unary(self, operator: str, value: Expression, at: int) -> Expression:
         """Return `-x`, `+x`, `!x` or `~x`."""
+        element = value.type.element
         allowed = {"!": "b", "~": "iu"}.get(operator, "iufd")
         if value.type.element not in tuple(allowed) or value.type.of or (operator == "!" and not value.type.is_scalar):
             raise self.error(f"operator {operator} has no such operand", at, value.type.name)
         if operator == "+":
             return value
-        if isinstance(value, Constant) and operator == "-" and value.type is not UINT:
-            return Constant(value.type, at, -value.value)
+        if isinstance(value, Constant) and operator == "-":
+            negative = -value.value
+            return Constant(value.type, at, negative if isinstance(negative, float) else whole(element, negative))
         if isinstance(value, Constant) and operator != "-":
-            return Constant(value.type, at, not value.value if operator == "!" else ~int(value.value))
+            return Constant(value.type, at, not value.value if operator == "!" else whole(element, ~int(value.value)))
         return Operation(value.type, at, {"-": "neg"}.get(operator, operator), (value,))
 
     def binary(self, operator: str, a: Expression, b: Expression, at: int) -> Expression:
@@ -177,13 +179,12 @@ class Checker:
         return self._operation(operator, result, a, b, at)
 
     def _operation(self, operator: str, result: Type, a: Expression, b: Expression, at: int) -> Expression:
+        if operator in ("/", "%") and isinstance(b, Constant) and b.type.element in "iu" and not b.value:
+            raise self.error("division of an integer by 0", at)
         if isinstance(a, Constant) and isinstance(b, Constant) and a.type.element in "iub" and operator in FOLDED:
-            if operator in "/%" and not b.value:
-                raise self.error("division of a constant by 0", at)
             found: Number = FOLDED[operator](int(a.value), int(b.value))
             if result.element != "b":
-                low = 0 if result.element == "u" else -(1 << 31)
-                found = (found - low) % (1 << 32) + low
+                found = whole(result.element, found)
             return Constant(result, at, bool(found) if result is BOOL else found)
         return Operation(result, at, operator, (a, b))
 
@@ -226,6 +227,8 @@ class Checker:
             raise self.error("no such index", at, f"{kind.name}[{index.type.name}]")
         if isinstance(index, Constant) and not 0 <= index.value < (kind.size or 1 << 31):
             raise self.error("an index outside of the array", at, index.value, f"0 to {kind.size - 1}")
+        if kind.is_array and not isinstance(base, Memory | Name):
+            raise self.error("an array inside of another value is outside of the subset", at)
         if isinstance(base, Memory):
             stride = of.stride(base.block.kind == "uniform") if kind.of else NUMBERS[kind.element, 1].parts * 4
             if isinstance(index, Constant):
@@ -235,6 +238,12 @@ class Checker:
             begin = int(index.value) * of.parts
             return Pick(of, at, base, tuple(range(begin, begin + of.parts)))
         return Element(of, at, base, index)
+
+    def length(self, base: Expression, at: int) -> Constant:
+        """Return the number of an array's elements, or of a vector's components."""
+        if (not base.type.is_array and not base.type.is_vector) or not base.type.size:
+            raise self.error("the length of this is not known", at, base.type.name)
+        return Constant(INT, at, base.type.size)
 
     def construct(self, kind: Type, arguments: list[Expression], at: int) -> Expression:
         """Return the value of a constructor."""
@@ -250,9 +259,9 @@ class Checker:
             raise self.error(f"no such constructor of {kind.name}", at, ", ".join(one.type.name for one in arguments))
         (first, *others) = arguments
         if isinstance(first, Constant) and not others and kind.is_scalar:
-            value = first.value
-            convert = {"b": bool, "i": int, "u": int}.get(kind.element, float)
-            return Constant(kind, at, convert(value))
+            value, element = first.value, kind.element
+            made = whole(element, value) if element in "iu" else bool(value) if element == "b" else float(value)
+            return Constant(kind, at, made)
         return first if not others and first.type is kind else Construct(kind, at, tuple(arguments))
 
     def call(self, name: Token, arguments: list[Expression]) -> Expression:
@@ -310,8 +319,6 @@ class Checker:
 
     def target(self, value: Expression) -> None:
         """Note that a variable is assigned, or say that it cannot be."""
-        if self.only_reads:
-            raise self.error("an assignment", value.at)
         root = value
         while isinstance(root, Pick | Element):
             if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):
@@ -325,6 +332,8 @@ class Checker:
     def assign(self, target: Expression, operator: str, value: Expression, at: int, gives_old: bool = False) -> Assign:
         """Return `target = value` or `target op= value`."""
         self.target(target)
+        if target.type.is_array:
+            raise self.error("an array as a whole cannot be assigned", at)
         if operator != "=":
             value = self.binary(operator[:-1], target, value, at)
         return Assign(target.type, at, target, self.converted(value, target.type, at), gives_old)
@@ -333,4 +342,10 @@ class Checker:
         """Return the type of an array whose size is a constant."""
         if not isinstance(size, Constant) or size.type not in (INT, UINT) or size.value < 1:
             raise self.error("the size of an array is not a positive constant", at)
-        return array_of(kind, int(size.value))
+        return self.limited(array_of(kind, int(size.value)), at)
+
+    def limited(self, kind: Type, at: int) -> Type:
+        """Return a type unless it is too large."""
+        if kind.parts > MOST_PARTS:
+            raise self.error("a type of too many numbers", at, kind.parts, f"up to {MOST_PARTS}")
+        return kind

@@ -1,8 +1,8 @@
 """Code of a typed program: an invocation a lane, masks where lanes differ, and plain code where they do not.
 
 Functions are inlined. A value of which all lanes are known to be equal stays one number; which variables are so is
-found by generating code again until no more of them turn out to vary. A branch that depends on the lane is skipped
-where no lane takes it, and variables keep their values in the lanes that do not.
+found by generating code again until no more of them turn out to vary, usually three times. A branch that depends on
+the lane is skipped where no lane takes it, and variables keep their values in the lanes that do not.
 """
 
 from __future__ import annotations
@@ -64,6 +64,11 @@ class Generator(Expressions):
     ----------
     lanes : of a vector: 4, 8 or 16
     intrinsics : what replaces functions of the program, by name: from the generator and the arguments to the value
+
+    Raises
+    ------
+    InputError
+        The program has no function `main`, or calls a function that CPUs do not have.
     """
 
     def __init__(
@@ -79,14 +84,18 @@ class Generator(Expressions):
 
         Raises
         ------
-        NotImplementedError
-            The program calls a built-in function that has no code yet: one of textures, for example.
+        InputError
+            The program is nested too deeply.
         """
-        while True:
-            known = len(self._varying)
-            self._pass(name)
-            if len(self._varying) == known:
-                return self.emit.module()
+        try:
+            while True:
+                known = len(self._varying)
+                self._pass(name)
+                if len(self._varying) == known:
+                    return self.emit.module()
+        except RecursionError:
+            where = self._frames[-1].function.at if self._frames else 0
+            raise self._program.places.error("nested too deeply", where) from None
 
     def _pass(self, name: str) -> None:
         self._begin(name)
@@ -271,9 +280,10 @@ class Generator(Expressions):
         for lap in laps:
             if node.kind == "continue":
                 self._store_mask(emit.binary("|", self._load_mask(lap.passed), self._full()), lap.passed)
-            elif not lap.live:
-                self._varying.add(lap.key)
             else:
+                if not lap.live:
+                    self._varying.add(lap.key)
+                    lap.live = emit.room(emit.kind("b", True))
                 rest = emit.both(self._load_mask(lap.live), emit.inverse(self._full()))
                 self._store_mask(rest, lap.live)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
 from collections.abc import Sequence
 
 from clusterviz.spmd.ir import Number
+from clusterviz.spmd.types import whole
 
 LLVM = {"f": "float", "d": "double", "i": "i32", "u": "i32", "b": "i1", "l": "i64", "p": "ptr"}
 WHOLE = {"+": "add", "-": "sub", "*": "mul", "&": "and", "|": "or", "^": "xor", "<<": "shl"}
@@ -33,7 +35,7 @@ class Part:
 def constant(element: str, value: Number) -> Part:
     """Return a constant."""
     if element in "fd":
-        rounded = struct.unpack("f", struct.pack("f", value))[0] if element == "f" else value
+        rounded = ctypes.c_float(value).value if element == "f" else value
         return Part(f"0x{struct.unpack('Q', struct.pack('d', rounded))[0]:016X}", element, False, rounded)
     if element == "b":
         return Part("true" if value else "false", element, False, bool(value))
@@ -186,12 +188,26 @@ class Emitter:
         elif sign == ">>":
             operator = "ashr" if element == "i" else "lshr"
         elif sign in "/%":
-            operator = ("s" if element == "i" else "u") + ("div" if sign == "/" else "rem")
+            return self._divide(sign, a, b)
         else:
             operator = WHOLE[sign]
         if sign in ("<<", ">>") and b.constant is None:
             b = Part(self.binary("&", b, constant(b.element, 31)).text, b.element, b.varying)
         return self.part(f"{operator} {self.of(a)}, {b.text}", element, a.varying)
+
+    def _divide(self, sign: str, a: Part, b: Part) -> Part:
+        """Return a quotient or remainder of integers; that of a division by 0 is some number, and no trap."""
+        signed = a.element == "i"
+        minus = self.compare("==", b, constant("i", -1)) if signed else constant("b", False)
+        if b.constant in (None, 0, -1):
+            b = self.select(
+                self.binary("|", minus, self.compare("==", b, constant(a.element, 0))), constant(b.element, 1), b
+            )
+        operator = ("s" if signed else "u") + ("div" if sign == "/" else "rem")
+        found = self.part(f"{operator} {self.of(a)}, {b.text}", a.element, a.varying)
+        if signed and sign == "/" and b.constant is None:
+            found = self.select(minus, self.binary("-", constant("i", 0), a), found)
+        return found
 
     def compare(self, sign: str, a: Part, b: Part) -> Part:
         """Return a comparison's value; false for NaN but with "!="."""
@@ -211,7 +227,7 @@ class Emitter:
         if part.constant is not None:
             value = part.constant
             found = constant(
-                element, bool(value) if element == "b" else int(value) if element in "iu" else float(value)
+                element, bool(value) if element == "b" else whole(element, value) if element in "iu" else float(value)
             )
             return self.spread(found) if part.varying else found
         if element == "b":

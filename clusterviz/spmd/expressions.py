@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 
 from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
-from clusterviz.spmd.built_in import BUILT_INS
+from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.ir import (
@@ -26,6 +26,7 @@ from clusterviz.spmd.ir import (
     Program,
 )
 from clusterviz.spmd.memory import SYSTEM_BLOCK, Blocks
+from clusterviz.spmd.types import SAMPLERS
 from clusterviz.spmd.variables import Cell, Parts, elements_of
 
 
@@ -96,6 +97,7 @@ class Expressions(Blocks):
         (index,) = self.value(node.index)
         if node.base.type.is_array:
             assert isinstance(node.base, Name)
+            index = self._inside(index, node.base.type.size)
             cells, emit = self._bindings[id(node.base.variable)], self.emit
             found = []
             for cell in cells:
@@ -106,6 +108,8 @@ class Expressions(Blocks):
                     found.append(emit.part(f"load {kind}, ptr {place}", cell.element, cell.varying))
                 else:
                     found.append(self._gather(cell.element, cell.address, self._own_words(cell, index)))
+                # It may not have been written.
+                found[-1] = emit.part(f"freeze {emit.of(found[-1])}", cell.element, found[-1].varying)
             return found
         parts, width = self.value(node.base), node.type.parts
         found = parts[:width]
@@ -115,20 +119,15 @@ class Expressions(Blocks):
         return found
 
     def _operation(self, node: Operation) -> Parts:
+        if node.operator in "+-" and node.type.element == "f":
+            for product, other in (node.operands, node.operands[::-1]):
+                if isinstance(product, Operation) and product.operator == "*":
+                    return self._fused(node, product, other)
         given = [self.value(one) for one in node.operands]
-        operator, emit = node.operator, self.emit
+        operator = node.operator
         if operator == "transform":
             matrix, vector = given
-            return [
-                emit.binary(
-                    "+",
-                    emit.binary(
-                        "+", emit.binary("*", matrix[row], vector[0]), emit.binary("*", matrix[3 + row], vector[1])
-                    ),
-                    emit.binary("*", matrix[6 + row], vector[2]),
-                )
-                for row in range(3)
-            ]
+            return [dot(self.emit, matrix[row::3], vector) for row in range(3)]
         if operator == "neg":
             return [self._negative(part) for part in given[0]]
         if operator in ("!", "~"):
@@ -143,6 +142,18 @@ class Expressions(Blocks):
         if operator in ("<", "<=", ">", ">="):
             return [self._compare(operator, x, y) for x, y in pairs]
         return [self._binary(operator, x, y) for x, y in pairs]
+
+    def _fused(self, node: Operation, product: Operation, other: Expression) -> Parts:
+        """Return a product plus or less something as one operation, wherever the expression is used."""
+        (x, y), z = (self.value(one) for one in product.operands), self.value(other)
+        if node.operator == "-":
+            x, z = (
+                (x, [self._negative(one) for one in z])
+                if product is node.operands[0]
+                else ([self._negative(one) for one in x], z)
+            )
+        size = node.type.parts
+        return [self.emit.call("fmuladd", "f", *(one[n % len(one)] for one in (x, y, z))) for n in range(size)]
 
     def _joined(self, sign: str, parts: Parts) -> Part:
         found = parts[0]
@@ -218,14 +229,31 @@ class Expressions(Blocks):
         return [self.emit.convert(part, element) for part, element in zip(given, elements, strict=False)]
 
     def _built_in(self, node: BuiltIn) -> Parts:
+        if node.name in ("texelFetch", "textureSize"):
+            return self._texel(node)
         given = [self.value(one) for one in node.arguments]
         if node.name == "barrier":
             return []
         if node.name in ATOMIC:
             return self._atomic(node.name == "atomicAdd", node.arguments[0], given[1][0])
-        if node.name not in BUILT_INS:
-            raise NotImplementedError(node.name)
         return BUILT_INS[node.name](self.emit, given)
+
+    def _texel(self, node: BuiltIn) -> Parts:
+        """Return a texel, of those in the texture the nearest one, or the texture's size."""
+        emit, (sampler, *arguments) = self.emit, node.arguments
+        assert isinstance(sampler, Name)
+        base, sides = self._addresses[id(sampler.variable)], range(2 if sampler.type is SAMPLERS[2] else 3)
+        places = [emit.new(f"getelementptr i32, ptr {base}, i32 {n}") for n in sides]
+        size = [emit.part(f"load i32, ptr {place}, align 4", "i", False) for place in places]
+        if node.name == "textureSize":
+            return size
+        texel = constant("i", 0)
+        for at, side in reversed(list(zip(self.value(arguments[0]), size, strict=True))):
+            last = self._binary("-", side, constant("i", 1))
+            at = most(emit, least(emit, at, last), constant("i", 0))
+            texel = self._binary("+", self._binary("*", texel, side), at)
+        words = self._binary("+", self._binary("*", texel, constant("i", 4)), constant("i", 4))
+        return self._load_numbers("ffff", base, words)
 
     def _atomic(self, adds: bool, target: Expression, more: Part) -> Parts:
         emit, prefix = self.emit, "" if adds else {"i": "s", "u": "u"}[more.element]
@@ -238,8 +266,8 @@ class Expressions(Blocks):
             address = cell.address
         else:
             assert isinstance(target, Memory)
-            words = self._words(target)
-            address = emit.new(f"getelementptr i32, ptr {self._addresses[id(target.block)]}, {emit.of(words)}")
+            place, words = self._place(target)
+            address = emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}")
         word = "add" if adds else f"{prefix}min".removeprefix("s")
         old = emit.part(f"atomicrmw {word} ptr {address}, {emit.of(total)} monotonic", more.element, False)
         # Each lane's own: what the lanes before it have added.
@@ -286,14 +314,14 @@ class Expressions(Blocks):
             self._assign_to(target.base, new)
             return
         assert isinstance(target.base, Name)
+        index = self._inside(index, target.base.type.size)
         cells = self._bindings[id(target.base.variable)]
         for number, part in zip(numbers, parts, strict=True):
             cell = cells[number]
             assert isinstance(cell, Cell)
             if index.varying:
                 if not cell.varying:
-                    self._varying.add(cell.key)
-                    continue
+                    self._vary(cell)
                 self._scatter(emit.spread(part), cell.address, self._own_words(cell, index))
             else:
                 kind = emit.kind(cell.element, cell.varying)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from clusterviz.spmd.emitter import Part
+from clusterviz.spmd.emitter import Part, constant
 
 if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
@@ -14,10 +14,13 @@ if TYPE_CHECKING:
 def words_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Return a word and the next one, by a load of 64 bits for each lane, which takes less time than a gather."""
     emit, lanes = generator.emit, generator.lanes
-    (word,) = given[0]
-    base = generator.address_of("VoxelsBlock")
+    (brick,), (word,), (more,) = given
+    word = emit.binary("+", brick, word)
+    if more.varying:
+        word, more = emit.binary("+", word, more), constant("i", 0)
+    base = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, {emit.of(more)}")
     if generator.mask is not None:
-        word = emit.select(generator.mask, word, Part("0", "i", False, 0))
+        word = emit.select(generator.mask, word, generator.constant_of("IDLE_WORD"))
     wide = f"<{lanes} x i64>"
     both = "poison"
     for lane in range(lanes):
@@ -47,13 +50,14 @@ def piece_row(generator: Generator, given: list[list[Part]]) -> list[Part]:
     return [emit.part(f"call {kind} @{name}({emit.of(table)}, {emit.of(piece)})", "f", True)]
 
 
-PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3)}
+PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3), 1: (0,)}
 """Lanes of a packet whose words are brought nearer: its corners, and some between them, stand for the others."""
 
 
 def prefetch_word(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Prefetch the cache lines of some lanes' words."""
-    emit, ((word,),) = generator.emit, given
+    emit, ((brick,), (word,)) = generator.emit, given
+    word = emit.binary("+", brick, word)
     emit.declare("llvm.prefetch.p0", "void", ["ptr", "i32", "i32", "i32"])
     for lane in PREFETCHED[generator.lanes]:
         far = emit.new(f"zext i32 {emit.lane(word, lane).text} to i64")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from clusterviz.spmd.tokens import Places
 from clusterviz.spmd.types import Type
 
 Number = float | int | bool
@@ -210,14 +211,12 @@ class Program:
     globals : variables of each invocation with their values, in order
     blocks : uniform blocks, storage buffers and samplers
     functions : by name, those of one name with different parameters
+    places : files, lines and columns of the positions `at`
     local_size : invocations of a work group along x, y, z
-    names : meaning of the names that all functions know
-    types : by name, with the structs
     """
 
     globals: list[Declare]
     blocks: list[Variable]
     functions: dict[str, list[Function]]
+    places: Places
     local_size: tuple[int, int, int] = (1, 1, 1)
-    names: dict[str, Variable | Memory] = field(default_factory=dict)
-    types: dict[str, Type] = field(default_factory=dict)

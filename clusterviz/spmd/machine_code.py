@@ -10,34 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import load_function, optimized_object
+from clusterviz.kernels.objects import has_features, load_function, optimized_object
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.intrinsics import INTRINSICS
-from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK
+from clusterviz.spmd.ir import Program
+from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK, TEXTURES
 from clusterviz.spmd.parser import parse
 
 Blocks = Mapping[int, NDArray[Any]]
+Make = Callable[[Program, int, dict[str, Any]], Generator]
 
 
-def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> bytes:
+def object_code(
+    source: ShaderSource, name: str, lanes: int, intrinsics: bool = True, make: Make | None = None
+) -> bytes:
     """Return an object file with a shader's `main` under another name.
 
     Parameters
     ----------
     lanes : of a vector: 4, 8 or 16; more than this CPU's registers hold are divided
     intrinsics : use the CPU's own ways (`intrinsics.py`), as far as this CPU has them
+    make : makes the generator of a program, the lanes and the intrinsics; None: `Generator`
 
     Raises
     ------
     InputError
         The shader has a mistake.
     """
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
     used = dict(INTRINSICS) if intrinsics else {}
-    if lanes != 16 or not llvm.get_host_cpu_features().get("avx512f"):
+    if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
-    return optimized_object(Generator(parse(source), lanes, used).text(name))
+    return optimized_object((make or Generator)(parse(source), lanes, used).text(name))
 
 
 def function_of(code: bytes, name: str) -> Callable[[int], None]:
@@ -45,11 +48,26 @@ def function_of(code: bytes, name: str) -> Callable[[int], None]:
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(load_function(code, name))
 
 
-def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> NDArray[np.uint64]:
+def texture_block(texels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a texture, for the table of addresses.
+
+    Parameters
+    ----------
+    texels : float32 (y, x, 4) or (z, y, x, 4)
+    """
+    size = np.zeros(4, np.int32)
+    size[: texels.ndim - 1] = texels.shape[-2::-1]
+    return np.concatenate([size.view(np.float32), texels.reshape(-1)])
+
+
+def addresses(
+    uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32], textures: Blocks | None = None
+) -> NDArray[np.uint64]:
     """Return the table of the blocks' addresses, by their bindings; the arrays must outlive its use.
 
     Parameters
     ----------
+    textures : see `texture_block`
     system : uint32 (7,), see `memory.SYSTEM_BLOCK`
 
     Returns
@@ -57,7 +75,7 @@ def addresses(uniforms: Blocks, buffers: Blocks, system: NDArray[np.uint32]) -> 
     table : uint64 (64,)
     """
     table = np.zeros(64, np.uint64)
-    for first, blocks in ((0, uniforms), (BUFFERS, buffers)):
+    for first, blocks in ((0, uniforms), (BUFFERS, buffers), (TEXTURES, textures or {})):
         for binding, block in blocks.items():
             table[first + binding] = block.__array_interface__["data"][0]
     table[SYSTEM_BLOCK] = system.__array_interface__["data"][0]

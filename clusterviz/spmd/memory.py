@@ -8,12 +8,16 @@ from typing import Any
 
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import LLVM, Part, constant
-from clusterviz.spmd.ir import Expression, Memory, Program
+from clusterviz.spmd.ir import Expression, Memory, Operation, Program
 from clusterviz.spmd.types import BYTES
 from clusterviz.spmd.variables import Cell, Parts, Variables, elements_of
 
 SYSTEM_BLOCK = 48  # number of the group, numbers of groups, and the first invocation's number in its group: uint32 (7,)
-BUFFERS = 16  # number of the first storage buffer in the table of addresses; uniform blocks come first
+BUFFERS, TEXTURES = 16, 32
+"""Numbers of the first storage buffer and texture in the table of addresses; uniform blocks come first. A texture is
+its size, int32 (4,), and its texels, float32 (z, y, x, 4)."""
+TABLE = {"uniform": 0, "buffer": BUFFERS, "sampler": TEXTURES}
+MOST_ADDED = 64  # to indices, as part of an address
 
 
 def _offsets(kind: Any, uniform: bool) -> list[int]:
@@ -40,7 +44,7 @@ class Blocks(Variables):
         super()._begin(name)
         self._addresses: dict[int, str] = {}
         for block in self._program.blocks:
-            number = block.binding + (0 if block.kind == "uniform" else BUFFERS)
+            number = block.binding + TABLE[block.kind]
             place = self.emit.new(f"getelementptr ptr, ptr %blocks, i64 {number}")
             self._addresses[id(block)] = self.emit.new(f"load ptr, ptr {place}, !invariant.load !0")
 
@@ -48,36 +52,64 @@ class Blocks(Variables):
         """Return the address of a block's data."""
         return next(self._addresses[id(one)] for one in self._program.blocks if one.name == block)
 
-    def _words(self, node: Memory) -> Part:
-        """Return where a value begins, in words of four bytes from the begin of its block."""
-        found = constant("i", node.offset // 4)
+    def constant_of(self, name: str) -> Part:
+        """Return a constant of the program."""
+        (found,) = (one.value for one in self._program.globals if one.variable.name == name)
+        assert found is not None
+        return self.value(found)[0]
+
+    def _place(self, node: Memory) -> tuple[str, Part]:
+        """Return an address in a block, and how many words of four bytes behind it a value begins in each lane."""
+        found, known = constant("i", 0), node.offset // 4
         for index, stride in node.terms:
-            (number,) = self.value(index)
+            last = constant("i", 0)
+            if isinstance(index, Operation) and index.operator == "+":
+                (number,), (last,) = (self.value(one) for one in index.operands)
+                # What all lanes add is part of the address, as lanes that are not active may read there.
+                if last.constant is None or not 0 <= last.constant < MOST_ADDED:
+                    number, last = self._binary("+", number, last), constant("i", 0)
+            else:
+                (number,) = self.value(index)
+            assert last.constant is not None
             by = self._binary("*", Part(number.text, "i", number.varying, number.constant), constant("i", stride // 4))
-            found = self._binary("+", by, found)
-        return found
+            found, known = self._binary("+", by, found), known + int(last.constant) * stride // 4
+        return self._behind(self._addresses[id(node.block)], known), found
+
+    def _behind(self, address: str, words: int) -> str:
+        return self.emit.new(f"getelementptr i32, ptr {address}, i64 {words}") if words else address
 
     def _fetch(self, node: Memory, numbers: Sequence[int]) -> Parts:
-        emit, elements, words = self.emit, elements_of(node.type), self._words(node)
-        base, read_only = self._addresses[id(node.block)], node.block.kind == "uniform" or node.block.is_read_only
-        offsets = _offsets(node.type, node.block.kind == "uniform")
-        if (
-            words.varying
-            and node.type.is_vector
-            and node.type.size == 4
-            and elements[0] in "fd"
-            and len(set(numbers)) > 1
-        ):
+        block, (base, words) = node.block, self._place(node)
+        offsets = _offsets(node.type, block.kind == "uniform")
+        is_fixed = block.kind == "uniform" or block.is_read_only
+        return self._load_numbers(elements_of(node.type), base, words, offsets, numbers, is_fixed)
+
+    def _load_numbers(
+        self,
+        elements: str,
+        base: str,
+        words: Part,
+        offsets: Sequence[int] = (0, 4, 8, 12),
+        numbers: Sequence[int] = range(4),
+        is_fixed: bool = True,
+    ) -> Parts:
+        """Load some of the scalars of a value that lies some words behind an address, at offsets in bytes from there.
+
+        `is_fixed`: what lies there does not change.
+        """
+        emit = self.emit
+        is_row = elements in ("ffff", "dddd") and offsets[-1] == 3 * BYTES[elements[0]]
+        if words.varying and is_row and len(set(numbers)) > 1 and self.lanes > 1:
             columns = self._rows(elements[0], base, words)
             return [columns[n] for n in numbers]
         found = []
         for n in numbers:
-            at = self._binary("+", words, constant("i", offsets[n] // 4))
-            if at.varying:
-                found.append(self._gather(elements[n], base, at))
+            place = self._behind(base, offsets[n] // 4)
+            if words.varying:
+                found.append(self._gather(elements[n], place, words))
                 continue
-            place = emit.new(f"getelementptr i32, ptr {base}, {emit.of(at)}")
-            note = ", !invariant.load !0" if read_only else ""
+            place = emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}")
+            note = ", !invariant.load !0" if is_fixed else ""
             found.append(emit.part(f"load {LLVM[elements[n]]}, ptr {place}, align 4{note}", elements[n], False))
         return found
 
@@ -98,7 +130,8 @@ class Blocks(Variables):
             words = emit.select(self.mask, words, constant("i", 0))
         quads = []
         for lane in range(lanes):
-            place = emit.new(f"getelementptr i32, ptr {base}, {emit.of(emit.lane(words, lane))}")
+            place = emit.new(f"zext i32 {emit.lane(words, lane).text} to i64")
+            place = emit.new(f"getelementptr i32, ptr {base}, i64 {place}")
             quads.append(emit.new(f"load <4 x {LLVM[element]}>, ptr {place}, align 4, !invariant.load !0"))
 
         def mixed(a: str, b: str, numbers: Sequence[int], size: int) -> str:
@@ -132,14 +165,13 @@ class Blocks(Variables):
         emit.line(f"call void @{name}({emit.of(part)}, {pointers} {places}, i32 4, {emit.of(self._full())})")
 
     def _put(self, node: Memory, numbers: Sequence[int], parts: Parts) -> None:
-        emit, words, base = self.emit, self._words(node), self._addresses[id(node.block)]
-        offsets = _offsets(node.type, False)
+        emit, (base, words), offsets = self.emit, self._place(node), _offsets(node.type, False)
         for n, part in zip(numbers, parts, strict=True):
-            at = self._binary("+", words, constant("i", offsets[n] // 4))
-            if at.varying:
-                self._scatter(emit.spread(part), base, at)
+            place = self._behind(base, offsets[n] // 4)
+            if words.varying:
+                self._scatter(emit.spread(part), place, words)
                 continue
-            self._store_once(part, emit.new(f"getelementptr i32, ptr {base}, {emit.of(at)}"))
+            self._store_once(part, emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}"))
 
     # Numbers
 
@@ -147,6 +179,15 @@ class Blocks(Variables):
         """Return 0, 1, 2, … in the lanes."""
         lanes = ", ".join(f"{LLVM[element]} {lane}" for lane in range(self.lanes))
         return Part(f"<{lanes}>", element, True)
+
+    def _inside(self, index: Part, count: int) -> Part:
+        """Return an index of an array, or its last one if there is no such element."""
+        last = constant(index.element, count - 1)
+        if index.constant is not None:
+            return index if 0 <= index.constant < count else last
+        # What becomes of NaN as an integer is not defined; it has to be one number before it is compared.
+        index = self.emit.part(f"freeze {self.emit.of(index)}", "u", index.varying)
+        return self.emit.call("umin", "u", index, last)
 
     def _own_words(self, cell: Cell, index: Part) -> Part:
         """Return where each lane's element of an array lies, in words."""

@@ -26,7 +26,7 @@ from clusterviz.spmd.ir import (
     Variable,
 )
 from clusterviz.spmd.tokens import Token, tokens_of
-from clusterviz.spmd.types import BOOL, DOUBLE, FLOAT, INT, SAMPLERS, UINT, VOID, Type, array_of
+from clusterviz.spmd.types import BOOL, DOUBLE, FLOAT, INT, SAMPLERS, UINT, VOID, Type, array_of, whole
 
 LEVELS = ("||", "^^", "&&", "|", "^", "&", "== !=", "< > <= >=", "<< >>", "+ -", "* / %")
 PRECEDENCE = {sign: level for level, signs in enumerate(LEVELS, start=1) for sign in signs.split()}
@@ -42,55 +42,37 @@ def parse(source: ShaderSource) -> Program:
     InputError
         The first mistake, with file, line and column; also for what GLSL has and the subset does not.
     """
-    return _Parser(source).program()
-
-
-def parse_expression(text: str, name: str, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
-    """Return the typed expression of a text, which may use a program's types, and built-in functions.
-
-    Parameters
-    ----------
-    name : of the text in error messages
-    variables : the variables that the expression may use
-
-    Raises
-    ------
-    InputError
-        The first mistake, with its column; for a name that is not declared, those that are.
-    """
-    return _Parser(ShaderSource(text, (name,))).expression(program, variables)
+    parser = _Parser(source)
+    try:
+        return parser.program()
+    except RecursionError:
+        raise parser.error_here("nested too deeply") from None
 
 
 class _Parser:
     def __init__(self, source: ShaderSource) -> None:
         self._tokens, places = tokens_of(source)
         self._error, self._checker, self._next = places.error, Checker(places), 0
-        checker = self._checker
-        self._program = Program([], [], checker.functions, names=checker.scopes[0], types=checker.types)
+        self._program = Program([], [], self._checker.functions, places)
         self._loops = 0
-
-    def expression(self, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
-        self._checker.types, self._checker.scopes, self._checker.only_reads = program.types, [variables], True
-        found = self._expression()
-        if self._token.kind != "end":
-            raise self._fail("expected the end of the expression")
-        return found
 
     def program(self) -> Program:
         while self._token.kind != "end":
             self._global()
+        checked = set[int]()
         for functions in self._program.functions.values():
             for function in functions:
-                self._check_calls(function, [])
+                self._check_calls(function, [], checked)
         return self._program
 
-    def _check_calls(self, function: Function, path: list[Function]) -> None:
-        for called, at in function.calls:
+    def _check_calls(self, function: Function, path: list[Function], checked: set[int]) -> None:
+        for called, at in function.calls if id(function) not in checked else ():
             if called.body is None:
                 raise self._error(f"{called.name} is called, but has no body", at)
             if called in path or called is function:
                 raise self._error(f"{called.name} calls itself: recursion is outside of the subset", at)
-            self._check_calls(called, [*path, function])
+            self._check_calls(called, [*path, function], checked)
+        checked.add(id(function))
 
     # Tokens
 
@@ -111,16 +93,17 @@ class _Parser:
     def _expect(self, text: str) -> Token:
         token = self._tokens[self._next]
         if token.text != text:
-            raise self._fail(f"expected {text}")
+            raise self.error_here(f"expected {text}")
         self._next += 1
         return token
 
     def _name(self) -> Token:
         if self._token.kind != "name":
-            raise self._fail("expected a name")
+            raise self.error_here("expected a name")
         return self._take()
 
-    def _fail(self, what: str) -> InputError:
+    def error_here(self, what: str) -> InputError:
+        """Return the error of the next token."""
         return self._error(what, self._token.at, self._token.text)
 
     # Declarations
@@ -197,7 +180,7 @@ class _Parser:
         name = self._name()
         if name.text in self._checker.types:
             raise self._error(f"{name.text} is declared twice", name.at)
-        self._checker.types[name.text] = Type(name.text, fields=self._members())
+        self._checker.types[name.text] = self._checker.limited(Type(name.text, fields=self._members()), name.at)
         self._expect(";")
 
     def _members(self) -> tuple[tuple[str, Type], ...]:
@@ -239,8 +222,10 @@ class _Parser:
             if self._accept("void"):
                 continue
             kind, parameter = self._type(), self._name()
+            if self._token.text == "[":
+                raise self.error_here("an array as a parameter is outside of the subset")
             direction = next((word for word in words if word in ("in", "out", "inout")), "in")
-            parameters.append(Variable(parameter.text, self._array(kind), direction, parameter.at))
+            parameters.append(Variable(parameter.text, kind, direction, parameter.at))
             if self._token.text != ")":
                 self._expect(",")
         function = checker.function_of(name.text, result, parameters, name.at)
@@ -253,6 +238,8 @@ class _Parser:
         for variable in parameters:
             checker.declare(variable.name, variable.at, variable)
         function.body = self._block()
+        if result is not VOID and not _returns(function.body):
+            raise self._error(f"{name.text} may end without a value", name.at)
         checker.close()
         checker.function = None
 
@@ -261,7 +248,7 @@ class _Parser:
         checker, found = self._checker, list[Declare]()
         while True:
             of, value = self._array(kind), None
-            if of is VOID or of in SAMPLERS.values():
+            if of is VOID or of in SAMPLERS.values() or (of.is_array and not of.size):
                 raise self._error(f"a variable of type {of.name}", name.at)
             variable = Variable(name.text, of, where, name.at)
             if self._accept("="):
@@ -323,7 +310,6 @@ class _Parser:
         while self._token.text in ("const", "precise"):
             where = "const" if self._take().text == "const" else where
         found = self._declared(self._type(), self._name(), where)
-        found[0].at = token.at
         return found[0] if len(found) == 1 else Block(token.at, list(found))
 
     def _condition(self) -> Expression:
@@ -414,7 +400,11 @@ class _Parser:
             token = self._token
             if token.text == ".":
                 self._take()
-                value = self._checker.member(value, self._name())
+                if (name := self._name()).text == "length" and self._accept("("):
+                    self._expect(")")
+                    value = self._checker.length(value, name.at)
+                else:
+                    value = self._checker.member(value, name)
             elif token.text == "[":
                 self._take()
                 index = self._expression()
@@ -428,7 +418,10 @@ class _Parser:
     def _primary(self) -> Expression:
         token = self._take()
         if token.kind == "number":
-            return _number(token)
+            try:
+                return _number(token)
+            except ValueError:
+                raise self._error("no such number of 32 bits", token.at, token.text) from None
         if token.text == "(":
             value = self._expression()
             self._expect(")")
@@ -448,9 +441,20 @@ class _Parser:
         return self._checker.call(token, arguments)
 
 
+def _returns(node: Statement | None) -> bool:
+    """Return whether what follows a statement is never reached, as it returns or goes on for ever."""
+    if isinstance(node, Block):
+        return any(_returns(one) for one in node.statements)
+    if isinstance(node, If):
+        return _returns(node.then) and _returns(node.otherwise)
+    return (isinstance(node, Loop) and node.condition is None) or (isinstance(node, Leave) and node.kind == "return")
+
+
 def _number(token: Token) -> Constant:
     text = token.text.lower()
     if text.startswith("0x") or text.rstrip("u").isdigit():
-        value = int(text.rstrip("u"), 0)
-        return Constant(UINT if text.endswith("u") else INT, token.at, value)
+        digits, kind = text.rstrip("u"), UINT if text.endswith("u") else INT
+        if (value := int(digits, 8 if len(digits) > 1 and digits.isdigit() and digits[0] == "0" else 0)) >> 32:
+            raise ValueError
+        return Constant(kind, token.at, whole(kind.element, value))
     return Constant(DOUBLE if text.endswith("lf") else FLOAT, token.at, float(text.rstrip("lf")))

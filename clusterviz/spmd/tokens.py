@@ -15,6 +15,14 @@ WORD = re.compile(
     r"|(?P<sign><<=|>>=|\+\+|--|<<|>>|<=|>=|==|!=|&&|\|\||\^\^|[-+*/%&|^]=|[-+*/%&|^~!?:;,.<>=(){}\[\]])|(?P<bad>.)",
     re.MULTILINE | re.DOTALL,
 )
+_OUTSIDE = """
+switch case default do discard goto subroutine precision highp mediump lowp invariant centroid flat smooth sample patch
+attribute varying coherent volatile restrict asm class union enum typedef template this resource inline noinline public
+static extern external interface long short half fixed unsigned superp input output hvec2 hvec3 hvec4 fvec2 fvec3 fvec4
+filter sizeof cast namespace using common partition active
+"""
+OUTSIDE = frozenset(_OUTSIDE.split())
+"""Words of GLSL that the subset does not have, and those that GLSL keeps for later."""
 DEFINE = re.compile(r"\s*#\s*define\s+(\w+)(\([^)]*\))?(.*)")
 
 
@@ -52,20 +60,13 @@ class Places:
         self._begins.append(at)
         self._lines.append((number, line))
 
-    def line_of(self, at: int) -> tuple[int, int]:
-        """Return the number of the file, as several parts of a shader may be of one file, and the line."""
-        part = bisect_right(self._begins, at) - 1
-        number, line = self._lines[part]
-        return number, line + self._text.count("\n", self._begins[part], at)
-
-    def name_of(self, number: int) -> str:
-        """Return the name of a file."""
-        return self._names[number] if number < len(self._names) else str(number)
-
     def where(self, at: int) -> str:
         """Return "file:line:column"."""
-        number, line = self.line_of(at)
-        return f"{self.name_of(number)}:{line}:{at - self._text.rfind(chr(10), 0, at)}"
+        part = bisect_right(self._begins, at) - 1
+        number, line = self._lines[part]
+        line += self._text.count("\n", self._begins[part], at)
+        name = self._names[number] if number < len(self._names) else str(number)
+        return f"{name}:{line}:{at - self._text.rfind(chr(10), 0, at)}"
 
     def error(self, what: str, at: int, found: object = None, allowed: object = None) -> InputError:
         """Return the error of a position."""
@@ -99,6 +100,8 @@ def tokens_of(source: ShaderSource) -> tuple[list[Token], Places]:
             depth += (text == "(") - (text == ")")
             skip_call = depth > 0
         else:
+            if text in OUTSIDE:
+                raise places.error("this word of GLSL is outside of the subset", at, text)
             found.append(Token(kind, text, at))
     found.append(Token("end", "the end", len(source.text)))
     return found, places

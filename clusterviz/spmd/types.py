@@ -116,15 +116,21 @@ def converts(given: Type, wanted: Type) -> bool:
 
 
 SIGNATURES = {
-    "F>F": "floor ceil fract trunc sqrt inversesqrt exp exp2 log log2 sin cos normalize",
+    "F>F": "floor ceil fract trunc round roundEven sqrt inversesqrt normalize",
+    "R>R": "exp exp2 log log2 sin cos tan asin acos atan radians degrees",
     "G>G": "abs sign",
     "Gg>G": "min max",
     "Ggg>G": "clamp",
     "FFf>F": "mix",
     "FFF>F": "fma",
-    "FF>F": "pow",
-    "FF>1": "dot",
+    "RR>R": "pow atan2",
+    "FF>F": "cross reflect",
+    "Ff>F": "mod",
+    "fF>F": "step",
+    "ffF>F": "smoothstep",
+    "FF>1": "dot distance",
     "F>1": "length",
+    "F>B": "isnan isinf",
     "GG>B": "lessThan lessThanEqual greaterThan greaterThanEqual equal notEqual",
     "B>1": "all any",
     "B>B": "not",
@@ -133,10 +139,10 @@ SIGNATURES = {
     "i>f": "intBitsToFloat",
     "u>f": "uintBitsToFloat",
 }
-"""Parameters > result: F floating point, G any number, B bool; a small letter is a parameter that may be a scalar; 1 a
-scalar of the same element. Those of bits are of any size."""
+"""Parameters > result: F floating point, R float, G any number, B bool; a small letter is a parameter that may be a
+scalar; 1 a scalar of the same element. Those of bits are of any size. "atan2" is "atan" of two parameters."""
 BUILT_IN = {name: signature for signature, names in SIGNATURES.items() for name in names.split()}
-LETTERS = {"F": "fd", "G": "fdiu", "B": "b"}
+LETTERS = {"F": "fd", "R": "f", "G": "fdiu", "B": "b"}
 
 
 def built_in(name: str, given: list[Type]) -> tuple[Type, list[Type]] | None:
@@ -146,20 +152,23 @@ def built_in(name: str, given: list[Type]) -> tuple[Type, list[Type]] | None:
     """
     if name == "unpackDouble2x32":
         return (NUMBERS["u", 2], [DOUBLE]) if given == [DOUBLE] else None
-    parameters, _, result = BUILT_IN[name].partition(">")
+    parameters, _, result = BUILT_IN["atan2" if (name, len(given)) == ("atan", 2) else name].partition(">")
     if len(given) != len(parameters) or not all(kind.element and kind.of is None for kind in given):
         return None
-    size = given[0].size
+    size = given[-1].size if parameters[0].islower() else given[0].size
+    if (name == "cross" and size != 3) or name == "atan2":
+        return None
     if parameters in ELEMENTS:  # of bits
         return (NUMBERS[result, size], given) if given[0].element == parameters else None
     if name == "mix" and given[2].element == "b":
         kinds, last = given[:2], [NUMBERS["b", size]]
     else:
         kinds, last = given, []
-    element = next((e for e in LETTERS[parameters[0]] if all(e in CONVERTED[kind.element] for kind in kinds)), "")
-    element = _common(kinds) if parameters[0] == "G" else element
+    letter = parameters[0].upper()
+    element = next((e for e in LETTERS[letter] if all(e in CONVERTED[kind.element] for kind in kinds)), "")
+    element = _common(kinds) if letter == "G" else element
     sizes = [kind.size == size or (kind.size == 1 and p.islower()) for kind, p in zip(kinds, parameters, strict=False)]
-    if not element or element not in LETTERS[parameters[0]] or not all(sizes) or (last and given[2] is not last[0]):
+    if not element or element not in LETTERS[letter] or not all(sizes) or (last and given[2] is not last[0]):
         return None
     results = {"1": NUMBERS[element, 1], "B": NUMBERS["b", size]}
     return results.get(result, NUMBERS[element, size]), [NUMBERS[element, kind.size] for kind in kinds] + last
@@ -175,3 +184,11 @@ def common(a: Type, b: Type) -> Type | None:
     if not (a.element and b.element) or a.of or b.of or not (element := _common([a, b])):
         return None
     return NUMBERS[element, max(a.size, b.size)] if a.size == b.size or 1 in (a.size, b.size) else None
+
+
+def whole(element: str, value: float) -> int:
+    """Return a number as a 32-bit integer: integers wrap, and floats are cut to the range."""
+    low = 0 if element == "u" else -(1 << 31)
+    if isinstance(value, float):
+        return int(min(max(value, low), low + (1 << 32) - 1)) if value == value else 0
+    return (value - low) % (1 << 32) + low

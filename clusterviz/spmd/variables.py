@@ -97,6 +97,11 @@ class Variables:
             found.append(Cell(address, element, varying, self._mask_id, own, count))
         return found
 
+    def _vary(self, cell: Cell) -> None:
+        """Note that lanes may differ, as this pass finds, whose code is of no use then."""
+        self._varying.add(cell.key)
+        cell.varying = True
+
     def _load(self, cell: Cell) -> Part:
         kind = self.emit.kind(cell.element, cell.varying)
         return self.emit.part(f"load {kind}, ptr {cell.address}", cell.element, cell.varying)
@@ -108,8 +113,7 @@ class Variables:
             self._store_once(part, address)
             return
         if not cell.varying and (part.varying or cell.mask != self._mask_id):
-            self._varying.add(cell.key)
-            return
+            self._vary(cell)
         if cell.varying:
             part = emit.spread(part)
             if cell.mask != self._mask_id and self.mask is not None:

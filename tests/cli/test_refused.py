@@ -87,10 +87,15 @@ COMMANDS = [
     ("render none.npy -o folder.png", "found a folder"),
     ("render none.npy -o a.bmp", "unknown extension; found .bmp; allowed .png, .npy, .exr"),
     ("render none.npy -o a", "unknown extension; found none"),
+    (f"render {FIELD} -o new.png --layers depth", "holds no layers; found .png; allowed .exr, .npz"),
+    (f"render {FIELD} -o new.exr --layers depth,colour", "--layers: unknown name; found colour"),
+    (f"animate {FIELD} --orbit 9 --frames 2 -o new.mp4 --layers all", "pictures with a field for their number"),
     ("render none.npy -o new.png --stats none/s.json", "none is missing; allowed a folder that is there"),
     ("render none.npy -o new.png --stats folder.png", "found a folder"),
 ]
 OPTIONS = [
+    ("-D image.layers=[depth] -D blending=maximum", 'image.layers: not with blending: maximum; found ["depth"]'),
+    ("-D image.layers=[depth] -D quality.borders=split", "image.layers: not with borders: split"),
     ("-D quality.stepp=1", "unknown key, did you mean step?"),
     ("-D quality.step", "not a key with a value"),
     ("-D cluster.compositing=magic", "not one of the choices"),

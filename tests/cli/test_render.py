@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import clusterviz
 from clusterviz.cli.instrumentation import print_cost_table, summary
 from clusterviz.cli.jobs import job_command, run_job
 from clusterviz.image import compare, read_image
@@ -37,6 +38,26 @@ def test_a_bare_data_file_becomes_a_picture(name: str, cli: Callable[..., Any], 
     assert picture.shape == (18, 24, 4)
     assert picture.max() > 0
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.gl
+def test_layers_are_written_beside_the_colours_of_pictures_and_frames(cli: Callable[..., Any], tmp_path: Path) -> None:
+    shown = (FIELD, *SMALL, "--layers", "object,depth", "-D", "volumes.0.opacity=0.5")
+    assert cli("render", *shown, "-o", str(tmp_path / "a.npz")).status == 0
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert list(arrays) == ["rgba", "depth", "object"]
+        assert set(np.unique(arrays["object"])) == {-1, 0}
+        depth, rgba = arrays["depth"], arrays["rgba"]
+    outcome = cli("animate", *shown, "--orbit", "360", "--frames", "2", "-o", str(tmp_path / "frame_%d.npz"))
+    assert (outcome.status, outcome.err) == (0, "")
+    with np.load(tmp_path / "frame_1.npz") as arrays:
+        assert arrays["depth"].shape == depth.shape
+        assert np.isfinite(arrays["depth"]).any()
+    image = clusterviz.render(FIELD, size=(24, 18), brick=8, opacity=0.5, layers=["depth"])
+    assert image is not None
+    assert list(image.layers) == ["depth"]
+    assert np.array_equal(image.layers["depth"], depth)
+    assert np.array_equal(image, rgba)
 
 
 @pytest.mark.gl

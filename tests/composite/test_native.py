@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import pytest
 
 from clusterviz.codec import kernels
 from clusterviz.composite.over import native
+from clusterviz.errors import InputError
 from clusterviz.kernels import compiled, objects
 
 NAME = ("pair_kernels", "put")
@@ -39,6 +41,7 @@ import hashlib
 from pathlib import Path
 import numpy as np
 from clusterviz.composite.over import vector_code
+from clusterviz.errors import InputError
 from clusterviz.kernels import objects
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.composite.fragment import Patch
@@ -99,6 +102,51 @@ def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPa
         native.kernel(*NAME).prepare()
         assert names.pop() == "put"
         assert file.read_bytes() == whole
+
+
+def test_code_that_others_may_have_written_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another user's file, one that others may write, or one of another kernel or CPU under this name."""
+    native.kernel(*NAME).prepare()
+    (file,) = folder.iterdir()
+    assert (folder.stat().st_mode & 0o777, file.stat().st_mode & 0o777) == (0o700, 0o600)
+    assert (code := objects.read_code(file)) is not None
+    foreign = file.with_name("foreign.o")
+    foreign.write_bytes(file.read_bytes())
+    assert objects.read_code(foreign) is None
+    for path, mode in ((file, 0o620), (file, 0o602), (folder, 0o770)):
+        before = path.stat().st_mode
+        path.chmod(mode)
+        assert objects.read_code(file) is None
+        path.chmod(before)
+        assert objects.read_code(file) == code
+    if os.getuid() == 0:
+        os.chown(file, 4711, -1)
+    monkeypatch.setattr("os.getuid", lambda: 4712)
+    monkeypatch.setattr(objects, "__file__", "/")
+    assert objects.read_code(file) is None
+
+
+def test_processes_may_compile_a_kernel_at_once(folder: Path) -> None:
+    """Each saves the whole file; none reads a part of one."""
+    text = (
+        "from clusterviz.kernels import objects; from pathlib import Path; import os; "
+        f"objects.folders = lambda: (Path({str(folder)!r}),); code = os.urandom(1) * 10**7; "
+        "paths = [objects.object_path('put', [bytes([n])]) for n in range(9)]; "
+        "[objects._save(path, code) for path in paths]; assert None not in map(objects.read_code, paths)"
+    )
+    started = [subprocess.Popen([sys.executable, "-c", text]) for _ in range(2)]
+    assert [one.wait() for one in started] == [0, 0]
+    assert len(list(folder.iterdir())) == 9
+
+
+def test_the_cpu_can_be_any_of_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = objects.fingerprint([])
+    monkeypatch.setenv(objects.CPU_VARIABLE, "generic")
+    assert objects.fingerprint([]) != own
+    assert not objects.has_features("avx")
+    monkeypatch.setenv(objects.CPU_VARIABLE, "vax")
+    with pytest.raises(InputError, match="CLUSTERVIZ_CPU: no such CPU; found vax; allowed generic, native"):
+        objects.cpu()
 
 
 def test_code_beside_the_package_serves_users_who_cannot_write_there(

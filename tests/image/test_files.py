@@ -10,14 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
 from clusterviz.errors import InputError, OutputError
 from clusterviz.image import check_writable, finish, read_image, write_image
+from clusterviz.image.picture import Image as Picture
 from clusterviz.image.replace import replacing
 
-FORMATS = [".npy", ".png", ".exr"]
+FORMATS = [".npy", ".png", ".exr", ".npz"]
 
 
 def picture(height: int = 9, width: int = 7) -> np.ndarray:
@@ -40,7 +42,7 @@ def disk_full_after(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("extension", [".npy", ".exr"])
+@pytest.mark.parametrize("extension", [".npy", ".exr", ".npz"])
 @pytest.mark.parametrize("size", [(9, 7), (1, 1), (1, 300), (300, 1)])
 def test_float_formats_are_exact(tmp_path: Path, extension: str, size: tuple[int, int]) -> None:
     rgba = picture(*size)
@@ -50,6 +52,32 @@ def test_float_formats_are_exact(tmp_path: Path, extension: str, size: tuple[int
         read = read_image(tmp_path / f"a{extension}")
         assert read.dtype == np.float32
         assert np.array_equal(read, each)
+
+
+def test_layers_are_named_channels_and_arrays(tmp_path: Path) -> None:
+    rgba = picture(9, 7)
+    depth = np.full((9, 7), np.inf, np.float32)
+    depth[0] = 1e9
+    layers = {"depth": depth, "normal": rgba[..., :3], "object": np.full((9, 7), -1, np.int32)}
+    Picture(rgba, layers=layers).save(tmp_path / "a.exr")
+    write_image(tmp_path / "a.npz", rgba, None, layers=layers)
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set("RGBA") | {"depth.Z", "normal.X", "normal.Y", "normal.Z", "object.ID"} == set(channels)
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert {name: arrays[name].dtype for name in arrays} == {
+            "rgba": "f4",
+            "depth": "f4",
+            "normal": "f4",
+            "object": "i4",
+        }
+        assert all(np.array_equal(arrays[name], layers[name], equal_nan=True) for name in layers)
+    assert np.array_equal(channels["depth.Z"], layers["depth"], equal_nan=True)
+    assert np.array_equal(channels["normal.Y"], layers["normal"][..., 1])
+    assert np.array_equal(channels["object.ID"], layers["object"])
+    assert all(np.array_equal(read_image(tmp_path / name), rgba) for name in ("a.exr", "a.npz"))
+    with pytest.raises(OutputError, match=r"holds no layers; found \.png; allowed \.exr, \.npz"):
+        write_image(tmp_path / "a.png", rgba, None, layers=layers)
 
 
 @pytest.mark.parametrize("background", [None, (1.0, 0.5, 0.0)])

@@ -72,10 +72,12 @@ SURFACES = {"blending": "isosurface", "isosurfaces": ((100.0, 0.4), (160.0, 1.0)
         pytest.param(16, "uint8", 1e-5, PLAIN, {"in_registers": True}, id="transfer function in registers"),
         pytest.param(8, "uint8", 1e-5, PLAIN, {"far": True}, id="cells in two words, fetched ahead"),
         pytest.param(4, "uint8", 1e-5, PLAIN, {}, id="4 lanes"),
+        pytest.param(1, "uint8", 1e-5, PLAIN, {}, id="1 lane"),
         pytest.param(16, "uint16", 1e-5, {"jitter": True}, {}, id="jittered uint16"),
         pytest.param(16, "float32", 1e-5, {"blending": "maximum"}, {}, id="maximum of float32"),
         pytest.param(16, "uint8", 4e-5, LIT, {}, id="lit"),
-        pytest.param(16, "uint8", 4e-5, {"interpolation": "cubic"}, {}, id="cubic"),
+        pytest.param(16, "uint16", 4e-5, LIT, {}, id="lit uint16"),
+        pytest.param(16, "float32", 4e-5, {"interpolation": "cubic"}, {}, id="cubic float32"),
         pytest.param(16, "uint8", 1e-4, SURFACES, {}, id="isosurfaces"),
     ],
 )

@@ -16,11 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import llvmlite.binding as llvm  # type: ignore[import-untyped]
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
 
 from clusterviz.composite.over.job import BYTE, FLOAT, HALF
+from clusterviz.kernels.objects import has_features
 
 CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
 
@@ -28,7 +28,7 @@ CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
 _function: Callable[..., Any] = cgutils.get_or_insert_function
 
 # Without f16c LLVM calls a function of the compiler's runtime library, which is not linked.
-HALVES_IN_HARDWARE = bool(llvm.get_host_cpu_features().get("f16c"))
+HALVES_IN_HARDWARE = has_features("f16c")
 
 _HALF = ir.HalfType()
 _FLOAT, _I8, _I16, _I32, _I64 = ir.FloatType(), ir.IntType(8), ir.IntType(16), ir.IntType(32), ir.IntType(64)

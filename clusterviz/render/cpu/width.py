@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from clusterviz.comm.placement import kernel_threads
+from clusterviz.kernels.objects import has_features
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,7 @@ _FEATURES = {16: ("avx512f", "avx512dq", "avx512bw", "avx512vl"), 8: ("avx2", "f
 @cache
 def host_width() -> Width:
     """The widest vectors of this CPU."""
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
-    features = llvm.get_host_cpu_features()
-    return next(width for width in WIDTHS if all(features.get(name) for name in _FEATURES[width.lanes]))
+    return next(width for width in WIDTHS if has_features(*_FEATURES[width.lanes]))
 
 
 def cpu_name(width: Width | None = None) -> str:

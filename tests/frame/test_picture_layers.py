@@ -1,0 +1,102 @@
+"""Layers beside the colours: against the float64 reference, and equal on any ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from render.scenes import SHAPE, TURNED, camera_at, lights_in, scene_of, smooth
+
+from clusterviz.comm import run_loopback
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.frame import Options, render_frame
+from clusterviz.image.picture import layers_of
+from clusterviz.reference import reference_layers
+from clusterviz.scene.overrides import with_settings
+from clusterviz.scene.values import Clip, Scene
+
+PLAIN, OBLIQUE = Grid(SHAPE), Grid(SHAPE, (1.3, 0.6, 2.0), (100.0, -50.0, 3.0), TURNED)
+BESIDE = Grid((15, 12, 17), (1.3, 0.9, 1.1), (9.0, 7.0, 5.0), TURNED)
+SURFACES: dict[str, Any] = {"isosurfaces": ((0.7, 0.4), (0.55, 0.4), (0.3, 1.0))}
+CASES: dict[str, tuple[dict[str, Any], Grid, str]] = {
+    "composite": ({"opacity": 0.3}, PLAIN, "outside"),
+    "oblique, cubic, clipped": (
+        {"opacity": 0.5, "unit": 3.0, "interpolation": "cubic", "clip": Clip(planes=(((100, -50, 3), (1, 1, 1)),))},
+        OBLIQUE,
+        "parallel",
+    ),
+    "pre-integrated, lit": ({"unit": 2.0, "classification": "pre-integrated", "shade": True}, OBLIQUE, "outside"),
+    "jittered": ({"unit": 2.0, "jitter": True, "step": 1.7}, PLAIN, "inside"),
+    "surfaces": ({**SURFACES, "blending": "isosurface", "shade": True}, OBLIQUE, "outside"),
+    "surfaces of nearest voxels": (
+        {**SURFACES, "blending": "isosurface", "interpolation": "nearest"},
+        PLAIN,
+        "parallel",
+    ),
+    "surfaces within": (SURFACES, PLAIN, "outside"),
+}
+SETTINGS: dict[str, dict[str, Any]] = {
+    "serial": {"compositing": "serial"},
+    "interleaved": {"distribution": "interleaved"},
+    "shared": {"transport": "shared"},
+    "sort-first": {"mode": "sort-first"},
+    "hybrid": {"mode": "hybrid"},
+}
+LAYERS = {"layers": ("depth", "normal", "opacity", "object")}
+
+
+def case(name: str) -> tuple[Scene, list[np.ndarray], list[Grid]]:
+    """A scene with layers, its voxels and its grids."""
+    if name == "two volumes":
+        scene, voxels, grids = case("surfaces within")
+        other = (
+            case("composite")[0].volumes[0].model_copy(update={"clim": (0.0, 1.0), "opacity": ((0.3, 0.0), (0.7, 0.4))})
+        )
+        scene = scene.model_copy(update={"volumes": (*scene.volumes, other), "lights": lights_in(grids[0])})
+        return scene, [*voxels, smooth(BESIDE.shape_zyx)], [*grids, BESIDE]
+    keys, grid, camera = CASES[name]
+    voxels = smooth(grid.shape_zyx)
+    scene = scene_of(voxels, camera_at(camera, grid), clim=(0.0, 1.0), **keys)
+    return with_settings(scene, LAYERS | {"brick": 8}), [voxels], [grid]
+
+
+def layers(scene: Scene, voxels: list[np.ndarray], grids: list[Grid], ranks: int = 1, **keys: Any) -> dict[str, Any]:
+    scene = with_settings(scene, keys)
+    sources = [ArraySource(*each) for each in zip(voxels, grids, strict=True)]
+    rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, sources, Options(0)))[0]
+    assert rendered.image is not None
+    return dict(layers_of(rendered.image))
+
+
+def check_equal(found: dict[str, Any], expected: dict[str, Any], few: int, bound: float) -> None:
+    """Equal, but for a few pixels whose opacity is half to the last bits, or whose ray grazes a surface."""
+    there = expected["object"] >= 0
+    assert there.mean() > 0.1
+    wrong = found["object"] != expected["object"]
+    with np.errstate(invalid="ignore"):
+        wrong |= there & ~(np.abs(found["depth"] - expected["depth"]) <= bound)
+    turned = np.abs(found["normal"] - expected["normal"]).max(axis=-1)
+    wrong |= turned > 10 * bound
+    wrong |= np.abs(found["opacity"] - expected["opacity"]) > 1e-4
+    assert np.all(np.isinf(found["depth"]) == (found["object"] < 0))
+    assert np.count_nonzero(wrong) <= few
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", [*CASES, "two volumes"])
+def test_layers_are_those_of_the_reference_and_equal_on_any_ranks(name: str) -> None:
+    made = case(name)
+    alone = layers(*made)
+    check_equal(alone, reference_layers(made[0], made[2], made[1]), 3, 1e-4)
+    for ranks in (3, 5):
+        check_equal(layers(*made, ranks), alone, 0, 2e-5)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", SETTINGS)
+def test_layers_do_not_depend_on_how_ranks_share_the_work(name: str) -> None:
+    made = case("surfaces within")
+    alone = layers(*made, brick=16, early_termination=0.01)
+    check_equal(layers(*made, 3, **SETTINGS[name]), alone, 0, 2e-5)
