@@ -1,14 +1,16 @@
-"""`clusterviz info`: describe a data file and its value statistics."""
+"""`clusterviz info`: describe a volume and its value statistics, or meshes, lines and points."""
 
 from __future__ import annotations
 
 import json as json_text
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
     from clusterviz.data.source import Source
 
 BARS = " ▁▂▃▄▅▆▇█"
@@ -22,22 +24,102 @@ def command(
     time: Annotated[int | None, typer.Option(help="Which time step, from 0; the first by default.", min=0)] = None,
     channel: Annotated[str | None, typer.Option(help="Which channel, by number or name; by default the first.")] = None,
     brick: Annotated[int, typer.Option(help="Voxels along the side of a brick.", min=2, max=1024)] = 64,
+    points: Annotated[bool, typer.Option("--points", help="Read a .npy file (n, 3 or more) as points.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show what a data file holds: format, grid, type, range, percentiles, histogram, bricks."""
+    """Show what a data file holds.
+
+    Of a volume: format, grid, type, range, percentiles, histogram, bricks. Of meshes, lines and points: counts, bounds,
+    arrays, and whether a mesh is closed.
+    """
     from rich.console import Console
 
-    from clusterviz.data import open_source
+    from clusterviz.data import mesh_format_of, open_source, read_geometry
     from clusterviz.data.axes import Subset
 
-    source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
     with Console(stderr=True).status(f"reading {file}"):
-        found = describe(source, brick)
+        mesh_format = mesh_format_of(Path(file))
+        if points or mesh_format:
+            geometry = read_geometry(file)
+            found = {"name": file, "format": mesh_format.name if mesh_format else "npy"} | describe_geometry(geometry)
+        else:
+            source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
+            found = describe(source, brick)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
         return
-    for name, text in _rows(found):
+    for name, text in _rows(found) if "samples" in found else _geometry_rows(found):
         print(f"{name:12} {text}")
+
+
+def describe_geometry(geometry: Geometry) -> dict[str, Any]:
+    """Return counts, bounds and arrays of the meshes, lines and points of a file, as JSON values."""
+    found: dict[str, Any] = {}
+    if geometry.mesh:
+        found["mesh"] = _mesh(geometry.mesh)
+    if geometry.lines:
+        found["lines"] = _lines(geometry.lines)
+    if geometry.points:
+        found["points"] = _points(geometry.points)
+    return found
+
+
+def _mesh(mesh: Mesh) -> dict[str, Any]:
+    boundary, crowded = mesh.edge_counts()
+    drawn, invalid = int(mesh.drawable.sum()), ~mesh.finite
+    return {
+        "vertices": len(mesh.vertices),
+        "triangles": len(mesh.triangles),
+        "dtype": mesh.vertices.dtype.name,
+        "bounds": mesh.bounds,
+        "closed": drawn > 0 and boundary == 0 and crowded == 0,
+        "boundary_edges": boundary,
+        "non_manifold_edges": crowded,
+        "not_finite": int(invalid.sum()),
+        "degenerate": len(mesh.triangles) - drawn - int(invalid[mesh.triangles].any(axis=1).sum()),
+        "drawn": drawn,
+        "vertex_arrays": _arrays(mesh.vertex_attributes),
+        "triangle_arrays": _arrays(mesh.triangle_attributes),
+    }
+
+
+def _lines(lines: Lines) -> dict[str, Any]:
+    return {
+        "lines": len(lines.offsets) - 1,
+        "points": len(lines.points),
+        "dtype": lines.points.dtype.name,
+        "bounds": lines.bounds,
+        "not_finite": int((~lines.finite).sum()),
+        "point_arrays": _arrays(lines.point_attributes),
+        "line_arrays": _arrays(lines.line_attributes),
+    }
+
+
+def _points(points: Points) -> dict[str, Any]:
+    return {
+        "points": len(points.positions),
+        "dtype": points.positions.dtype.name,
+        "bounds": points.bounds,
+        "not_finite": int((~points.finite).sum()),
+        "arrays": _arrays(points.attributes),
+    }
+
+
+def _arrays(arrays: Attributes) -> dict[str, Any]:
+    """Return type, number of components and range of finite numbers of arrays by name."""
+    import numpy as np
+
+    found = {}
+    for name, array in arrays.items():
+        finite = array[np.isfinite(array)]
+        found[name] = {
+            "dtype": array.dtype.name,
+            "components": array.shape[1] if array.ndim > 1 else 1,
+            "minimum": finite.min().item() if finite.size else None,
+            "maximum": finite.max().item() if finite.size else None,
+            "not_finite": array.size - finite.size,
+        }
+    return found
 
 
 def describe(source: Source, brick: int) -> dict[str, Any]:
@@ -143,6 +225,44 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             ("histogram", f"{sparkline(found['histogram'])}  (logarithmic)"),
         ]
     return rows
+
+
+def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return names and texts in the order of output."""
+    rows = [("name", found["name"]), ("format", found["format"])]
+    for kind in ("mesh", "lines", "points"):
+        part = found.get(kind)
+        if part is None:
+            continue
+        counts = [f"{part[key]} {key}" for key in ("triangles", "vertices", "lines", "points") if key in part]
+        rows.append((kind, f"{', '.join(counts)}, {part['dtype']}"))
+        if part["bounds"]:
+            rows.append(("bounds", f"{_vector(part['bounds'][0])}  to  {_vector(part['bounds'][1])}"))
+        else:
+            rows.append(("bounds", "none: there is nothing to draw"))
+        if kind == "mesh":
+            edges = [f"{part[f'{key}_edges']} {key.replace('_', '-')}" for key in ("boundary", "non_manifold")]
+            rows.append(("closed", "yes" if part["closed"] else f"no: {' and '.join(edges)} edges"))
+            if part["degenerate"]:
+                rows.append(
+                    ("degenerate", f"{part['degenerate']} of {part['triangles']} triangles, which are not drawn")
+                )
+        if part["not_finite"]:
+            rows.append(("not finite", f"{part['not_finite']} positions (NaN or infinite); what has them is not drawn"))
+        for key in ("vertex_arrays", "triangle_arrays", "point_arrays", "line_arrays", "arrays"):
+            rows += [
+                (key.replace("_arrays", " array").replace("arrays", "array"), _array(n, a))
+                for n, a in part.get(key, {}).items()
+            ]
+    return rows if len(rows) > 2 else [*rows, ("holds", "nothing to draw")]
+
+
+def _array(name: str, array: dict[str, Any]) -> str:
+    """Return an array in one line."""
+    components = f" × {array['components']}" if array["components"] > 1 else ""
+    within = "nothing finite" if array["minimum"] is None else f"{array['minimum']:g}  to  {array['maximum']:g}"
+    invalid = f", {array['not_finite']} not finite" if array["not_finite"] else ""
+    return f"{name}: {array['dtype']}{components}, {within}{invalid}"
 
 
 def _vector(values: list[float]) -> str:

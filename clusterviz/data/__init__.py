@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
+from clusterviz.data.geometry import Geometry
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
@@ -42,18 +43,25 @@ class Format:
     extensions : of its files
     magic : possible first bytes; empty if they vary
     opener : module in clusterviz.data.formats and its function, imported on first use
+    recognises : function that tells these files from volumes with the same extension; empty if there are none
     """
 
     name: str
     extensions: tuple[str, ...]
     magic: tuple[bytes, ...]
     opener: str
+    recognises: str = ""
 
     def open(self, path: Path, subset: Subset) -> Source:
-        """Open a file."""
-        module, function = self.opener.split(".")
-        source: Source = getattr(import_module(f"clusterviz.data.formats.{module}"), function)(path, subset)
+        """Open a volume."""
+        source: Source = _function(self.opener)(path, subset)
         return source
+
+
+def _function(name: str) -> Any:
+    """Return a function of a module in clusterviz.data.formats."""
+    module, function = name.split(".")
+    return getattr(import_module(f"clusterviz.data.formats.{module}"), function)
 
 
 FORMATS = (
@@ -73,6 +81,28 @@ FORMATS = (
     Format("netcdf", (".nc", ".nc4"), (), "hdf5.open_hdf5"),
     Format("picture", PICTURES, (), "folder.open_picture"),
 )
+MESH_FORMATS = (
+    Format("ply", (".ply",), (b"ply",), "ply.read_ply"),
+    Format("stl", (".stl",), (), "stl.read_stl"),
+    Format("obj", (".obj",), (), "obj.read_obj"),
+    Format("off", (".off",), (), "off.read_off"),
+    Format("gltf", (".gltf", ".glb"), (), "gltf.read_gltf"),
+    Format("vtp", (".vtp",), (), "vtp.read_vtp"),
+    Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_polydata", "vtk.is_polydata"),
+    Format("gifti", (".gii",), (), "gifti.read_gifti"),
+    Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti"),
+    Format("freesurfer", (".pial", ".white", ".inflated", ".sphere", ".orig"), (), "freesurfer.read_freesurfer"),
+    Format("trk", (".trk",), (b"TRACK",), "streamlines.read_streamlines"),
+    Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_streamlines"),
+    Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
+    Format("npy", (".npy",), (b"\x93NUMPY",), "table.read_npy_table", "table.is_npy_table"),
+    Format("npz", (".npz",), (b"PK",), "table.read_npz_mesh", "table.is_npz_mesh"),
+    Format("pdb", (".pdb", ".ent"), (), "molecule.read_molecule"),
+    Format("mmcif", (".cif", ".mmcif"), (), "molecule.read_molecule"),
+    Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule"),
+)
+"""Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
+MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS for extension in each.extensions}
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
 
@@ -174,9 +204,51 @@ def _open(text: str, part: Subset) -> Source:
 
 
 def format_of(path: Path) -> Format | None:
-    """Return the format of a file by its extension; None if it is unknown."""
+    """Return the format of a volume's file by its extension; None if it is unknown."""
+    return _by_extension(path, EXTENSIONS)
+
+
+def _by_extension(path: Path, table: dict[str, Format]) -> Format | None:
     last = ["".join(path.suffixes[-dots:]).lower() for dots in (2, 1)]
-    return next((EXTENSIONS[extension] for extension in last if extension in EXTENSIONS), None)
+    return next((table[extension] for extension in last if extension in table), None)
+
+
+def mesh_format_of(path: Path) -> Format | None:
+    """Return the format of a file of meshes, lines or points; None if it is unknown, or a volume.
+
+    Raises
+    ------
+    DataError
+        A file that may be either is missing, unreadable or damaged.
+    """
+    found = _by_extension(path, MESH_EXTENSIONS)
+    if found is None:
+        is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
+        return MESH_EXTENSIONS[".pial"] if is_surface else None
+    with guard(DataError, path):
+        if found.recognises:
+            require_file(path, found.magic)
+        return found if not found.recognises or _function(found.recognises)(path) else None
+
+
+def read_geometry(path: str | Path) -> Geometry:
+    """Read the meshes, lines and points of a file of a format in `MESH_FORMATS`.
+
+    Raises
+    ------
+    DataError
+        Missing, unreadable, damaged, of an unknown extension, or indices out of range.
+    """
+    file = Path(path)
+    found = mesh_format_of(file) or _by_extension(file, MESH_EXTENSIONS)
+    if found is None:
+        require_file(file)
+        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
+        raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(MESH_EXTENSIONS))
+    with guard(DataError, path):
+        require_file(file, found.magic)
+        geometry: Geometry = _function(found.opener)(file)
+        return geometry
 
 
 def open_volume(volume: Volume) -> Source:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from data import mesh_writers
 
 from clusterviz.cli.info import format_name, sparkline
 
@@ -74,6 +75,49 @@ def test_time_steps_and_channels_are_told(cli: Callable[..., Any], tmp_path: Pat
 
 def test_a_field_has_no_file(cli: Callable[..., Any]) -> None:
     assert json.loads(cli("info", "field:ramp:8", "--json").out)["shape_zyx"] == [8, 8, 8]
+
+
+def test_a_mesh_lines_and_points_of_one_file(cli: Callable[..., Any], tmp_path: Path) -> None:
+    path = str(mesh_writers.vtp(tmp_path / "a.vtp"))
+    found = json.loads(cli("info", path, "--json").out)
+    assert (found["name"], found["format"]) == (path, "vtp")
+    mesh, lines, points = found["mesh"], found["lines"], found["points"]
+    assert (mesh["triangles"], mesh["vertices"], mesh["drawn"], mesh["dtype"]) == (4, 9, 4, "float32")
+    assert (mesh["closed"], mesh["boundary_edges"], mesh["non_manifold_edges"]) == (True, 0, 0)
+    assert mesh["bounds"] == [[0, 0, 0], [2, 3, 4]]
+    label = {"dtype": "int64", "components": 1, "minimum": 4, "maximum": 6, "not_finite": 0}
+    assert mesh["triangle_arrays"] == {"label": label}
+    assert (lines["lines"], lines["points"], lines["bounds"]) == (2, 5, [[0, 0, 0], [6, 5, 5]])
+    assert (points["points"], points["arrays"]["heat"]["maximum"]) == (2, 4)
+    out = cli("info", path).out
+    for part in ("4 triangles, 9 vertices, float32", "closed       yes", "label: int64, 4  to  6", "2 lines, 5 points"):
+        assert part in out
+
+
+def test_what_a_mesh_cannot_draw_is_told(cli: Callable[..., Any], tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 nan\nf 1 2 3\nf 1 2 4\nf 1 1 2\n")
+    out = cli("info", str(path)).out
+    for part in (
+        "no: 3 boundary and 0 non-manifold edges",
+        "1 of 3 triangles, which are not drawn",
+        "1 positions (NaN",
+    ):
+        assert part in out
+    found = json.loads(cli("info", str(path), "--json").out)["mesh"]
+    assert (found["drawn"], found["degenerate"], found["not_finite"]) == (1, 1, 1)
+    path.write_text("v 0 0 0\nf 1 2 3\n")
+    outcome = cli("info", str(path))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "a.obj: an index of a vertex is out of range; found 1; allowed 0 to 0" in outcome.err
+    (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
+    assert "nothing to draw" in cli("info", str(tmp_path / "a.gltf")).out
+
+
+def test_columns_of_an_array_are_points_when_asked(cli: Callable[..., Any], tmp_path: Path) -> None:
+    path = str(mesh_writers.npy(tmp_path / "a.npy", structured=False))
+    assert json.loads(cli("info", path, "--json").out)["shape_zyx"] == [1, 5, 4]
+    assert json.loads(cli("info", path, "--points", "--json").out)["points"]["points"] == 5
 
 
 @pytest.mark.parametrize(

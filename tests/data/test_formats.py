@@ -322,7 +322,7 @@ IMPOSSIBLE: list[tuple[Any, ...]] = [
     ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 4" Spacing="1 far 1"'}, "impossible Spacing"),
     ("a.vti", {"image": 'WholeExtent="0 6 0 5 0 9"'}, "piece is not the whole"),
     ("a.vti", {"image": " ", "piece": "0 6 0 5 0 -1"}, "no samples"),
-    ("a.vti", {"image": " ", "piece": "0 6 0 5 0 9"}, "size is not the image's", "420 bytes", "840"),
+    ("a.vti", {"image": " ", "piece": "0 6 0 5 0 9"}, "size is not the dataset's", "420 bytes", "840"),
     ("a.vti", {"image": " ", "piece": "0 6"}, "impossible Extent"),
 ]
 PACKED_VTI = {"compressor": "vtkZLibDataCompressor"}
@@ -338,8 +338,8 @@ def test_a_header_that_cannot_be(name: str, changes: dict[str, Any], parts: list
 # What is replaced in a file or in its sidecar, and what is said of it.
 DAMAGED_TEXT = {
     "a.vti": [
-        ('type="ImageData"', 'type="UnstructuredGrid"', "not a VTK image"),
-        ('type="Int16"', 'type="String"', "not a scalar volume"),
+        ('type="ImageData"', 'type="UnstructuredGrid"', "not a VTK file of type ImageData"),
+        ('type="Int16"', 'type="String"', "not numbers"),
         ('"UInt64"', '"Int8"', "impossible header_type"),
         ("LittleEndian", "PDP11", "impossible byte_order"),
         ("vtkZLibDataCompressor", "vtkSomeCompressor", "unsupported compressor"),

@@ -430,7 +430,7 @@ def test_nrrd_of_two_and_four_axes(tmp_path: Path) -> None:
         ("a.map.gz", bytes(2000), "wrong magic"),
         ("a.mrc", bytes(2000), "wrong magic.*MAP"),
         ("a.h5", b"not hdf5 at all", "wrong magic"),
-        ("a.vti", b"<html></html>", "not a VTK image file"),
+        ("a.vti", b"<html></html>", "not a VTK file of type ImageData"),
         ("a.raw", b"1234", "needs a sidecar.*a.raw.yaml"),
         ("a.nc", b"CDF\1" + bytes(100), "found netCDF 3.*nccopy -k nc4"),
         ("a.npz", b"PK\3\4" + bytes(100), "truncated or damaged"),

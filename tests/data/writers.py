@@ -20,8 +20,8 @@ import tifffile
 import yaml
 from data.checks import values
 
+from clusterviz.data import vtk_xml
 from clusterviz.data.formats import metaimage as meta
-from clusterviz.data.formats import vti as vtk_xml
 
 SHORTS = values("<i2")
 COMPRESSORS = {

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from data import writers
+from data import mesh_writers, writers
 from PIL import Image
 
-from clusterviz.data import open_source
+from clusterviz.data import open_source, read_geometry
 from clusterviz.data.axes import Subset
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
@@ -33,6 +34,15 @@ def read_data(path: Path, subset: Subset | None = None) -> None:
     source.read((0, 0, 0), (1, 1, 1))
     source.read((z - 1, y - 1, x - 1), (z, y, x))
     assert path.suffix in SPARSE, f"{z} x {y} x {x} samples in {path.stat().st_size} bytes"
+
+
+def read_mesh(path: Path) -> None:
+    """All that the file holds, and what `info` computes of it."""
+    found = read_geometry(path)
+    for part in (found.mesh, found.lines, found.points):
+        assert part is None or part.bounds != ()
+    if found.mesh:
+        found.mesh.edge_counts()
 
 
 def read_keys(path: Path) -> None:
@@ -176,4 +186,9 @@ READERS = {
     "path": Reader("a.yaml", _text(KEYS), read_keys),
     "preset": Reader("scene.yaml", lambda path: _preset(path.with_name("a.json")), load_scene, damaged="a.json"),
     "table": Reader("a.npy", lambda path: np.save(path, np.linspace(0, 1, 12).reshape(3, 4)), read_table),
+    **{
+        f"mesh-{kind}": Reader(name, make, read_mesh, packed=name.endswith(".gz"))
+        for kind, (name, make) in mesh_writers.FILES.items()
+        if kind not in ("pdb", "cif") or find_spec("gemmi")
+    },
 }

@@ -1,7 +1,8 @@
-"""Legacy VTK files (.vtk) with image data: DATASET STRUCTURED_POINTS, ASCII or BINARY (big endian).
+"""Legacy VTK files (.vtk), ASCII or BINARY (big endian): images and polygonal data.
 
-Point data lies on the samples; cell data is point data at the cells' centres. Without a name the first SCALARS are
-taken, or the only array; of vectors and tensors, `channel` is one component. Binary data is read box by box.
+Point data of images (DATASET STRUCTURED_POINTS) lies on the samples; cell data is point data at the cells' centres.
+Without a name the first SCALARS are taken, or the only array; of vectors and tensors, `channel` is one component.
+Binary images are read box by box. Polygonal data (POLYDATA) is read as a whole, from files of any version.
 
 References
 ----------
@@ -10,20 +11,23 @@ VTK File Formats, "Simple Legacy Formats", https://docs.vtk.org/en/latest/vtk_fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
+from clusterviz.data.geometry import Geometry
 from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.strided import StridedSource
 from clusterviz.data.vtk_image import choose_array, image_grid
+from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -41,13 +45,14 @@ TYPES = {
     "float": "f4",
     "double": "f8",
 }
+CELLS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips"}
 VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
 
 
 @dataclass(frozen=True)
 class VtkArray:
-    """Array of a legacy VTK file, at bytes `begin` to `end`."""
+    """Array of a legacy VTK file, of `tuples` tuples at bytes `begin` to `end`."""
 
     name: str
     on_cells: bool
@@ -56,6 +61,7 @@ class VtkArray:
     kind: str
     begin: int
     end: int
+    tuples: int
 
 
 @dataclass
@@ -70,6 +76,8 @@ class _Scan:
     arrays: list[VtkArray] = field(default_factory=list)
     on_cells: bool | None = None
     tuples: int = 0
+    points: VtkArray | None = None
+    cells: dict[str, list[VtkArray]] = field(default_factory=dict)
 
     def line(self) -> list[str]:
         """Return the words of the next line that is not blank; none at the end of the file."""
@@ -79,11 +87,31 @@ class _Scan:
                 return list(words)
         return []
 
+    def dataset(self) -> list[str]:
+        """Read up to the kind of the dataset, and return its line."""
+        self.file.readline(MAX_LINE)  # "# vtk DataFile Version 3.0", then a title
+        self.file.readline(MAX_LINE)
+        form, kind = self.line()[:1], self.line()
+        if form not in (["ASCII"], ["BINARY"]):
+            raise DataError("neither text nor binary", where=self.where, found=form, allowed="ASCII, BINARY")
+        self.binary = form == ["BINARY"]
+        while kind[:1] in (["FIELD"], ["METADATA"]):  # of the file, before the dataset
+            if kind[0] == "FIELD":
+                self.fields(self.counts(kind[2:3], 1)[0])
+            else:
+                self.metadata()
+            kind = self.line()
+        return kind
+
     def run(self) -> None:
         while words := self.line():
             key, rest = words[0].upper(), words[1:]
             if key in ("DIMENSIONS", "ORIGIN", "SPACING", "ASPECT_RATIO"):
                 self.numbers[key] = self.floats(rest, 3)
+            elif key == "POINTS":
+                self.points = self.skipped("POINTS", self.word(rest, 1), 3, self.counts(rest[:1], 1)[0])
+            elif key in CELLS:
+                self.cells[CELLS[key]] = self.cell_arrays(*self.counts(rest, 2))
             elif key in ("POINT_DATA", "CELL_DATA"):
                 self.on_cells, (self.tuples,) = key == "CELL_DATA", self.counts(rest, 1)
             elif key == "SCALARS":
@@ -122,12 +150,28 @@ class _Scan:
         while self.file.readline(MAX_LINE).strip():
             pass
 
-    def array(self, name: str, active: bool, kind: str, components: int, tuples: int) -> None:
+    def cell_arrays(self, count: int, size: int) -> list[VtkArray]:
+        """Return where the cells lie: offsets and indices, or, before version 5, each cell's length and indices."""
+        begin, words = self.file.tell(), self.line()
+        if words[:1] != ["OFFSETS"]:
+            self.file.seek(begin)
+            return [self.skipped("cells", "int", 1, size)]
+        offsets = self.skipped("OFFSETS", self.word(words, 1), 1, count)
+        words = self.line()
+        if words[:1] != ["CONNECTIVITY"]:
+            raise DataError("truncated: no CONNECTIVITY", where=self.where, found=" ".join(words))
+        return [offsets, self.skipped("CONNECTIVITY", self.word(words, 1), 1, size)]
+
+    def skipped(self, name: str, kind: str, components: int, tuples: int) -> VtkArray:
+        """Return where an array lies, and skip it."""
         begin = self.file.tell()
         self.skip(kind, components * tuples)
+        return VtkArray(name, bool(self.on_cells), False, components, kind.lower(), begin, self.file.tell(), tuples)
+
+    def array(self, name: str, active: bool, kind: str, components: int, tuples: int) -> None:
+        found = self.skipped(unquote(name), kind, components, tuples)
         if self.on_cells is not None:
-            made = VtkArray(unquote(name), self.on_cells, active, components, kind.lower(), begin, self.file.tell())
-            self.arrays.append(made)
+            self.arrays.append(replace(found, active=active))
         if len(self.arrays) > MAX_ARRAYS:
             raise DataError("too many arrays", where=self.where, allowed=f"at most {MAX_ARRAYS}")
 
@@ -188,6 +232,25 @@ class _Scan:
         return numbers
 
 
+def _scan(path: Path, dataset: str, noun: str) -> _Scan:
+    """Return the keywords of a file with the given kind of dataset."""
+    size = require_file(path, (b"# vtk DataFile",))
+    with readable(path), path.open("rb") as file:
+        scan = _Scan(file, str(path), size)
+        kind = scan.dataset()
+        if kind != ["DATASET", dataset]:
+            raise DataError(f"not {noun}", where=str(path), found=" ".join(kind), allowed=f"DATASET {dataset}")
+        scan.run()
+    return scan
+
+
+def is_polydata(path: Path) -> bool:
+    """Return whether a legacy file holds polygonal data."""
+    size = require_file(path, (b"# vtk DataFile",))
+    with readable(path), path.open("rb") as file:
+        return _Scan(file, str(path), size).dataset()[1:] == ["POLYDATA"]
+
+
 def open_vtk(path: Path, subset: Subset) -> StridedSource:
     """Open one array, or one component of one, of a legacy VTK file.
 
@@ -196,26 +259,7 @@ def open_vtk(path: Path, subset: Subset) -> StridedSource:
     DataError
         Not such a file, not image data, damaged or truncated, no such array, several and none named.
     """
-    size = require_file(path)
-    with readable(path), path.open("rb") as file:
-        scan = _Scan(file, str(path), size)
-        file.readline(MAX_LINE)  # "# vtk DataFile Version 3.0", then a title
-        file.readline(MAX_LINE)
-        form, kind = scan.line()[:1], scan.line()
-        if form not in (["ASCII"], ["BINARY"]):
-            raise DataError("neither text nor binary", where=str(path), found=form, allowed="ASCII, BINARY")
-        scan.binary = form == ["BINARY"]
-        while kind[:1] in (["FIELD"], ["METADATA"]):  # of the file, before the image
-            if kind[0] == "FIELD":
-                scan.fields(scan.counts(kind[2:3], 1)[0])
-            else:
-                scan.metadata()
-            kind = scan.line()
-        if kind != ["DATASET", "STRUCTURED_POINTS"]:
-            raise DataError(
-                "not image data", where=str(path), found=" ".join(kind), allowed="DATASET STRUCTURED_POINTS"
-            )
-        scan.run()
+    scan = _scan(path, "STRUCTURED_POINTS", "image data")
     chosen = choose_array(scan.arrays, subset.array, "array", path)
     where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
     stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
@@ -241,3 +285,56 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
     steps = np.diag(scan.numbers.get("SPACING") or scan.numbers.get("ASPECT_RATIO") or [1.0, 1.0, 1.0])
     origin = np.array(scan.numbers.get("ORIGIN", [0.0, 0.0, 0.0]))
     return image_grid(points, steps, origin, np.zeros(3), on_cells, where)
+
+
+def read_polydata(path: Path) -> Geometry:
+    """Read polygonal data from a legacy VTK file.
+
+    Raises
+    ------
+    DataError
+        Not such a file, not polygonal data, damaged or truncated, or indices out of range.
+    """
+    where, scan = str(path), _scan(path, "POLYDATA", "polygonal data")
+    if scan.points is None:
+        raise DataError("no POINTS", where=where, allowed="POINTS n type")
+    points = _load(path, scan, scan.points).reshape(-1, 3)
+    cells = {section: _cells([_load(path, scan, a) for a in arrays], where) for section, arrays in scan.cells.items()}
+    of_points, of_cells = (
+        {
+            a.name: _load(path, scan, a)
+            for a in scan.arrays
+            if a.on_cells == on_cells and a.kind in TYPES and a.components
+        }
+        for on_cells in (False, True)
+    )
+    return polydata(points, cells, of_points, of_cells, where)
+
+
+def _load(path: Path, scan: _Scan, array: VtkArray) -> NDArray[Any]:
+    """Return an array (tuples,), or (tuples, components) if there are several components."""
+    where, count = f"{path}:{array.name}", array.tuples * array.components
+    data = FileBytes([FileRange(path, array.begin, array.end - array.begin)]).read_at(0, array.end - array.begin)
+    stored = np.dtype(scan.type_of(array.kind)).newbyteorder(">" if scan.binary else "=")
+    numbers = data if scan.binary else numbers_from_text(data, stored, count, where)
+    check_size(len(numbers), count * stored.itemsize, where)
+    found = np.frombuffer(numbers, stored, count).astype(stored.newbyteorder("="))
+    return found if array.components == 1 else found.reshape(array.tuples, array.components)
+
+
+def _cells(arrays: list[NDArray[Any]], where: str) -> Cells:
+    """Return offsets and indices of cells, also from lengths and indices in one array."""
+    if len(arrays) == 2:
+        offsets = arrays[0] if len(arrays[0]) else np.zeros(1)  # no cells at all
+        return offsets.astype(np.int64), arrays[1].astype(np.int64)
+    mixed = arrays[0].astype(np.int64)
+    at, begins = 0, list[int]()
+    while at < len(mixed):
+        length = int(mixed[at])
+        if not 0 <= length < len(mixed) - at:
+            raise DataError("a cell has an impossible length", where=where, found=length)
+        begins.append(at)
+        at += 1 + length
+    keep = np.ones(len(mixed), bool)
+    keep[begins] = False
+    return np.append(np.array(begins, np.int64) - np.arange(len(begins)), keep.sum()), mixed[keep]

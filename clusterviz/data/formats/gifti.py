@@ -1,0 +1,60 @@
+"""GIFTI (.gii, .gii.gz): surfaces of neuroimaging; nibabel reads the file.
+
+Positions are those of the file, without its coordinate transforms. Further arrays with one entry a vertex are
+attributes, named by their `Name`, else by their intent.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.geometry import Geometry, Mesh
+from clusterviz.errors import DataError
+
+DIMENSIONALITY = re.compile(rb"Dimensionality\s*=\s*[\"'](\d{1,30})")
+MAX_AXES = 6  # of an array
+POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
+
+
+def read_gifti(path: Path) -> Geometry:
+    """Read a GIFTI file.
+
+    Raises
+    ------
+    DataError
+        Not GIFTI, damaged or truncated, no surface, or indices out of range.
+    """
+    nibabel: Any = import_module("nibabel")
+    where, packed = str(path), path.name.lower().endswith(".gz")
+    require_file(path)
+    with readable(path), gzip.open(path) if packed else path.open("rb") as file:
+        axes = [int(number) for number in DIMENSIONALITY.findall(file.read())]
+    if max(axes, default=0) > MAX_AXES:  # nibabel counts up to it
+        raise DataError("impossible Dimensionality", where=where, found=max(axes), allowed=f"at most {MAX_AXES}")
+    image = nibabel.load(path)
+    if not isinstance(image, nibabel.GiftiImage):
+        raise DataError("not GIFTI", where=where, found=type(image).__name__)
+    surfaces = [image.get_arrays_from_intent(intent) for intent in (POINTS, TRIANGLES)]
+    if not all(surfaces):
+        held = ", ".join(_name(each) for each in image.darrays) or "nothing"
+        raise DataError("no surface", where=where, found=held, allowed=f"{POINTS} and {TRIANGLES}")
+    vertices, triangles = (np.asarray(each[0].data) for each in surfaces)
+    vertices = vertices.astype(np.promote_types(vertices.dtype, np.float32).newbyteorder("="), copy=False)
+    others = [each for each in image.darrays if each is not surfaces[0][0] and each is not surfaces[1][0]]
+    arrays = {_name(each): np.asarray(each.data) for each in others}
+    fitting = {name: array for name, array in arrays.items() if array.shape[:1] == vertices.shape[:1]}
+    return Geometry(mesh=Mesh(where, vertices, triangles.astype(np.int64), fitting))
+
+
+def _name(array: Any) -> str:
+    """Return the name of a data array."""
+    nibabel: Any = import_module("nibabel")
+    intent = str(nibabel.nifti1.intent_codes.niistring[array.intent])
+    return str(array.meta.get("Name") or intent.removeprefix("NIFTI_INTENT_").lower())

@@ -1,0 +1,267 @@
+"""glTF 2.0 (.gltf, .glb): the triangles, lines and points of a scene, placed by its tree of nodes.
+
+Buffers lie in the file, in data: URIs or in files beside it. Attributes that all primitives of a kind have are kept:
+NORMAL (as `Normals`), colours and the application's own. Materials, textures, skins, morph targets and animation are
+ignored; compressed and sparse accessors are refused.
+
+References
+----------
+Khronos Group: glTF 2.0 Specification, ISO/IEC 12113:2022.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate, triangulate_strips
+from clusterviz.data.header import check_size
+from clusterviz.errors import DataError
+
+TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+MODES = ("points", "lines", "loop", "strip", "triangles", "triangle strip", "triangle fan")
+
+
+@dataclass(frozen=True)
+class _Primitive:
+    """Vertices (n, 3) in the world, their attributes, the mode, and the indices (k,) of the corners."""
+
+    vertices: NDArray[Any]
+    attributes: dict[str, NDArray[Any]]
+    mode: str
+    indices: NDArray[np.int64]
+
+
+def read_gltf(path: Path) -> Geometry:
+    """Read a glTF file.
+
+    Raises
+    ------
+    DataError
+        Not glTF 2.0, truncated, a required extension, nodes that are no tree, or indices out of range.
+    """
+    file = _File(path)
+    if file.document.get("extensionsRequired"):
+        required = ", ".join(map(str, file.document["extensionsRequired"]))
+        raise DataError("unsupported", where=file.where, found=f"required extensions {required}", allowed="none")
+    parts = [part for mesh, matrix in file.instances() for part in file.primitives(mesh, matrix)]
+    meshes = [part for part in parts if part.mode.startswith("triangle")]
+    lines = [part for part in parts if part.mode in ("lines", "loop", "strip")]
+    points = [part for part in parts if part.mode == "points"]
+    return Geometry(
+        _mesh(meshes, file.where) if meshes else None,
+        _lines(lines, file.where) if lines else None,
+        _points(points, file.where) if points else None,
+    )
+
+
+class _File:
+    """A document and its buffers."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.where = path, str(path)
+        require_file(path)
+        with readable(path):
+            content = path.read_bytes()
+        self.binary, text = b"", content
+        if content[:4] == b"glTF":
+            text = self._unpack(content)
+        document = json.loads(text)
+        if not isinstance(document, dict) or not str(document.get("asset", {}).get("version", "")).startswith("2."):
+            raise DataError("not glTF 2.0", where=self.where, allowed='{"asset": {"version": "2.0"}, …}')
+        self.document: dict[str, Any] = document
+        self.buffers: dict[int, bytes] = {}
+
+    def _unpack(self, content: bytes) -> bytes:
+        """Return the JSON of a .glb file, and keep its binary chunk."""
+        check_size(len(content), 20, self.where)
+        version, length = struct.unpack_from("<2I", content, 4)
+        if version != 2:
+            raise DataError("not glTF 2.0", where=self.where, found=f"version {version}", allowed="2")
+        check_size(len(content), length, self.where, exact=True)
+        at, chunks = 12, dict[bytes, bytes]()
+        while at + 8 <= length:
+            count, kind = struct.unpack_from("<I4s", content, at)
+            check_size(length, at + 8 + count, self.where)
+            chunks.setdefault(kind, content[at + 8 : at + 8 + count])
+            at += 8 + count
+        self.binary = chunks.get(b"BIN\0", b"")
+        return chunks.get(b"JSON", b"")
+
+    def entry(self, key: str, number: Any) -> dict[str, Any]:
+        """Return an entry of one of the document's lists."""
+        entries = self.document.get(key, [])
+        if not isinstance(number, int) or not 0 <= number < len(entries):
+            allowed = f"0 to {len(entries) - 1}" if entries else "none"
+            raise DataError(f"no such entry of {key}", where=self.where, found=number, allowed=allowed)
+        entry: dict[str, Any] = entries[number]
+        return entry
+
+    def instances(self) -> list[tuple[int, NDArray[np.float64]]]:
+        """Return the meshes of the scene's nodes, with their matrices float64 (4, 4), depth first."""
+        nodes = self.document.get("nodes", [])
+        if self.document.get("scenes"):
+            roots = self.entry("scenes", self.document.get("scene", 0)).get("nodes", [])
+        else:
+            children = {child for node in nodes for child in node.get("children", [])}
+            roots = [number for number in range(len(nodes)) if number not in children]
+            if nodes and not roots:
+                raise DataError("the nodes are no tree", where=self.where, found="each is a child of another")
+        waiting, seen, found = [(root, np.eye(4)) for root in reversed(roots)], set[int](), []
+        while waiting:
+            number, parent = waiting.pop()
+            node = self.entry("nodes", number)
+            if number in seen:
+                raise DataError("the nodes are no tree", where=self.where, found=f"node {number} is reached twice")
+            seen.add(number)
+            matrix = parent @ _matrix(node)
+            if "mesh" in node:
+                found.append((node["mesh"], matrix))
+            waiting += [(child, matrix) for child in reversed(node.get("children", []))]
+        return found
+
+    def primitives(self, mesh: int, matrix: NDArray[np.float64]) -> list[_Primitive]:
+        """Return the primitives of a mesh, placed by a matrix."""
+        found = []
+        for each in self.entry("meshes", mesh).get("primitives", []):
+            if not 0 <= each.get("mode", 4) < len(MODES):
+                raise DataError("unknown mode", where=self.where, found=each["mode"], allowed=f"0 to {len(MODES) - 1}")
+            arrays = {
+                name: self.accessor(number)
+                for name, number in each.get("attributes", {}).items()
+                if name in ("POSITION", "NORMAL") or name.startswith(("COLOR_", "_"))
+            }
+            if arrays.get("POSITION", np.empty(0)).ndim != 2:
+                raise DataError("a primitive has no positions", where=self.where, allowed="POSITION, VEC3")
+            vertices = arrays.pop("POSITION")
+            if (matrix != np.eye(4)).any():
+                vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+            if "NORMAL" in arrays:
+                # Normals keep their angles to the surface under the cofactors, which exist for singular matrices too.
+                a, b, c = matrix[:3, :3].T
+                cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+                arrays["Normals"] = arrays.pop("NORMAL") @ cofactors.T
+            indices = np.arange(len(vertices))
+            if "indices" in each:
+                indices = self.accessor(each["indices"]).astype(np.int64).reshape(-1)
+            check_indices(indices, len(vertices), self.where)
+            mode = MODES[each.get("mode", 4)]
+            if mode.startswith("triangle") and np.linalg.det(matrix[:3, :3]) < 0:
+                mode += ", mirrored"
+            found.append(_Primitive(vertices, arrays, mode, indices))
+        return found
+
+    def accessor(self, number: Any) -> NDArray[Any]:
+        """Return the numbers (n,) or tuples (n, components) of an accessor; normalised ones as float32."""
+        entry = self.entry("accessors", number)
+        if "sparse" in entry or "bufferView" not in entry:
+            raise DataError("unsupported", where=self.where, found="a sparse accessor", allowed="a buffer view")
+        if entry.get("componentType") not in TYPES or entry.get("type") not in COMPONENTS:
+            found = f"{entry.get('componentType')} {entry.get('type')}"
+            raise DataError("unknown type of an accessor", where=self.where, found=found, allowed=f"{[*TYPES]}")
+        dtype, components = np.dtype(TYPES[entry["componentType"]]), COMPONENTS[entry["type"]]
+        view = self.entry("bufferViews", entry["bufferView"])
+        begin, offset, count = view.get("byteOffset", 0), entry.get("byteOffset", 0), entry["count"]
+        stride = view.get("byteStride", dtype.itemsize * components)
+        if min(begin, offset, count, view["byteLength"]) < 0 or stride < dtype.itemsize * components:
+            raise DataError("an impossible size of an accessor", where=self.where, found=[begin, offset, count, stride])
+        data = self.buffer(view["buffer"])
+        check_size(len(data), begin + view["byteLength"], self.where)
+        check_size(view["byteLength"], offset + stride * (count - 1) + dtype.itemsize * components, self.where)
+        array = np.ndarray((count, components), dtype, data, begin + offset, (stride, dtype.itemsize))
+        if entry.get("normalized") and dtype.kind != "f":
+            array = np.maximum(array / np.float32(np.iinfo(dtype).max), -1)
+        return array[:, 0].copy() if components == 1 else array.copy()
+
+    def buffer(self, number: Any) -> bytes:
+        """Return the bytes of a buffer."""
+        entry = self.entry("buffers", number)
+        if number in self.buffers:
+            return self.buffers[number]
+        uri = entry.get("uri")
+        if uri is None:
+            data = self.binary
+        elif uri.startswith("data:"):
+            data = base64.b64decode(uri.partition(",")[2], validate=True)
+        else:
+            beside = self.path.parent / unquote(uri)
+            require_file(beside)
+            with readable(beside):
+                data = beside.read_bytes()
+        check_size(len(data), entry["byteLength"], f"{self.where}: buffer {number}")
+        self.buffers[number] = data
+        return data
+
+
+def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the matrix (4, 4) of a node: its own, or translation · rotation · scale."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    found = np.eye(4)
+    found[:3, :3] = np.array(rotation) * node.get("scale", (1, 1, 1))
+    found[:3, 3] = node.get("translation", (0, 0, 0))
+    return found
+
+
+def _joined(parts: list[_Primitive]) -> tuple[NDArray[Any], dict[str, NDArray[Any]], list[int]]:
+    """Return vertices and attributes of all parts, and the number of vertices before each."""
+    names = set.intersection(*(set(part.attributes) for part in parts))
+    shapes = {name: {part.attributes[name].shape[1:] for part in parts} for name in sorted(names)}
+    attributes = {n: np.concatenate([part.attributes[n] for part in parts]) for n in shapes if len(shapes[n]) == 1}
+    begins = np.cumsum([0, *(len(part.vertices) for part in parts)]).tolist()
+    return np.concatenate([part.vertices for part in parts]), attributes, begins[:-1]
+
+
+def _mesh(parts: list[_Primitive], where: str) -> Mesh:
+    vertices, attributes, begins = _joined(parts)
+    found = []
+    for part, begin in zip(parts, begins, strict=True):
+        kind, _, mirrored = part.mode.partition(", ")
+        if kind == "triangles":
+            if len(part.indices) % 3:
+                count = f"{len(part.indices)} indices"
+                raise DataError("a triangle is not complete", where=where, found=count, allowed="a multiple of 3")
+            triangles = part.indices.reshape(-1, 3)
+        else:
+            cut = triangulate_strips if kind == "triangle strip" else triangulate
+            triangles = cut(np.array([0, len(part.indices)]), part.indices)[0]
+        found.append((triangles[:, ::-1] if mirrored else triangles) + begin)
+    return Mesh(where, vertices, np.concatenate(found), attributes)
+
+
+def _lines(parts: list[_Primitive], where: str) -> Lines:
+    vertices, attributes, begins = _joined(parts)
+    order, lengths = [], list[int]()
+    for part, begin in zip(parts, begins, strict=True):
+        indices = part.indices + begin
+        if part.mode == "lines":
+            lengths += [2] * (len(indices) // 2)
+            indices = indices[: len(indices) // 2 * 2]
+        else:
+            indices = np.append(indices, indices[:1]) if part.mode == "loop" else indices
+            lengths.append(len(indices))
+        order.append(indices)
+    along, offsets = np.concatenate(order), np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    return Lines(where, vertices[along], offsets, {name: array[along] for name, array in attributes.items()})
+
+
+def _points(parts: list[_Primitive], where: str) -> Points:
+    vertices, attributes, begins = _joined(parts)
+    chosen = np.concatenate([part.indices + begin for part, begin in zip(parts, begins, strict=True)])
+    return Points(where, vertices[chosen], {name: array[chosen] for name, array in attributes.items()})

@@ -1,0 +1,73 @@
+"""Atoms of PDB and mmCIF files, as points; gemmi reads the file (`pip install clusterviz[molecules]`).
+
+The first model is read, and of alternative positions the first. Units are ångström. Attributes: `radius` (van der
+Waals), `element` (atomic number), `RGB` (by element, as Jmol), `b_factor`, `occupancy`, `residue` and `chain` (their
+numbers in the file, from 0).
+
+References
+----------
+M. Wojdyr: GEMMI: A library for structural biology, JOSS 7(73), 2022 (the radii are its own).
+Jmol: Colors, table of element colours.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.files import require_file
+from clusterviz.data.geometry import Geometry, Points
+from clusterviz.errors import DataError
+
+COLOURS = {
+    "H": 0xFFFFFF, "C": 0x909090, "N": 0x3050F8, "O": 0xFF0D0D, "F": 0x90E050, "Na": 0xAB5CF2, "Mg": 0x8AFF00,
+    "P": 0xFF8000, "S": 0xFFFF30, "Cl": 0x1FF01F, "K": 0x8F40D4, "Ca": 0x3DFF00, "Mn": 0x9C7AC7, "Fe": 0xE06633,
+    "Co": 0xF090A0, "Ni": 0x50D050, "Cu": 0xC88033, "Zn": 0x7D80B0, "Se": 0xFFA100, "Br": 0xA62929, "I": 0x940094,
+}  # fmt: skip
+OTHER = 0xFF1493
+
+
+def read_molecule(path: Path) -> Geometry:
+    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip.
+
+    Raises
+    ------
+    DataError
+        gemmi is not installed, or the file is damaged or holds no atoms.
+    """
+    where = str(path)
+    require_file(path)
+    try:
+        gemmi: Any = import_module("gemmi")
+    except ImportError as error:
+        raise DataError(
+            "needs the gemmi package", where=where, allowed="pip install 'clusterviz[molecules]'"
+        ) from error
+    structure = gemmi.read_structure(where)
+    if not len(structure) or not structure[0].count_atom_sites():
+        raise DataError("no atoms", where=where, allowed="ATOM and HETATM records, or _atom_site")
+    structure.remove_alternative_conformations()
+    rows, radii, colours, residues = list[Any](), list[float](), list[int](), -1
+    for chain_number, chain in enumerate(structure[0]):
+        for residue in chain:
+            residues += 1
+            for atom in residue:
+                place, element = atom.pos, atom.element
+                rows.append(
+                    (place.x, place.y, place.z, atom.b_iso, atom.occ, element.atomic_number, residues, chain_number)
+                )
+                radii.append(element.vdw_r)
+                colours.append(COLOURS.get(element.name, OTHER))
+    table = np.array(rows, np.float64).reshape(-1, 8)
+    whole = {name: table[:, n].astype(np.int32) for n, name in ((5, "element"), (6, "residue"), (7, "chain"))}
+    colour = np.array(colours, np.uint32)
+    attributes = {
+        "radius": np.array(radii),
+        "RGB": np.stack([colour >> 16 & 255, colour >> 8 & 255, colour & 255], axis=1).astype(np.uint8),
+        "b_factor": table[:, 3],
+        "occupancy": table[:, 4],
+    }
+    return Geometry(points=Points(where, np.ascontiguousarray(table[:, :3]), attributes | whole))

@@ -1,0 +1,72 @@
+"""OFF, of Geomview: vertices and polygons as text. The variants with colours (C) and normals (N) of vertices are read.
+
+Colours become `RGB` or `RGBA`, normals `Normals`. Colours of polygons are ignored.
+
+References
+----------
+M. Phillips, S. Levy, T. Munzner: Geomview manual, section 4.2.5 (OFF files).
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from clusterviz.data.files import kind_of, readable, require_file
+from clusterviz.data.geometry import Geometry, Mesh, Points, triangulate
+from clusterviz.data.header import check_packed
+from clusterviz.errors import DataError
+
+NORMALS, COLOURS = {"N": 3}, {3: "RGB", 4: "RGBA"}
+
+
+def read_off(path: Path) -> Geometry:
+    """Read an OFF file.
+
+    Raises
+    ------
+    DataError
+        Another variant, truncated, longer than its header says, no numbers, or indices out of range.
+    """
+    where = str(path)
+    require_file(path)
+    with readable(path):
+        content = path.read_bytes()
+    lines = [line for line in re.sub(rb"#[^\n]*", b"", content).splitlines() if line.strip()]
+    start = re.match(rb"\s*(C?)(N?)OFF\b(.*)", lines[0]) if lines else None
+    if not start or start[3].strip() == b"BINARY":
+        found = kind_of(content[:348])
+        raise DataError(
+            "not OFF, or an unsupported variant", where=where, found=found, allowed="OFF, COFF, NOFF, CNOFF"
+        )
+    lines = [start[3], *lines[1:]] if start[3].strip() else lines[1:]
+    counts = lines[0].split() if lines else []
+    if len(counts) not in (2, 3) or not all(word.isdigit() and len(word) < 19 for word in counts):
+        found = b" ".join(counts).decode("utf-8", "replace")
+        raise DataError("no counts", where=where, found=repr(found), allowed="vertices, polygons, edges")
+    vertex_count, polygon_count = int(counts[0]), int(counts[1])
+    check_packed(len(content), vertex_count + polygon_count, "text", where)
+    if len(lines) != 1 + vertex_count + polygon_count:
+        allowed = f"{vertex_count} vertices and {polygon_count} polygons"
+        what = "truncated, or the header lies about its size"
+        raise DataError(what, where=where, found=f"{len(lines) - 1} lines", allowed=allowed)
+    rows = np.array([line.split() for line in lines[1 : 1 + vertex_count]], "S").astype(np.float64)
+    rows = rows.reshape(vertex_count, -1) if vertex_count else np.empty((0, 3))
+    vertices, rest, attributes = rows[:, :3], rows[:, 3:], {}
+    if start[2]:
+        attributes["Normals"], rest = rest[:, :3], rest[:, 3:]
+    if rest.shape[1] in COLOURS:
+        attributes[COLOURS[rest.shape[1]]] = rest
+    if not polygon_count:
+        return Geometry(points=Points(where, vertices, attributes))
+    words = [line.split() for line in lines[1 + vertex_count :]]
+    lengths = [int(row[0]) for row in words]
+    if any(not 0 <= length < len(row) for length, row in zip(lengths, words, strict=True)):
+        raise DataError("truncated: a polygon has fewer corners than its line says", where=where)
+    corners = chain.from_iterable(row[1 : 1 + length] for length, row in zip(lengths, words, strict=True))
+    indices = np.fromiter(map(int, corners), np.int64)
+    triangles, _ = triangulate(np.concatenate([[0], np.cumsum(lengths)]), indices)
+    return Geometry(mesh=Mesh(where, vertices, triangles, attributes))

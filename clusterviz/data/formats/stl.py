@@ -1,0 +1,68 @@
+"""STL, of stereolithography and CAD: triangles by their corners, ascii or binary.
+
+Equal corners become one vertex. The two bytes of each binary triangle become the attribute `stl` unless all are 0.
+Stored normals are ignored.
+
+References
+----------
+M. Burns: Automated Fabrication, 1993, section 6.5 (the StL format).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.geometry import Geometry, Mesh, merge_equal
+from clusterviz.errors import DataError
+
+HEADER = 84  # bytes, the last four of which are the number of triangles
+TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(path: Path) -> Geometry:
+    """Read an STL file; a file of exactly the size that a binary header states is binary.
+
+    Raises
+    ------
+    DataError
+        Neither binary nor ascii, truncated, or longer than its header says.
+    """
+    where, size = str(path), require_file(path)
+    with readable(path):
+        content = path.read_bytes()
+    stated = int(np.frombuffer(content[HEADER - 4 : HEADER].ljust(4, b"\0"), "<u4")[0])
+    attributes = {}
+    if size >= HEADER and size == HEADER + stated * TRIANGLE.itemsize:
+        stored = np.frombuffer(content, TRIANGLE, stated, HEADER)
+        corners = stored["corners"].astype(np.float32).reshape(-1, 3)
+        if stored["attribute"].any():
+            attributes["stl"] = stored["attribute"].astype(np.uint16)
+    elif re.match(rb"\s*solid\b", content, re.IGNORECASE):
+        corners = _ascii(content, where)
+    else:
+        allowed = f"{HEADER + stated * TRIANGLE.itemsize} for {stated} triangles, or text that begins with solid"
+        raise DataError("not STL, truncated, or its header lies", where=where, found=f"{size} bytes", allowed=allowed)
+    first, vertex = merge_equal(corners)
+    return Geometry(mesh=Mesh(where, corners[first], vertex.reshape(-1, 3), {}, attributes))
+
+
+def _ascii(content: bytes, where: str) -> np.ndarray:
+    """Return the corners, float32 (3m, 3)."""
+    counts = [
+        len(re.findall(rb"^\s*" + word + rb"\b", content, re.MULTILINE | re.IGNORECASE))
+        for word in (b"facet", b"endfacet", b"vertex", b"endsolid")
+    ]
+    words = VERTEX.findall(content)
+    facets, ended, vertices, solids = counts
+    if not (facets == ended and vertices == len(words) == 3 * facets and solids):
+        found = f"{facets} facet, {ended} endfacet, {vertices} vertex, {solids} endsolid"
+        raise DataError("truncated or damaged", where=where, found=found, allowed="three vertices in each facet")
+    try:
+        return np.array(words, "S").astype(np.float64).astype(np.float32).reshape(-1, 3)
+    except ValueError as error:
+        raise DataError(f"not a number: {error}", where=where) from error

@@ -1,0 +1,146 @@
+"""Tables of points, and of lines: text (.csv, .tsv, .txt, .xyz) and NumPy files (.npy, .npz).
+
+The columns x, y, z (or `Points:0` to `Points:2`, as ParaView writes them) are positions; without names the first
+three. Other columns of numbers are attributes. Rows of equal `line`, one after another, are a polyline. A .npy file is
+an array (n, 3 or more), or a structured one with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and
+further arrays of n or m; or `arr_0` to `arr_2`: vertices (z, y, x), faces and values, as napari has them.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import readable, require_file
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
+from clusterviz.errors import DataError
+
+POSITIONS = (("x", "y", "z"), ("points:0", "points:1", "points:2"))
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+MAX_LINE = 1 << 16
+
+
+def read_table(path: Path) -> Geometry:
+    """Read a table in text; the separator is a comma, semicolon, tab or blanks. Lines from # on are comments.
+
+    Raises
+    ------
+    DataError
+        No positions, rows of different lengths, or no numbers.
+    """
+    where = str(path)
+    require_file(path)
+    with readable(path), path.open(encoding="utf-8-sig") as file:
+        first = _line(file)
+        separator = next((mark for mark in (",", ";", "\t") if mark in first), None)
+        names, skipped = [word.strip().strip("\"'") for word in first.split(separator)], 1
+        row = _line(file)
+        if all(NUMBER.fullmatch(name) for name in names):
+            row, names, skipped = first, [f"column {n}" for n in range(len(names))], 0
+            names[:3] = POSITIONS[0][: len(names)]
+        words = [word.strip().strip("\"'") for word in row.split(separator)] if row else []
+        if row and len(words) != len(names):
+            found = f"{len(names)} columns, then {len(words)}"
+            raise DataError("rows of different lengths", where=where, found=found)
+        numeric = [n for n, word in enumerate(words or names) if not row or NUMBER.fullmatch(word)]
+        file.seek(0)
+        lines = (line for line in file if line.partition("#")[0].strip())
+        for _ in range(skipped):
+            next(lines)
+        rows = list(lines)
+        columns = np.empty((0, len(numeric)))
+        if rows:
+            columns = np.loadtxt(rows, np.float64, delimiter=separator, usecols=numeric, quotechar='"', ndmin=2)
+    return _geometry({names[n]: column for n, column in zip(numeric, columns.T, strict=True)}, where)
+
+
+def read_npy_table(path: Path) -> Geometry:
+    """Read points from a .npy file.
+
+    Raises
+    ------
+    DataError
+        Not a .npy file, truncated, or not points.
+    """
+    where = str(path)
+    require_file(path, (b"\x93NUMPY",))
+    array = np.load(path, mmap_mode="r", allow_pickle=False)  # the map refuses what the file is too short for
+    if array.dtype.names:
+        return _geometry({name: np.array(array[name]) for name in array.dtype.names}, where)
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
+        raise DataError(
+            "not points", where=where, found=f"{array.dtype} {array.shape}", allowed="numbers (n, 3 or more)"
+        )
+    names = [*POSITIONS[0], *(f"column {n}" for n in range(3, array.shape[1]))]
+    return _geometry({name: np.array(column) for name, column in zip(names, array.T, strict=True)}, where)
+
+
+def is_npy_table(path: Path) -> bool:
+    """Return whether a .npy file has fields x, y, z: else it is a volume unless the scene says otherwise."""
+    return {"x", "y", "z"} <= set(np.load(path, mmap_mode="r", allow_pickle=False).dtype.names or ())
+
+
+def read_npz_mesh(path: Path) -> Geometry:
+    """Read a mesh from a .npz file.
+
+    Raises
+    ------
+    DataError
+        Not a .npz file, damaged, no mesh, or indices out of range.
+    """
+    where = str(path)
+    require_file(path, (b"PK",))
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    if "vertices" in arrays and "faces" in arrays:
+        vertices, faces = arrays.pop("vertices"), arrays.pop("faces")
+    elif "arr_0" in arrays and "arr_1" in arrays:
+        # Reversing the axes mirrors space, which turns the triangles round.
+        vertices, faces = arrays.pop("arr_0")[:, ::-1], arrays.pop("arr_1")[:, ::-1]
+        arrays = {"values": arrays["arr_2"]} if "arr_2" in arrays else {}
+    else:
+        raise DataError(
+            "no mesh", where=where, found=", ".join(arrays), allowed="vertices and faces, or arr_0 and arr_1"
+        )
+    of_vertices = {name: array for name, array in arrays.items() if array.shape[:1] == vertices.shape[:1]}
+    of_faces = {n: a for n, a in arrays.items() if a.shape[:1] == faces.shape[:1] and n not in of_vertices}
+    vertices = np.ascontiguousarray(vertices, np.promote_types(vertices.dtype, np.float32))
+    return Geometry(mesh=Mesh(where, vertices, faces, of_vertices, of_faces))
+
+
+def is_npz_mesh(path: Path) -> bool:
+    """Return whether a .npz file holds a mesh, by the names and shapes of its arrays."""
+    with np.load(path, allow_pickle=False) as archive:
+        names = set(archive.files)
+        if {"arr_0", "arr_1"} <= names <= {"arr_0", "arr_1", "arr_2"}:
+            return all(archive[name].ndim == 2 and archive[name].shape[1] == 3 for name in ("arr_0", "arr_1"))
+        return {"vertices", "faces"} <= names
+
+
+def _line(file: Any) -> str:
+    """Return the next line that holds more than a comment; "" at the end."""
+    while line := file.readline(MAX_LINE):
+        text: str = line.partition("#")[0].strip()
+        if text:
+            return text
+    return ""
+
+
+def _geometry(columns: dict[str, NDArray[Any]], where: str) -> Geometry:
+    """Return the points of a table, or its lines if it has a column `line`."""
+    by_name = {name.lower(): name for name in columns}
+    found = next((names for names in POSITIONS if all(name in by_name for name in names)), None)
+    if not found:
+        raise DataError("no positions", where=where, found=", ".join(columns), allowed="columns x, y, z of numbers")
+    stacked = np.stack([columns.pop(by_name[name]) for name in found], axis=1)
+    positions = np.ascontiguousarray(stacked, np.promote_types(stacked.dtype, np.float32))
+    number = columns.pop(by_name.get("line", ""), None)
+    if number is None:
+        return Geometry(points=Points(where, positions, columns))
+    begins = np.flatnonzero(np.concatenate([[True], number[1:] != number[:-1]])) if len(number) else np.empty(0, int)
+    offsets = np.append(begins, len(number)) if len(number) else np.zeros(1, np.int64)
+    return Geometry(lines=Lines(where, positions, offsets, columns))

@@ -1,0 +1,275 @@
+"""Meshes, lines and points: NumPy arrays of geometry, as files hold them and as a program may make them.
+
+A file is a `Geometry`: the triangles, polylines and points in it, any of which may be missing. Positions are (x, y, z)
+in the world. Attributes are named arrays with one number or one tuple for each vertex, triangle, line or point.
+
+What cannot be drawn (triangles without area, positions that are not finite) stays in the arrays, so that indices and
+attributes keep their meaning, and is counted in the summaries. Indices out of range are errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import DataError
+
+Attributes = Mapping[str, NDArray[Any]]
+Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+CHUNK = 1 << 20  # triangles whose areas are computed at a time
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles.
+
+    Attributes
+    ----------
+    name : the file, for messages
+    vertices : float32 or float64 (n, 3)
+    triangles : int (m, 3), indices of vertices, counter-clockwise seen from outside
+    vertex_attributes : arrays (n,) or (n, components) by name
+    triangle_attributes : arrays (m,) or (m, components) by name
+
+    Raises
+    ------
+    DataError
+        Wrong shapes or types, attributes of another length, or indices out of range.
+    """
+
+    name: str
+    vertices: NDArray[Any]
+    triangles: NDArray[np.integer[Any]]
+    vertex_attributes: Attributes = field(default_factory=dict)
+    triangle_attributes: Attributes = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_positions(self.vertices, self.name)
+        shape, kind = self.triangles.shape, self.triangles.dtype.kind
+        if len(shape) != 2 or shape[1] != 3 or kind not in "iu":
+            raise DataError("not triangles", where=self.name, found=f"{kind} {shape}", allowed="integers (m, 3)")
+        check_indices(self.triangles, len(self.vertices), self.name)
+        _check_attributes(self.vertex_attributes, len(self.vertices), "vertices", self.name)
+        _check_attributes(self.triangle_attributes, shape[0], "triangles", self.name)
+
+    @cached_property
+    def drawable(self) -> NDArray[np.bool_]:
+        """Which triangles can be drawn, bool (m,): their vertices are finite, and they have an area."""
+        found = np.empty(len(self.triangles), bool)
+        for begin in range(0, len(found), CHUNK):
+            corners = self.vertices[self.triangles[begin : begin + CHUNK]].astype(np.float64)
+            # Scaled by its own size, so that the square of a tiny or huge edge neither vanishes nor overflows.
+            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+                edges = corners[:, 1:] - corners[:, :1]
+                edges /= np.abs(edges).max(axis=(1, 2), keepdims=True)
+                area = np.cross(edges[:, 0], edges[:, 1])
+            found[begin : begin + CHUNK] = np.isfinite(corners).all(axis=(1, 2)) & (np.nan_to_num(area) != 0).any(
+                axis=1
+            )
+        return found
+
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """Which vertices have finite positions, bool (n,)."""
+        found: NDArray[np.bool_] = np.isfinite(self.vertices).all(axis=1)
+        return found
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Corners of the axis-aligned box around the drawable triangles; None if there are none."""
+        used = np.zeros(len(self.vertices), bool)
+        used[self.triangles[self.drawable].ravel()] = True
+        return bounds_of(self.vertices[used])
+
+    def edge_counts(self) -> tuple[int, int]:
+        """Return the number of boundary edges, which one drawable triangle has, and of those that more than two have.
+
+        Vertices at equal positions count as one. A mesh without either is closed.
+        """
+        vertex = merge_equal(self.vertices)[1]
+        corners = vertex[self.triangles[self.drawable]]
+        low, high = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1).T
+        _, counts = np.unique(low * len(self.vertices) + high, return_counts=True)
+        return int((counts == 1).sum()), int((counts > 2).sum())
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Polylines.
+
+    Attributes
+    ----------
+    name : the file, for messages
+    points : float32 or float64 (n, 3), line by line
+    offsets : int (k + 1,); line i has the points [offsets[i], offsets[i + 1])
+    point_attributes, line_attributes : arrays by name, of n and of k
+
+    Raises
+    ------
+    DataError
+        Wrong shapes or types, attributes of another length, or offsets that do not rise from 0 to n.
+    """
+
+    name: str
+    points: NDArray[Any]
+    offsets: NDArray[np.integer[Any]]
+    point_attributes: Attributes = field(default_factory=dict)
+    line_attributes: Attributes = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_positions(self.points, self.name)
+        ends = self.offsets[[0, -1]].tolist() if self.offsets.ndim == 1 and len(self.offsets) else []
+        if ends != [0, len(self.points)] or (np.diff(self.offsets) < 0).any():
+            allowed = f"offsets that rise from 0 to {len(self.points)}"
+            raise DataError("the lines' offsets are wrong", where=self.name, found=ends, allowed=allowed)
+        _check_attributes(self.point_attributes, len(self.points), "points", self.name)
+        _check_attributes(self.line_attributes, len(self.offsets) - 1, "lines", self.name)
+
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """Which points have finite positions, bool (n,)."""
+        found: NDArray[np.bool_] = np.isfinite(self.points).all(axis=1)
+        return found
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Corners of the axis-aligned box around the finite points; None if there are none."""
+        return bounds_of(self.points[self.finite])
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points: spheres and glyphs.
+
+    Attributes
+    ----------
+    name : the file, for messages
+    positions : float32 or float64 (n, 3)
+    attributes : arrays (n,) or (n, components) by name; `radius` in world units where the file has radii
+
+    Raises
+    ------
+    DataError
+        Wrong shapes or types, or attributes of another length.
+    """
+
+    name: str
+    positions: NDArray[Any]
+    attributes: Attributes = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_positions(self.positions, self.name)
+        _check_attributes(self.attributes, len(self.positions), "points", self.name)
+
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """Which points have finite positions, bool (n,)."""
+        found: NDArray[np.bool_] = np.isfinite(self.positions).all(axis=1)
+        return found
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Corners of the axis-aligned box around the centres that are finite; None if there are none."""
+        return bounds_of(self.positions[self.finite])
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What a file holds; None for what it lacks."""
+
+    mesh: Mesh | None = None
+    lines: Lines | None = None
+    points: Points | None = None
+
+
+def bounds_of(positions: NDArray[Any]) -> Bounds | None:
+    """Return the corners of the axis-aligned box around finite positions (n, 3); None if there are none."""
+    if not len(positions):
+        return None
+    (x0, y0, z0), (x1, y1, z1) = positions.min(axis=0).tolist(), positions.max(axis=0).tolist()
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+def merge_equal(positions: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find equal positions.
+
+    Returns
+    -------
+    first : int64 (k,), index of the first of each group of equal positions
+    group : int64 (n,), the group of each position
+    """
+    bits = np.ascontiguousarray(positions + 0.0).view(f"u{positions.dtype.itemsize}")  # −0 becomes 0
+    # Sorting one hash takes a third of the time of sorting rows. A collision is found, and the rows are sorted then.
+    keys = np.zeros(len(bits), np.uint64)
+    for column in bits.T:
+        keys = (keys ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(29)
+    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+    if not np.array_equal(bits[first[group]], bits):
+        _, first, group = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+    return first.astype(np.int64), group.reshape(-1).astype(np.int64)
+
+
+def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cut polygons, which are taken as convex, into fans of triangles; those with fewer than three corners are dropped.
+
+    Parameters
+    ----------
+    offsets : int64 (k + 1,); polygon i has the corners [offsets[i], offsets[i + 1])
+    corners : int64 (n,), indices of vertices
+
+    Returns
+    -------
+    triangles : int64 (m, 3), indices of vertices
+    polygon : int64 (m,), number of the polygon of each triangle
+    """
+    counts = np.maximum(np.diff(offsets) - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(polygon)) - np.repeat(np.cumsum(counts) - counts, counts)
+    begin = offsets[:-1][polygon]
+    return np.stack([corners[begin], corners[begin + within + 1], corners[begin + within + 2]], axis=1), polygon
+
+
+def triangulate_strips(
+    offsets: NDArray[np.int64], corners: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cut strips into triangles of one orientation; parameters and returns as `triangulate`."""
+    counts = np.maximum(np.diff(offsets) - 2, 0)
+    strip = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(strip)) - np.repeat(np.cumsum(counts) - counts, counts)
+    begin, odd = offsets[:-1][strip] + within, within % 2
+    return np.stack([corners[begin], corners[begin + 1 + odd], corners[begin + 2 - odd]], axis=1), strip
+
+
+def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> None:
+    """Check that indices of vertices lie in [0, count).
+
+    Raises
+    ------
+    DataError
+        One does not.
+    """
+    if indices.size and (indices.min() < 0 or indices.max() >= count):
+        wrong = indices[(indices < 0) | (indices >= count)].ravel()[0]
+        allowed = f"0 to {count - 1}" if count else "none: there are no vertices"
+        raise DataError("an index of a vertex is out of range", where=where, found=wrong, allowed=allowed)
+
+
+def _check_positions(positions: NDArray[Any], where: str) -> None:
+    if positions.ndim != 2 or positions.shape[1] != 3 or positions.dtype not in (np.float32, np.float64):
+        found = f"{positions.dtype} {positions.shape}"
+        raise DataError("not positions", where=where, found=found, allowed="float32 or float64 (n, 3)")
+
+
+def _check_attributes(attributes: Attributes, count: int, noun: str, where: str) -> None:
+    for name, array in attributes.items():
+        if array.dtype.kind not in "iufb" or array.ndim not in (1, 2) or len(array) != count:
+            found = f"{array.dtype} {array.shape}"
+            raise DataError(
+                f"the array {name} does not fit", where=where, found=found, allowed=f"numbers, {count} {noun}"
+            )

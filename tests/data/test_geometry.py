@@ -1,0 +1,399 @@
+"""Meshes, lines and points: every format, files that end early, and what cannot be drawn."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from data import mesh_writers as mw
+from data import writers
+from data.checks import refused
+from data.mesh_writers import FILES, HEAT, LABEL, OFFSETS, PATH, TRIANGLES, VERTICES
+
+from clusterviz.data import MESH_EXTENSIONS, mesh_format_of, open_source, read_geometry
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, merge_equal, triangulate, triangulate_strips
+from clusterviz.errors import DataError
+
+ROOT = Path(__file__).parents[2]
+MOVED = np.array([1, 2, 3])
+SECOND = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [3, 1, 2]])  # with the strip's triangles
+
+
+def write(name: str, folder: Path) -> Path:
+    file, make = FILES[name]
+    return make(folder / file)
+
+
+def read(name: str, folder: Path) -> Geometry:
+    return read_geometry(write(name, folder))
+
+
+def check_mesh(mesh: Mesh | None, triangles: np.ndarray = TRIANGLES, moved: Any = 0) -> None:
+    """Check the corners of the triangles, which are the same in whatever order a file has its vertices."""
+    assert mesh is not None
+    np.testing.assert_array_equal(mesh.vertices[mesh.triangles], VERTICES[triangles] + moved)
+    assert mesh.drawable.all()
+
+
+MESHES: dict[str, tuple[dict[str, np.ndarray], dict[str, np.ndarray]]] = {
+    "ply-ascii": ({"heat": HEAT}, {"label": LABEL}),
+    "ply-little": ({"heat": HEAT}, {"label": LABEL}),
+    "stl-ascii": ({}, {}),
+    "stl-binary": ({}, {"stl": LABEL}),
+    "obj": ({}, {}),
+    "off": ({"RGBA": np.array([[0.5, 0.25, 1, 1]] * 4)}, {}),
+    "gifti": ({"heat": HEAT}, {}),
+    "gifti-gzip": ({"heat": HEAT}, {}),
+    "freesurfer": ({}, {}),
+    "npz-mesh": ({"heat": HEAT, "label": np.stack([LABEL, LABEL], axis=1)}, {}),
+    "npz-napari": ({"values": HEAT}, {}),
+    **dict.fromkeys(("vtk-binary", "vtk-ascii", "vtk-old", "vtk-old-ascii"), ({}, {"label": np.arange(2, 6)})),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_is_read_with_its_arrays(name: str, tmp_path: Path) -> None:
+    mesh = read(name, tmp_path).mesh
+    check_mesh(mesh)
+    for found, expected in zip((mesh.vertex_attributes, mesh.triangle_attributes), MESHES[name], strict=True):
+        assert found.keys() == expected.keys()
+        for key, array in expected.items():
+            np.testing.assert_array_equal(found[key], array)
+    assert mesh.edge_counts() == (0, 0)
+    assert mesh.bounds == ((0, 0, 0), (2, 3, 4))
+
+
+@pytest.mark.parametrize("name", ["ply-big-lists", "ply-ascii-lists"])
+def test_polygons_become_fans(name: str, tmp_path: Path) -> None:
+    mesh = read(name, tmp_path).mesh
+    np.testing.assert_array_equal(mesh.triangles, [[3, 0, 2], [3, 2, 1], *TRIANGLES[1:]])
+    np.testing.assert_array_equal(mesh.triangle_attributes["label"], LABEL[[0, 0, 1, 2, 3]])
+    triangles, polygon = triangulate(np.array([0, 2, 2, 7, 10]), np.arange(10))
+    np.testing.assert_array_equal(triangles, [[2, 3, 4], [2, 4, 5], [2, 5, 6], [7, 8, 9]])
+    np.testing.assert_array_equal(polygon, [2, 2, 2, 3])
+    triangles, strip = triangulate_strips(np.array([0, 5, 8]), np.arange(8))
+    np.testing.assert_array_equal(triangles, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [5, 6, 7]])
+    np.testing.assert_array_equal(strip, [0, 0, 0, 1])
+
+
+@pytest.mark.parametrize("name", ["vtp-ascii", "vtp-raw", "vtp-zlib"])
+def test_vtp_holds_polygons_strips_lines_and_vertices(name: str, tmp_path: Path) -> None:
+    found = read(name, tmp_path)
+    check_mesh(found.mesh, SECOND)
+    np.testing.assert_array_equal(found.mesh.triangle_attributes["label"], [4, 5, 6, 6])
+    np.testing.assert_array_equal(found.mesh.vertex_attributes["heat"], np.arange(9))
+    np.testing.assert_array_equal(found.lines.points, PATH)
+    np.testing.assert_array_equal(found.lines.offsets, OFFSETS)
+    np.testing.assert_array_equal(found.lines.line_attributes["label"], [2, 3])
+    np.testing.assert_array_equal(found.lines.point_attributes["heat"], np.arange(4, 9))
+    np.testing.assert_array_equal(found.points.positions, [VERTICES[3], PATH[0]])
+    np.testing.assert_array_equal(found.points.attributes["heat"], [3, 4])
+
+
+def test_pieces_of_vtp_are_joined(tmp_path: Path) -> None:
+    path = write("vtp-ascii", tmp_path)
+    text = path.read_text()
+    begin, end = text.index("<Piece"), text.index("</Piece>") + len("</Piece>")
+    path.write_text(text[:end] + text[begin:])
+    found = read_geometry(path)
+    np.testing.assert_array_equal(
+        found.mesh.vertices[found.mesh.triangles], VERTICES[[*SECOND[:2], *SECOND[:2], *SECOND[2:], *SECOND[2:]]]
+    )
+    np.testing.assert_array_equal(found.mesh.triangle_attributes["label"], [4, 5, 4, 5, 6, 6, 6, 6])
+    np.testing.assert_array_equal(found.lines.points, [*PATH, *PATH])
+    np.testing.assert_array_equal(found.lines.line_attributes["label"], [2, 3, 2, 3])
+    np.testing.assert_array_equal(found.lines.offsets, [0, 3, 5, 8, 10])
+
+
+@pytest.mark.parametrize("name", ["gltf", "glb"])
+def test_gltf_is_placed_by_its_nodes(name: str, tmp_path: Path) -> None:
+    found = read(name, tmp_path)
+    check_mesh(found.mesh, moved=MOVED)
+    np.testing.assert_array_equal(found.mesh.vertex_attributes["_HEAT"], HEAT)
+    np.testing.assert_array_equal(found.lines.points, PATH + MOVED)
+    np.testing.assert_array_equal(found.points.positions, PATH + MOVED)
+
+
+@pytest.mark.parametrize(
+    ("node", "expected"),
+    [
+        ({"matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1]}, [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        ({"rotation": [0, 0, 0.5**0.5, 0.5**0.5], "translation": [5, 6, 7]}, [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        ({"scale": [-1, 1, 1], "translation": [5, 6, 7]}, np.diag([-1, 1, 1])),
+    ],
+)
+def test_nodes_turn_scale_and_mirror(node: dict[str, Any], expected: Any, tmp_path: Path) -> None:
+    mesh = read_geometry(mw.gltf(tmp_path / "a.glb", nodes=[{"mesh": 0} | node])).mesh
+    np.testing.assert_allclose(mesh.vertices, VERTICES / 2 @ np.array(expected).T + [5, 6, 7], atol=1e-6)
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    outward = corners.mean(axis=1) - mesh.vertices.mean(axis=0)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert ((normals * outward).sum(axis=1) > 0).all()  # a mirror turns the triangles round
+
+
+LINES = ("obj", "vtk-binary", "vtk-ascii", "vtk-old", "trk", "tck", "csv", "tsv")
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_lines_are_read_with_their_arrays(name: str, tmp_path: Path) -> None:
+    lines = read(name, tmp_path).lines
+    if name == "obj":
+        np.testing.assert_array_equal(lines.points, VERTICES[[0, 1, 2, 3, 0]])
+    else:
+        np.testing.assert_allclose(lines.points, PATH, atol=1e-6)
+    np.testing.assert_array_equal(lines.offsets, OFFSETS)
+    expected = {"trk": [0, 1, 2, 0, 1], "csv": range(5), "tsv": range(5)}.get(name)
+    assert list(lines.point_attributes.get("heat", [])) == list(expected or [])
+    assert list(lines.line_attributes.get("label", [])) == ([0, 1] if "vtk" in name else [])
+
+
+@pytest.mark.parametrize("name", ["npy-fields", "xyz"])
+def test_tables_of_points(name: str, tmp_path: Path) -> None:
+    points = read(name, tmp_path).points
+    np.testing.assert_array_equal(points.positions, PATH)
+    np.testing.assert_array_equal(points.attributes["heat" if name == "npy-fields" else "column 3"], range(5))
+    plain = mw.npy(tmp_path / "b.npy", structured=False)
+    np.testing.assert_array_equal(read_geometry(plain).points.positions, PATH)
+    assert mesh_format_of(plain) is None  # a volume of one layer, unless it is asked for as points
+    assert open_source(plain).grid.shape_zyx == (1, 5, 4)
+
+
+@pytest.mark.parametrize("name", ["pdb", "cif"])
+def test_atoms_have_radii_and_colours(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("gemmi")
+    atoms = read(name, tmp_path).points
+    np.testing.assert_allclose(atoms.positions, PATH[:4], atol=1e-6)
+    found = {key: array.tolist() for key, array in atoms.attributes.items()}
+    assert found["element"] == [7, 6, 8, 26]
+    assert found["RGB"] == [[48, 80, 248], [144, 144, 144], [255, 13, 13], [224, 102, 51]]
+    assert found["radius"][:3] == pytest.approx([1.55, 1.7, 1.52])
+    assert (found["residue"], found["chain"]) == ([0, 0, 1, 2], [0, 0, 0, 1])
+    assert found["b_factor"] == [0, 10, 20, 30]
+
+
+def test_a_molecule_needs_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "gemmi", None)
+    refused(lambda: read("pdb", tmp_path), "needs the gemmi package", r"clusterviz\[molecules\]", "a.pdb")
+
+
+def test_points_alone_and_the_world_of_freesurfer(tmp_path: Path) -> None:
+    points = read("ply-points", tmp_path).points
+    np.testing.assert_array_equal(points.positions, VERTICES)
+    np.testing.assert_array_equal(points.attributes["heat"], HEAT)
+    check_mesh(read_geometry(mw.freesurfer(tmp_path / "rh.any", (1, 2, 3))).mesh, moved=MOVED)
+    assert mesh_format_of(tmp_path / "rh.any").name == "freesurfer"
+
+
+UNCOUNTED = {"obj", "csv", "tsv", "xyz", "pdb", "cif"}  # which do not say how much they hold
+LAST_BYTES = {"vtp-raw": b"</Appended", "vtp-zlib": b"</Appended", "freesurfer": b"valid", "stl-ascii": b"endsolid"}
+"""What follows the data; in a file of other names, nothing does."""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_ends_early_is_refused(name: str, tmp_path: Path) -> None:
+    if name in ("pdb", "cif"):
+        pytest.importorskip("gemmi")
+    path = write(name, tmp_path)
+    content = path.read_bytes()
+    whole = gzip.decompress(content) if path.suffix == ".gz" else content
+    end = whole.rindex(LAST_BYTES[name]) - 12 * (name == "freesurfer") if name in LAST_BYTES else len(whole.rstrip())
+    taken = []
+    for count in range(0, end, max(1, end // 60)):
+        if whole.isascii():  # the end of a word, since a part of a number is a number
+            count = next((n for n in range(count, 0, -1) if whole[n - 1 : n].isspace()), 0)
+        path.write_bytes(gzip.compress(whole[:count]) if path.suffix == ".gz" else whole[:count])
+        try:
+            read_geometry(path)
+        except DataError as error:
+            taken += [] if path.name in str(error) else [f"{error} names no file"]
+        else:
+            # The sections of legacy VTK are all optional.
+            if not re.match(rb"\s*(LINES|POLYGONS|CELL_DATA|SCALARS)", whole[count:]) or not name.startswith("vtk"):
+                taken.append(f"{count} of {end} bytes")
+    assert name in UNCOUNTED or taken == []
+
+
+EMPTY: dict[str, tuple[str, str | bytes]] = {
+    "stl": ("a.stl", bytes(84)),
+    "vtp": (
+        "a.vtp",
+        '<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="0"/></PolyData></VTKFile>',
+    ),
+    "off": ("a.off", "OFF\n0 0 0\n"),
+    "ply": (
+        "a.ply",
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 0\nproperty list uchar int vertex_indices\nend_header\n",
+    ),
+    "csv": ("a.csv", "x,y,z\n"),
+    "gltf": ("a.gltf", '{"asset": {"version": "2.0"}}'),
+    "vtk": ("a.vtk", "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 0 float\nPOLYGONS 0 0\n"),
+}
+
+
+@pytest.mark.parametrize("name", EMPTY)
+def test_an_empty_file_of_its_kind_is_read(name: str, tmp_path: Path) -> None:
+    file, content = EMPTY[name]
+    (tmp_path / file).write_bytes(content.encode() if isinstance(content, str) else content)
+    found = read_geometry(tmp_path / file)
+    for part in (found.mesh, found.lines, found.points):
+        assert part is None or part.bounds is None
+    assert found.mesh is None or found.mesh.edge_counts() == (0, 0)
+
+
+# What is replaced in a file, and what is said of it.
+DAMAGED: list[tuple[str, bytes, bytes, str]] = [
+    ("ply-ascii", b"3 0 2 1", b"3 0 2 4", "out of range; found 4; allowed 0 to 3"),
+    ("ply-ascii", b"3 0 2 1", b"3 0 2 -1", "out of range"),
+    ("ply-ascii", b"element vertex 4", b"element vertex 400000000", "lies about its size"),
+    ("ply-ascii", b"element vertex 4", b"element vertex 3", "lies|longer|out of range|whole|not a number"),
+    ("ply-ascii", b"property float x", b"property float w", "no vertices"),
+    ("ply-ascii", b"ascii", b"morse", "the header is not understood"),
+    ("ply-ascii", b"property float heat", b"property float x", "a property has two entries"),
+    ("ply-ascii", b"end_header", b"end_heading", "the header has no end"),
+    ("ply-little", b"element face 4", b"element face 9", "truncated, or the header lies"),
+    ("ply-big-lists", b"element face 4", b"element face 99999999999", "truncated, or the header lies"),
+    ("stl-ascii", b"endfacet", b"", "truncated or damaged"),
+    ("stl-ascii", b"vertex 2.0 0.0 0.0", b"vertex 2.0 zero 0.0", "not a number"),
+    ("stl-binary", b"\4\0\0\0", b"\5\0\0\0", "truncated or damaged|its header lies"),
+    ("obj", b"f -4 -1 -2", b"f -5 -1 -2", "out of range"),
+    ("obj", b"f -4 -1 -2", b"f 5 1 2", "out of range; found 4"),
+    ("obj", b"f -4 -1 -2", b"f 0 1 2", "indices from 1"),
+    ("obj", b"f -4 -1 -2", b"f 1 2", "at least 3 indices"),
+    ("off", b"4 4 6", b"4 5 6", "4 vertices and 5 polygons"),
+    ("off", b"4 4 6", b"400000000 4 6", "lies about its size"),
+    ("off", b"COFF", b"STOFF", "unsupported variant"),
+    ("off", b"3 0 2 1", b"9 0 2 1", "fewer corners"),
+    ("off", b"3 0 2 1", b"3 0 2 7", "out of range"),
+    ("gltf", b'"children": [1, 2]', b'"children": [1, 0]', "no tree; found node 0 is reached twice"),
+    ("gltf", b'"children": [1, 2]', b'"children": [1, 1]', "no tree; found node 1"),
+    ("gltf", b'"children": [1, 2]', b'"children": [1, 3]', "no such entry of nodes; found 3"),
+    ("gltf", b'"count": 12', b'"count": 99', "lies about its size"),
+    ("gltf", b'"mode": 3', b'"mode": 7', "unknown mode; found 7"),
+    ("gltf", b'"version": "2.0"', b'"version": "1.0"', "not glTF 2.0"),
+    ("gltf", b'"indices": 1', b'"indices": 3', "out of range|complete"),
+    ("gltf", b'"scene": 0', b'"extensionsRequired": ["KHR_draco_mesh_compression"], "scene": 0', "KHR_draco"),
+    ("gltf", b"data:application", b"data:,application", "damaged|lies"),
+    ("vtp-ascii", b"PolyData", b"UnstructuredGrid", "not a VTK file of type PolyData"),
+    ("vtp-ascii", b'NumberOfPolys="2"', b'NumberOfPolys="3"', "lies about its size"),
+    ("vtp-ascii", b'NumberOfPoints="9"', b'NumberOfPoints="many"', "impossible NumberOfPoints"),
+    ("vtp-ascii", b'"ascii">3 6<', b'"ascii">6 3<', "lies about its size|offsets"),
+    ("vtp-ascii", b"0 2 1 0 1 3", b"0 2 1 0 1 9", "out of range; found 9"),
+    ("vtp-raw", b'NumberOfPolys="2"', b'NumberOfPolys="9"', "size is not the dataset's"),
+    ("vtk-ascii", b"POLYGONS 5 12", b"POLYGONS 5 99999999999", "lies about its size"),
+    ("vtk-old-ascii", b"3 0 2 1 3", b"9 0 2 1 3", "a cell has an impossible length|out of range|offsets"),
+    ("vtk-old-ascii", b"3 0 2 1 3", b"3 0 2 99 3", "out of range"),
+    ("gifti", b'Dimensionality="2"', b'Dimensionality="4294967296"', "impossible Dimensionality"),
+    ("gifti", b"NIFTI_INTENT_TRIANGLE", b"NIFTI_INTENT_SHAPE", "no surface"),
+    ("freesurfer", b"\xff\xff\xfe", b"\xff\xff\xfd", "wrong magic"),
+    ("freesurfer", b"\0\0\0\4\0\0\0\4", b"\x7f\0\0\4\0\0\0\4", "lies about its size"),
+    ("freesurfer", b"\0\0\0\4\0\0\0\4", b"\xff\0\0\4\0\0\0\4", "impossible counts"),
+    ("trk", b"\3\0\0\0\0\0\0?", b"\3\0\0\x70\0\0\0?", "lies about its size"),
+    ("csv", b"x,y,z", b"x,y,w", "no positions"),
+    ("csv", b"5.0,5.0,5.0,a b", b"5.0,5.0", "damaged"),
+    ("csv", b"x,y,z,name", b"x,y,z", "rows of different lengths"),
+    ("npy-fields", b"'x'", b"'w'", "1 axes|not a scalar volume|no positions"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), DAMAGED)
+def test_what_cannot_be_is_refused(name: str, old: bytes, new: bytes, said: str, tmp_path: Path) -> None:
+    path = write(name, tmp_path)
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+    refused(lambda: read_geometry(path), said, path.name)
+
+
+@pytest.mark.parametrize("extension", sorted(MESH_EXTENSIONS))
+def test_what_is_no_file_of_any_format(extension: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{extension}"
+    refused(lambda: read_geometry(path), "no such file", path.name)
+    path.touch()
+    refused(lambda: read_geometry(path), "the file is empty", path.name)
+    path.write_bytes(b"hello")
+    refused(lambda: read_geometry(path), path.name)
+
+
+def test_other_names_and_other_contents(tmp_path: Path) -> None:
+    (tmp_path / "a.blend").write_bytes(b"hello")
+    refused(lambda: read_geometry(tmp_path / "a.blend"), "unknown extension", r"\.ply", r"\.trk")
+    writers.write(tmp_path / "a.vtk")
+    refused(lambda: read_geometry(tmp_path / "a.vtk"), "not polygonal data", "STRUCTURED_POINTS")
+    refused(lambda: open_source(write("vtk-ascii", tmp_path)), "not image data", "POLYDATA")
+    page = (ROOT / "docs/reference/data-formats.md").read_text()
+    assert [word for word in MESH_EXTENSIONS if f"`{word}`" not in page] == []
+
+
+def test_what_cannot_be_drawn_is_counted() -> None:
+    nan, huge = np.nan, 1e200
+    vertices = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [nan, 0, 0], [huge, 0, 0], [0, huge, 0], [0, 1e-200, 0]]
+    )
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 1], [0, 1, 4], [0, 5, 6], [0, 1, 7]])
+    mesh = Mesh("m", vertices, triangles)
+    assert mesh.drawable.tolist() == [True, False, False, False, True, True]
+    assert mesh.finite.sum() == 7
+    assert mesh.bounds == ((0, 0, 0), (huge, huge, 0))
+    tiny = Mesh("m", VERTICES * 1e-30, TRIANGLES)
+    assert tiny.drawable.all()
+
+
+def test_open_crowded_and_unmerged_meshes() -> None:
+    assert Mesh("m", VERTICES, TRIANGLES[:3]).edge_counts() == (3, 0)
+    fan = np.array([[0, 1, 2], [0, 1, 3], [1, 0, 2], [0, 1, 3]])
+    assert Mesh("m", VERTICES, fan).edge_counts()[1] == 1  # four triangles at one edge
+    soup = VERTICES[TRIANGLES].reshape(-1, 3)
+    soup[soup == 0] = -0.0
+    assert Mesh("m", soup, np.arange(12).reshape(4, 3)).edge_counts() == (0, 0)
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_equal_positions_are_found(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    positions = np.random.default_rng(1).integers(0, 6, (500, 3)).astype(dtype)
+    expected = np.unique(positions, axis=0)
+    first, group = merge_equal(positions)
+    assert len(first) == len(expected)
+    np.testing.assert_array_equal(positions[first][group], positions)
+    # Where hashes collide, rows are compared.
+    unique = np.unique
+    monkeypatch.setattr(np, "unique", lambda keys, **options: unique(keys if keys.ndim > 1 else keys % 7, **options))
+    first, group = merge_equal(positions)
+    assert len(first) == len(expected)
+    np.testing.assert_array_equal(positions[first][group], positions)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Mesh("m", VERTICES[:, :2], TRIANGLES), "not positions"),
+        (lambda: Mesh("m", VERTICES.astype(int), TRIANGLES), "not positions"),
+        (lambda: Mesh("m", VERTICES, TRIANGLES[:, :2]), "not triangles"),
+        (lambda: Mesh("m", VERTICES, TRIANGLES * 1.0), "not triangles"),
+        (lambda: Mesh("m", VERTICES, TRIANGLES + 1), "out of range; found 4"),
+        (lambda: Mesh("m", VERTICES[:0], TRIANGLES), "there are no vertices"),
+        (lambda: Mesh("m", VERTICES, TRIANGLES, {"a": HEAT[:3]}), "the array a does not fit; .*4 vertices"),
+        (lambda: Mesh("m", VERTICES, TRIANGLES, {}, {"a": np.array(["x"] * 4)}), "the array a does not fit"),
+        (lambda: Lines("m", PATH, np.array([0, 3])), "offsets are wrong"),
+        (lambda: Lines("m", PATH, np.array([0, 4, 3, 5])), "offsets are wrong"),
+        (lambda: Lines("m", PATH, OFFSETS, {}, {"a": np.zeros(3)}), "2 lines"),
+        (lambda: Points("m", PATH, {"a": np.zeros((4, 2))}), "5 points"),
+    ],
+)
+def test_arrays_that_do_not_fit(make: Callable[[], object], said: str) -> None:
+    refused(make, f"m: .*{said}")
+
+
+def test_a_tree_of_nodes_may_be_deep(tmp_path: Path) -> None:
+    nodes = [{"children": [n + 1], "translation": [0, 0, 1]} for n in range(2000)]
+    mesh = read_geometry(mw.gltf(tmp_path / "a.glb", nodes=[*nodes, {"mesh": 0}])).mesh
+    assert mesh.bounds[0] == (0, 0, 2000)
+    ring = json.dumps({"asset": {"version": "2.0"}, "nodes": [{"children": [1]}, {"children": [0]}]})
+    (tmp_path / "a.gltf").write_text(ring)
+    refused(lambda: read_geometry(tmp_path / "a.gltf"), "no tree", "each is a child")
