@@ -5,7 +5,7 @@ vec4 absorbing(int k, int at, dvec2 span) {
     float s = scalar_at(here.brick, here.cell, beyond);
     if (!(s >= buckets.w)) return vec4(0.0); // nothing is visible below, and NaN compares false
     vec3 gradient = gradient_at(here.brick, here.cell, beyond);
-    vec4 entry = classified(s, gradient);
+    vec4 entry = classified(s, gradient, here, beyond);
     float depth = frame.optics.x * float(span.y - span.x) * optical_depth(entry.a) * faded(gradient);
     return depth * vec4(lit(entry.rgb, gradient, here, beyond, true), 1.0);
 }

@@ -1,4 +1,4 @@
-// Emission and absorption of a slab with a 2-D transfer function of scalar and gradient magnitude.
+// Emission and absorption of a slab with a 2-D transfer function of scalar and gradient magnitude, or with a user's look.
 bool is_seen(float s) {
     return s >= buckets.w; // nothing is visible below, and NaN compares false
 }
@@ -6,8 +6,8 @@ bool is_seen(float s) {
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!is_seen(s)) return;
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-    vec4 entry = classified(s, gradient);
-    float opacity = slab_opacity(entry.a, frame.optics.x * share);
+    vec4 entry = classified(s, gradient, place, beyond);
+    float opacity = slab_opacity(entry.a, frame.optics.x * share * faded(gradient));
     sum += ((1.0 - sum.a) * opacity) * vec4(lit(entry.rgb, gradient, place, beyond, true), 1.0);
 }
 

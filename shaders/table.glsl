@@ -14,7 +14,7 @@ vec4 entry_at(float s, float magnitude) {
 }
 
 // Straight colour, and the opacity of a unit distance.
-vec4 classified(float s, vec3 gradient) {
+vec4 classified(float s, vec3 gradient, Place place, vec3 beyond) {
     vec4 entry = entry_at(s, magnitude_of(gradient));
     return vec4(TABLE_HAS_COLOUR ? entry.rgb : segment_at(s).colour, clamp(entry.a, 0.0, 1.0 - 5.9604645e-8));
 }

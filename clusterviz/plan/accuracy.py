@@ -144,7 +144,7 @@ def make_aim(scene: Scene) -> Aim:
 
 def _is_steep(volume: Volume) -> bool:
     """Return True if opacity or colour jumps, or changes faster than `STEEP`."""
-    if volume.transfer_2d or volume.interpolation == "nearest":
+    if volume.transfer_2d or volume.shader or volume.interpolation == "nearest":
         return True
     transfer = transfer_function(volume)
     low, high = transfer.domain

@@ -115,8 +115,8 @@ def is_lit(volume: Volume) -> bool:
 
 
 def is_graded(volume: Volume) -> bool:
-    """Return True if a volume's opacity depends on the magnitude of the gradient."""
-    return BLEND_MODES[volume.blending].absorbs and bool(volume.gradient_opacity or volume.transfer_2d)
+    """Return True if a volume's opacity or colour may depend on the gradient."""
+    return BLEND_MODES[volume.blending].absorbs and bool(volume.gradient_opacity or volume.transfer_2d or volume.shader)
 
 
 def has_surfaces(volume: Volume) -> bool:
@@ -132,10 +132,10 @@ def classification_of(quality: Quality) -> Classification:
 def is_preintegrated(volume: Volume, classification: Classification) -> bool:
     """Return True if slabs of the volume are classified between their ends.
 
-    They are not in projections, with nearest-voxel interpolation, with isosurfaces, which cut slabs, nor with a 2-D
-    transfer function.
+    They are not in projections, with nearest-voxel interpolation, with isosurfaces, which cut slabs, with a 2-D
+    transfer function, nor with a user's look.
     """
-    if volume.interpolation == "nearest" or volume.isosurfaces or volume.transfer_2d:
+    if volume.interpolation == "nearest" or volume.isosurfaces or volume.transfer_2d or volume.shader:
         return False
     return classification == "pre-integrated" and BLEND_MODES[volume.blending].absorbs
 

@@ -302,7 +302,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.step", quality.step, step, text)
     ramps = [is_preintegrated(volume, quality.classification) for volume in volumes]
     if quality.classification == "pre-integrated" and not all(ramps):
-        text = "not with isosurfaces, transfer_2d, nearest interpolation or a projection"
+        text = "not with isosurfaces, transfer_2d, a shader, nearest interpolation or a projection"
         which = "" if not any(ramps) else f" in volumes[{ramps.index(False)}]"
         yield Change("quality.classification", "pre-integrated", f"post{which}", text)
     if quality.borders == "split" and not any(ramps):

@@ -25,6 +25,7 @@ from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
+from clusterviz.spmd.look import Look, read_look
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -191,6 +192,9 @@ class Grading:
         magnitude of its first entry, and columns and rows per unit
     table : float32 (rows, columns, 4), straight colour and opacity; None for gradient opacity
     table_holds : the part of the table that is read
+    look : a user's look; None without one
+    units : float64 (7, 4), in its block, see look.glsl: columns of the matrix from gradients to data values per world
+        unit, with the factor and the offset of values; columns of the matrix from index space; the world's origin
     """
 
     magnitude_from_gradient: Floats
@@ -198,6 +202,8 @@ class Grading:
     first: tuple[float, ...]
     table: NDArray[np.float32] | None = None
     table_holds: Table = ""
+    look: Look | None = None
+    units: Floats | None = None
 
     @property
     def fading(self) -> int:
@@ -205,11 +211,16 @@ class Grading:
         return len(self.pieces)
 
     def block(self) -> NDArray[np.float32]:
-        """Return the block of magnitude.glsl, (4 + fading, 4): the matrix's columns, `first`, the pieces."""
+        """Return the block of magnitude.glsl: float32 (4 + fading, 4), columns of the matrix, `first`, the pieces.
+
+        With a look (4 + fading + `LOOK_ROWS`, 4), and then `units`.
+        """
         rows = np.zeros((4 + self.fading, 4))
         rows[:3, :3] = self.magnitude_from_gradient.T
         rows[3, : len(self.first)] = self.first
         rows[4:] = self.pieces
+        if self.units is not None:
+            rows = np.concatenate([rows, self.units])
         return np.clip(rows, -FAR, FAR).astype(np.float32)
 
 
@@ -224,9 +235,13 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
             found = magnitudes * (length / 2 / (clim[1] / 2 - clim[0] / 2))
         return np.minimum(found, FAR)
 
+    look, rows = None, None
+    if volume.shader is not None:
+        look, rows = read_look(volume.shader), _look_units(clim, grid)
     if volume.transfer_2d is None:
-        magnitudes, factors = np.array(volume.gradient_opacity, np.float64).T
-        return Grading(matrix, _pieces(units(magnitudes), factors), (float(factors[0]),))
+        magnitudes, factors = np.array(volume.gradient_opacity or [(0.0, 1.0)], np.float64).T
+        pieces = _pieces(units(magnitudes), factors) if volume.gradient_opacity else np.zeros((0, 4))
+        return Grading(matrix, pieces, (float(factors[0]),), look=look, units=rows)
     table = load_table(volume.transfer_2d)
     opacities, colours = table.opacities, table.colours
     rgba = np.zeros((*opacities.shape, 4), np.float32)
@@ -237,6 +252,22 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
     across = _axis(units(np.array(table.magnitudes)), opacities.shape[0])
     holds: Table = "opacity" if colours is None else "colour and opacity"
     return Grading(matrix, np.zeros((0, 4)), along + across, rgba, holds)
+
+
+LOOK_ROWS = 7
+
+
+def _look_units(clim: tuple[float, float], grid: Grid) -> Floats:
+    """Return `Grading.units`, (LOOK_ROWS, 4)."""
+    matrix = grid.world_from_index[:3, :3].astype(np.float64)
+    with np.errstate(over="ignore"):
+        width = np.float64(clim[1]) - clim[0]
+        rows = np.zeros((LOOK_ROWS, 4))
+        rows[:3, :3] = np.linalg.inv(matrix) * width
+    rows[0, 3], rows[1, 3] = width, clim[0]
+    rows[3:6, :3] = matrix.T
+    rows[6, :3] = grid.origin
+    return rows
 
 
 def _pieces(places: Floats, factors: Floats) -> Floats:

@@ -81,7 +81,7 @@ class SurfaceHit:
 
 def is_ramped(volume: Volume, scene: Scene) -> bool:
     """Return whether classification is pre-integrated."""
-    has_ramps = volume.interpolation != "nearest" and not volume.isosurfaces and volume.transfer_2d is None
+    has_ramps = volume.interpolation != "nearest" and not (volume.isosurfaces or volume.transfer_2d or volume.shader)
     return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
@@ -159,7 +159,7 @@ class VolumeRays:
         point = np.clip(self.points(slab, middle)[inside], 0, self.last)
         scalar, valid = self.sampler(self.voxels, *point.T)
         gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
-        colour, extinction = glow_and_extinction(self.volume, self.transfer, scalar, gradient, self.grid)
+        colour, extinction = glow_and_extinction(self.volume, self.transfer, scalar, gradient, self.grid, point)
         depth[inside] = np.where(valid, extinction, 0) * (slab.end - slab.begin)[inside]
         colour = self._lit(slab.rays[inside], point, np.where(valid[:, None], colour, 0), gradient)
         glow[inside] = depth[inside, None] * colour

@@ -168,7 +168,7 @@ def _march(
         scalar, valid = sample(voxels, *slab.point.T)
         valid &= kept(slab.point, scene.clip, grid)
         gradient = gradient_at(volume, voxels, slab.point) if needs_gradient(volume) else None
-        colour, extinction = glow_and_extinction(volume, classify, scalar, gradient, grid)
+        colour, extinction = glow_and_extinction(volume, classify, scalar, gradient, grid, slab.point)
         depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
         if met:
             part = slab.begin, slab.end
@@ -187,7 +187,7 @@ def _march(
 def _is_preintegrated(scene: Scene) -> bool:
     """Return whether slabs are pre-integrated; nearest voxels have no linear scalars."""
     volume, classification = scene.volumes[0], str(scene.quality.classification)
-    has_ramps = volume.interpolation != "nearest" and volume.transfer_2d is None
+    has_ramps = volume.interpolation != "nearest" and not (volume.transfer_2d or volume.shader)
     return classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 

@@ -236,7 +236,7 @@ def march_surfaces(
         middle, known = sample(voxels, *slab.point.T)
         known &= kept(slab.point, scene.clip, grid) & (volume.blending == "composite")
         gradient = gradients(slab.point)
-        glow, extinction = glow_and_extinction(volume, classify, middle, gradient, grid)
+        glow, extinction = glow_and_extinction(volume, classify, middle, gradient, grid, slab.point)
         glow, extinction = lit_up(glow, gradient, slab.point, slab.rays, voxels.shape), np.where(known, extinction, 0)
         begin = slab.begin.copy()
         for met in course.crossings(slab.rays, slab.begin, slab.end):

@@ -13,7 +13,7 @@ from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
-from clusterviz.plan.shading import Table
+from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
@@ -28,6 +28,7 @@ from clusterviz.render.volume_layers import (
     voxel_file,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
+from clusterviz.spmd.look import Look
 
 PART_BYTES = 16  # a vec4
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
@@ -86,6 +87,7 @@ class Variant:
     volumes : variants of several volumes; empty for one volume
     caps : number of planes by whose normals cut faces are lit, including the volume's own faces
     frame_coherence : rays start by the hits of the last frame
+    look : a user's look in place of the transfer function; None without one
     crossing : only where the opacity of a pixel passes one half is found
     cpu : how a CPU draws it; None: a GPU draws
     """
@@ -110,6 +112,7 @@ class Variant:
     caps: int = 0
     frame_coherence: bool = False
     crossing: bool = False
+    look: Look | None = None
     cpu: Lanes | None = None
 
     @property
@@ -118,6 +121,8 @@ class Variant:
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
         run: Files = SURFACES_FILES if self.surfaces else "samples.glsl"
         sample: Files = ("table.glsl", "composite_2d.glsl") if self.table else self._traits.shader
+        if self.look:
+            sample = (self.look.glsl(), "look.glsl", "composite_2d.glsl")
         if self.preintegrated:
             run, sample = PREINTEGRATED_FILES, NOTHING
         slots: dict[str, Files] = {
@@ -191,7 +196,7 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        needed = self.lights or self.fading or self.table or self.crossing
+        needed = self.lights or self.fading or self.table or self.crossing or (self.look and self.look.uses_gradient)
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
@@ -211,7 +216,12 @@ class Variant:
         """Most iterations of loops in a sample."""
         searches = self.volumes or (self,)
         each = (
-            one.further_starts.bit_length() + one.lights + bool(one.lights) * one.caps + one.fading for one in searches
+            one.further_starts.bit_length()
+            + one.lights
+            + bool(one.lights) * one.caps
+            + one.fading
+            + (one.look.iterations if one.look else 0)
+            for one in searches
         )
         return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
 
@@ -270,8 +280,8 @@ class Variant:
         if self.planes:
             lines.append(f"const int PLANES = {self.planes};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
-        if self.fading or self.table:
-            lines.append(glsl_rows("Grading", 5, {"grading": 4 + self.fading}))
+        if self.fading or self.table or self.look:
+            lines.append(glsl_rows("Grading", 5, {"grading": 4 + self.fading + LOOK_ROWS * bool(self.look)}))
             lines.append(f"const int FADING_PIECES = {self.fading};")
         if self.table:
             lines.append("#define TABLE_BINDING 1")
@@ -326,4 +336,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
         plan.march.frame_coherence is not None,
         plan.march.crossing,
+        grading.look if grading else None,
     )

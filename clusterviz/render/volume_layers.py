@@ -19,8 +19,9 @@ from clusterviz.plan.multi_volume import MultiVolume
 from clusterviz.plan.plan import Filter
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
-from clusterviz.plan.shading import Table
+from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.storage import Slot
+from clusterviz.spmd.look import Look
 
 
 def voxel_file(slot: Slot) -> str:
@@ -98,6 +99,7 @@ OWN_NAMES = (
     ),
     *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
+    *("users_look", "within_limit"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
     *("absorbing", "surface", "meet_surfaces", "CELL_BEGINS", "cell_within", "extent_of", "cubic_of", "field_on"),
     *(
@@ -148,6 +150,7 @@ class VolumeVariant:
     surfaces : number of isosurfaces
     in_volume : the volume itself is drawn, too
     preintegrated : its slabs are classified between their ends, not at their midpoints
+    look : as in `Variant`
     """
 
     filter: Filter
@@ -162,12 +165,14 @@ class VolumeVariant:
     surfaces: int = 0
     in_volume: bool = True
     preintegrated: bool = False
+    look: Look | None = None
 
     @property
     def rows(self) -> dict[str, int]:
         """Number of rows of its lighting, grading and isosurfaces, in the order of `rows_of`."""
         found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps} if self.lights else {}
-        found |= {"grading": 4 + self.fading} if self.fading or self.table else {}
+        if self.fading or self.table or self.look:
+            found["grading"] = 4 + self.fading + LOOK_ROWS * bool(self.look)
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
     @property
@@ -191,11 +196,12 @@ class VolumeVariant:
         macros, chain = self._macros(number), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
-        graded = self.lights or self.fading or self.table or crossing
+        graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
-        classified = ("segment.glsl", "table.glsl" if self.table else "classified.glsl", "absorbing.glsl")
+        source = "table.glsl" if self.table else "look.glsl" if self.look else "classified.glsl"
+        classified = ("segment.glsl", source, "absorbing.glsl")
         absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (cell_file(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
@@ -266,6 +272,7 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
             len(part.blend_mode.surfaces),
             part.blend_mode.traits.absorbs,
             part.preintegrated,
+            part.blend_mode.grading.look if part.blend_mode.grading else None,
         )
         for part, part_slot in zip(multi_volume.volume_layers, slot.parts, strict=True)
     )
@@ -273,12 +280,13 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
 
 def multi_volume_files(volumes: tuple[VolumeVariant, ...], crossing: bool = False) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes."""
+    looks = [volume.look.glsl(f"_{number}") for number, volume in enumerate(volumes) if volume.look]
     each = [part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
     blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Rows", ROWS_BINDING, rows)
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
     layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
-    return (*(blocks if rows else blocks[:1]), *sums, "densest.glsl", layers, *each, "multi_volume.glsl")
+    return (*(blocks if rows else blocks[:1]), *sums, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:

@@ -69,7 +69,15 @@ class VolumeInfo:
 
 BACKGROUND = (0.09, 0.1, 0.12)
 STEP = 0.5
-OPT_OUT_KEYS = ("opacity", "opacity_unit_distance", "blending", "isosurfaces", "transfer_2d", "gradient_opacity")
+OPT_OUT_KEYS = (
+    "opacity",
+    "opacity_unit_distance",
+    "blending",
+    "isosurfaces",
+    "transfer_2d",
+    "gradient_opacity",
+    "shader",
+)
 """Keys of a volume that turn automatic settings off: a scene that sets one gets the defaults of scene files."""
 MASK = ((0.0, 0.93, 0.84, 0.70), (1.0, 0.93, 0.84, 0.70))
 MAX_LABELS = 512

@@ -40,12 +40,17 @@ def check_gradient(kernel: str, interpolation: str) -> None:
         raise InvalidValueError("not for interpolation: nearest", "central", key="gradient", found=kernel)
 
 
-def check_gradient_opacity(blending: Blending, has_gradient_opacity: bool, has_table: bool, has_opacity: bool) -> None:
-    """Allow gradient-dependent opacity for composited volumes only, and opacity in one key only."""
-    for key, found in (("gradient_opacity", has_gradient_opacity), ("transfer_2d", has_table)):
+def check_gradient_opacity(
+    blending: Blending, has_gradient_opacity: bool, has_table: bool, has_opacity: bool, has_shader: bool
+) -> None:
+    """Allow gradient-dependent opacity and looks for composited volumes only, and opacity in one key only."""
+    keys = ("gradient_opacity", has_gradient_opacity), ("transfer_2d", has_table), ("shader", has_shader)
+    for key, found in keys:
         if found and not BLEND_MODES[blending].absorbs:
             allowed = f"this key with blending: {_names(mode.absorbs for mode in BLEND_MODES.values())}"
             raise InvalidValueError(f"not for blending: {blending}", allowed, key=key)
+    if has_table and has_shader:
+        raise InvalidValueError("colour and opacity are in transfer_2d already", "one of the two keys", key="shader")
     if has_table and (has_opacity or has_gradient_opacity):
         other = "opacity" if has_opacity else "gradient_opacity"
         raise InvalidValueError("opacity is in transfer_2d already", "one of the two keys", key=other)

@@ -61,7 +61,7 @@ def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
     if volume.transfer_2d is not None:
         found["transfer_2d"] = _completed_table(volume.transfer_2d, clim, min(info.spacing))
     elif volume.opacity is None:
-        found["opacity"] = _default_opacity(cmap, clim)
+        found["opacity"] = 1.0 if volume.shader is not None else _default_opacity(cmap, clim)
     if volume.opacity_unit_distance is None:
         found["opacity_unit_distance"] = default_unit_distance(info.shape_zyx, info.spacing)
     if BLEND_MODES[volume.blending].threshold and volume.threshold is None:

@@ -116,7 +116,7 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         if not isinstance(volume, dict):
             continue
         table = volume.get("transfer_2d")
-        for section, key in ((volume, "path"), (volume, "cmap"), (table, "path")):
+        for section, key in ((volume, "path"), (volume, "cmap"), (volume, "shader"), (table, "path")):
             text = section.get(key) if isinstance(section, dict) else None
             if isinstance(section, dict) and isinstance(text, str) and _is_path(key, text):
                 section[key] = os.path.normpath(folder / Path(text).expanduser())

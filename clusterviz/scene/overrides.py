@@ -212,6 +212,7 @@ class Settings(TypedDict, total=False):
     opacity_unit_distance: float | None
     gradient_opacity: Rows
     transfer_2d: Transfer2d | Mapping[str, Any] | None
+    shader: str | None
     interpolation: Interpolation
     blending: Blending
     isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]

@@ -79,7 +79,11 @@ def _volume_summary(volume: Volume) -> str:
     elif isinstance(opacity, tuple):
         opacity = " ".join(f"{value:g}:{alpha:g}" for value, alpha in _abbreviated(opacity))
     low, high = volume.clim or (0.0, 0.0)
-    cmap = volume.cmap if isinstance(volume.cmap, str) else f"{len(volume.cmap or ())} colours"
+    cmap = (
+        volume.shader or volume.cmap
+        if isinstance(volume.shader or volume.cmap, str)
+        else f"{len(volume.cmap or ())} colours"
+    )
     return f"clim {low:g} to {high:g} ({cmap}), opacity {opacity}"
 
 

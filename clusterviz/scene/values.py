@@ -133,6 +133,13 @@ class Volume(Section):
         description="A table over values and gradient magnitudes in place of opacity, for a composited volume; it is "
         "applied to the samples in the slabs' middles whatever quality.classification says.",
     )
+    shader: Annotated[str, AfterValidator(check_path)] | None = Field(
+        default=None,
+        examples=["my_look.glsl"],
+        description="A GLSL file, relative to the scene file, with `vec4 look(float value, vec3 gradient, vec3 "
+        "position)`: straight colour, and opacity over opacity_unit_distance, of a composited volume in place of "
+        "cmap; opacity is a factor of it.",
+    )
     interpolation: Interpolation = Field(
         default="linear",
         description="Interpolation between voxels; cubic: B-splines, which are smooth and do not interpolate the "
@@ -175,7 +182,11 @@ class Volume(Section):
         check_gradient(self.gradient, self.interpolation)
         check_surfaces(self.blending, self.isosurfaces)
         check_gradient_opacity(
-            self.blending, bool(self.gradient_opacity), self.transfer_2d is not None, self.opacity is not None
+            self.blending,
+            bool(self.gradient_opacity),
+            self.transfer_2d is not None,
+            self.opacity is not None,
+            self.shader is not None,
         )
         return self
 

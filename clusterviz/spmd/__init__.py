@@ -16,6 +16,7 @@ caster of `render/cpu` does not use it yet.
 - codegen.py       code of statements and calls
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
+- look.py          looks of users: checked, and made safe
 - machine_code.py  machine code for this CPU
 - profiling.py     the same code with counters and clocks
 """

@@ -25,6 +25,7 @@ from clusterviz.spmd.ir import (
     Statement,
     Variable,
 )
+from clusterviz.spmd.types import INT
 
 MOST_UNROLLED = 4  # iterations of a loop
 COSTLY = 100  # cost from which lanes that do not need a value are masked
@@ -171,6 +172,11 @@ class Facts:
 
     def unrolled(self, node: Loop) -> tuple[Variable, range] | None:
         """Return the variable of a loop that is counted from constant to constant in few steps, and its values."""
+        counted = self.counted(node)
+        return counted if counted and len(counted[1]) <= MOST_UNROLLED else None
+
+    def counted(self, node: Loop) -> tuple[Variable, range] | None:
+        """Return the variable of a loop that is counted upwards from constant to constant, and its values."""
 
         def find(node: Loop) -> tuple[Variable, range] | None:
             begin, condition, step = node.begin, node.condition, node.step
@@ -184,12 +190,13 @@ class Facts:
                 return None
             assert isinstance(by, Operation)
             assert isinstance(by.operands[1], Constant)
+            if variable.type is not INT or by.operands[1].value < 1:
+                return None
             if root(step.target) is not variable or _assigns(node.body, variable):
                 return None
-            numbers = range(int(begin.value.value), int(b.value), int(by.operands[1].value))
-            return (variable, numbers) if len(numbers) <= MOST_UNROLLED else None
+            return variable, range(int(begin.value.value), int(b.value), int(by.operands[1].value))
 
-        return self._fact("unrolled", node, find)  # type: ignore[no-any-return]
+        return self._fact("counted", node, find)  # type: ignore[no-any-return]
 
 
 def _assigns(node: Any, variable: Variable) -> bool:

@@ -92,6 +92,8 @@ class Checker:
 
     def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
         """Give a name its meaning in the innermost scope."""
+        if name.startswith("gl_"):
+            raise self.error("names that begin with gl_ are those of GLSL", at, name)
         if name in self._scopes[-1] or (len(self._scopes) == 1 and name in self.functions):
             raise self.error(f"{name} is declared twice", at)
         self._scopes[-1][name] = meaning
@@ -269,6 +271,8 @@ class Checker:
         if (kind := self.types.get(name.text)) is not None:
             return self.construct(kind, arguments, name.at)
         given = [one.type for one in arguments]
+        if any(name.text in scope for scope in self._scopes):
+            raise self.error(f"{name.text} is a variable, and hides the function", name.at)
         if name.text in self.functions:
             return self._call(name, arguments, given)
         if name.text in BUILT_IN or name.text == "unpackDouble2x32":

@@ -237,7 +237,7 @@ class _Parser:
         checker.open()
         for variable in parameters:
             checker.declare(variable.name, variable.at, variable)
-        function.body = self._block()
+        function.body = self._block(is_scope=False)
         if result is not VOID and not _returns(function.body):
             raise self._error(f"{name.text} may end without a value", name.at)
         checker.close()
@@ -265,12 +265,15 @@ class _Parser:
 
     # Statements
 
-    def _block(self) -> Block:
+    def _block(self, is_scope: bool = True) -> Block:
+        """Statements in braces; those of functions and of loops have the scope of their parameters."""
         at, statements = self._expect("{").at, list[Statement]()
-        self._checker.open()
+        if is_scope:
+            self._checker.open()
         while not self._accept("}"):
             statements.append(self._statement())
-        self._checker.close()
+        if is_scope:
+            self._checker.close()
         return Block(at, statements)
 
     def _statement(self) -> Statement:
@@ -333,7 +336,7 @@ class _Parser:
             step = None if self._token.text == ")" else self._expression(True)
             self._expect(")")
         self._loops += 1
-        body = self._scoped()
+        body = self._block(is_scope=False) if self._token.text == "{" else self._scoped()
         self._loops -= 1
         self._checker.close()
         return Loop(word.at, begin, condition, step, body)

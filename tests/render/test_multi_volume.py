@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 import pytest
 from render import scenes
+from render.looks import PATHS
 from render.scenes import Counted, Prepared, WrittenError, noise, refuse, rotation
 
 from clusterviz.comm import LoopbackChannel
@@ -113,6 +114,7 @@ BY_OPENGL: dict[str, Case] = {
     "midpoints on faces": ((BYTES, SHIFTED), {"step": 1.0}, ("along",)),
     "rays in faces": ((BYTES, BYTES), {"step": 1.0}, ("on a face",)),
     "without thickness": ((SINGLE, FLAT, FLOATS), {}, ("outside",)),
+    "looks": ((but(BYTES, shader=PATHS["octants"]), but(FLOATS, shader=PATHS["boundaries"]), BESIDE), {}, ("outside",)),
 }
 BY_CPU: dict[str, Case] = {
     "bytes beside turned floats with holes": (PAIR, {}, ("outside", "inside", "parallel")),

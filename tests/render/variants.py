@@ -9,7 +9,21 @@ from clusterviz.render.storage import Slot
 from clusterviz.render.variant import Variant
 from clusterviz.render.volume_layers import VolumeVariant
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.spmd.look import make_look
 
+LOOKS = {
+    "loops": make_look(
+        "struct A { int n; vec3 c; };\nconst float F = 0.5;\n"
+        "void grow(out A a, float x) { a.n = int(x); a.c[a.n] = x; }\n"
+        "vec4 look(float value, vec3 gradient, vec3 position) {\n    A a;\n    float w[3];\n    grow(a, value);\n"
+        "    for (float x = F; x < length(gradient); x *= 2.0) { w[a.n] += x; while (a.n > 3) a.n /= 2; }\n"
+        "    return vec4(a.c, w[a.n]);\n}\n",
+        "loops.glsl",
+    ),
+    "simple": make_look(
+        "vec4 look(float value, vec3 gradient, vec3 frame) { return vec4(frame, 1.0); }", "simple.glsl"
+    ),
+}
 KINDS = "u8", "u16", "f32"
 CELLS = 15, 16, 33
 
@@ -52,10 +66,12 @@ def _rays() -> Iterator[tuple[str, Variant]]:
         yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
     adaptive = Slot(CELLS, "u8", False, adaptive=True)
     yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
+    for name, look in LOOKS.items():
+        yield f"a user's look: {name}", Variant("cubic", slot, 33, 0, 0, lights=1, planes=2, look=look)
     parts = (
         VolumeVariant("linear", slot, 1, lights=2, caps=3),
         VolumeVariant("cubic", slot, 0, preintegrated=True),
-        VolumeVariant("nearest", slot, 0, surfaces=2, fading=3),
+        VolumeVariant("nearest", slot, 0, surfaces=2, fading=3, look=LOOKS["loops"]),
         VolumeVariant("linear", slot, 0, surfaces=1, in_volume=False, lights=1, near=True, table="opacity"),
     )
     for name, volumes in (("two volumes", parts[:2]), ("four volumes", parts)):

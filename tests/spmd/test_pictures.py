@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from render.looks import PATHS
 from render.scenes import LIT, SHAPE, Prepared, camera_at, prepare, scene_of, smooth, whole
 
 from clusterviz.data.source import Grid
@@ -50,6 +51,7 @@ def drawn(prepared: Prepared, lanes: int, in_registers: bool = False, far: bool 
     frame["first_box"], frame["first_dispatch"] = 2, 1
     uniforms = {0: frame} | ({2: mode.shading.block()} if mode.shading else {})
     uniforms |= {4: mode.surface_block()} if mode.surfaces else {}
+    uniforms |= {5: mode.grading.block()} if mode.grading else {}
     pixels, samples_and_tile = np.zeros((2, rect.height, rect.width, 4), np.float32), np.zeros(2, np.int32)
     skips = np.ascontiguousarray(skips_of(visible, places, box.shape_zyx, plan.layout.brick))
     records = np.ascontiguousarray(segments.records)
@@ -79,6 +81,7 @@ SURFACES = {"blending": "isosurface", "isosurfaces": ((100.0, 0.4), (160.0, 1.0)
         pytest.param(16, "uint16", 4e-5, LIT, {}, id="lit uint16"),
         pytest.param(16, "float32", 4e-5, {"interpolation": "cubic"}, {}, id="cubic float32"),
         pytest.param(16, "uint8", 1e-4, SURFACES, {}, id="isosurfaces"),
+        pytest.param(8, "uint8", 4e-5, LIT | {"shader": PATHS["boundaries"]}, {}, id="a user's look"),
     ],
 )
 def test_a_cpu_draws_what_the_reference_does(

@@ -192,7 +192,13 @@ def can_draw(plan: Plan) -> bool:
     parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
     # Of several volumes none may have surfaces, or nothing but surfaces.
     has_surfaces = any(part.blend_mode.surfaces or part.blend_mode.blending != "composite" for part in parts)
-    return not (has_surfaces or coherent_in_parts or plan.layers) and march.filter in ("linear", "nearest", "cubic")
+    modes = [plan.blend_mode, *(part.blend_mode for part in parts)]
+    has_look = any(mode.grading and mode.grading.look for mode in modes)
+    return not (has_surfaces or coherent_in_parts or plan.layers or has_look) and march.filter in (
+        "linear",
+        "nearest",
+        "cubic",
+    )
 
 
 def common_kernels(lanes: int) -> list[Kernel]:
