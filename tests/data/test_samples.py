@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from data.checks import refused, values
 
-from clusterviz.data import open_source, samples
+from clusterviz.data import open_source, read_geometry, samples
 from clusterviz.data.samples import SAMPLES, fetch_sample
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -159,21 +159,55 @@ SHAPES_ZYX = {
 }
 
 
-@pytest.mark.fresh
-@pytest.mark.parametrize("name", list(SHAPES_ZYX))
-def test_real_packages(name: str) -> None:
-    """Fetch into the user's cache, which later runs use; skipped without a network."""
+TRIANGLES = {
+    "pial-left": 20480,
+    "pial-right": 20480,
+    "nuclei-surface": 111720,
+    "cranium-bone": 399757,
+    "cranium-skin": 280251,
+}
+
+
+def fetched(name: str) -> Path:
+    """Fetch a sample into the user's cache, which later runs use; skip without a network."""
     sample = SAMPLES[name]
     if sample.kind == "deb" and not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
         pytest.skip("no Debian")
     try:
-        path = fetch_sample(name)
+        return fetch_sample(name)
     except samples.DataError as error:
         if "could not be fetched" not in str(error):
             raise
         pytest.skip(str(error))
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize("name", list(SHAPES_ZYX))
+def test_real_packages(name: str) -> None:
+    path = fetched(name)
     source = open_source(path)
     assert source.grid.shape_zyx == SHAPES_ZYX[name]
     last = tuple(n - 1 for n in source.grid.shape_zyx)
     assert source.read(last, source.grid.shape_zyx).shape == (1, 1, 1)  # type: ignore[arg-type]
     assert os.access(path, os.R_OK)
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize("name", list(TRIANGLES))
+def test_real_meshes(name: str) -> None:
+    mesh = read_geometry(fetched(name)).mesh
+    assert mesh is not None
+    assert len(mesh.triangles) == TRIANGLES[name]
+    assert mesh.edge_counts() == {"cranium-bone": (1414, 8), "cranium-skin": (1075, 0)}.get(name, (0, 0))
+
+
+@pytest.mark.fresh
+def test_real_lines_and_a_surface_in_its_volume() -> None:
+    lines = read_geometry(fetched("fibres")).lines
+    assert lines is not None
+    assert (len(lines.offsets) - 1, len(lines.points)) == (5000, 325614)
+    bone, source = read_geometry(fetched("cranium-bone")).mesh, open_source(fetched("cranium"))
+    assert bone is not None
+    samples = source.read((0, 0, 0), source.grid.shape_zyx)
+    zyx = np.rint(bone.vertices * [1, -1, 1] / source.grid.spacing).astype(int)[:, ::-1]
+    assert np.median(samples[tuple(zyx.T)]) == pytest.approx(230, abs=20)  # Hounsfield units, at the bone's threshold
