@@ -9,13 +9,10 @@ ivec3 cell_within(ivec3 at) {
 
 // Whether the cell has a field.
 bool extent_of(int brick, ivec3 at, out vec2 extent) {
-    vec4 near, far;
-    cell_at(brick, at, ivec3(0), near, far);
-    vec4 low = min(near, far), high = max(near, far);
-    extent = vec2(in_units(min(min(low.x, low.y), min(low.z, low.w))), in_units(max(max(high.x, high.y), max(high.z, high.w))));
-    // By their bits, since compilers invert comparisons, which is wrong for NaN.
-    uvec4 bits = max(floatBitsToUint(abs(near)), floatBitsToUint(abs(far)));
-    return !MAY_BE_INVALID || all(lessThan(bits, uvec4(0x7f800000u)));
+    float low, high;
+    bool known = extremes_at(brick, at, low, high);
+    extent = vec2(in_units(low), in_units(high));
+    return known;
 }
 
 // Coefficients of 1, t, t², t³ of the field at begin + t · by.

@@ -103,8 +103,8 @@ void to_next_cell(inout Walk walk) {
     walk.cell += mix(vec3(0.0), 2.0 * walk.up - 1.0, lessThanEqual(faces, vec3(walk.enters)));
 }
 
-// Move behind the next cell, up to `end`, in which surfaces are met; true if there is one. First all SIMD lanes search for cells that
-// may hold a surface, then they examine these together.
+// Move behind the next cell, up to `end`, in which surfaces are met; true if there is one. On GPUs, first all SIMD lanes search for cells that
+// may hold a surface, then they examine these together; a CPU, which guesses that none is found, goes on with the next cell meanwhile.
 bool next_course(inout Walk walk, float end, inout Course course) {
     bool found = false;
     while (!found && walk.enters < end) {
@@ -116,22 +116,23 @@ bool next_course(inout Walk walk, float end, inout Course course) {
             known = extent_of(walk.place.brick, cell, extent);
             differs = !(known && extent.x >= walk.low && extent.y < walk.high);
             ++run_iterations;
-            if (differs) break;
+            if (differs || TWO_AT_ONCE) break;
             to_next_cell(walk);
         }
-        if (!differs) break;
-        int before = walk.reached;
-        if (!known) {
-            walk.reached = UNKNOWN;
-            walk.low = FAR;
-        } else {
-            take_level(walk, extent.x);
-            // If the state before is unknown, a cell between two surfaces gives it.
-            if (before >= 0 || extent.y >= walk.high) {
-                walk.reached = before;
-                course = course_of(walk, cell, leaves_of(walk, faces_of(walk)));
-                take_level(walk, course.field.w);
-                found = crossed(course) != ivec3(0);
+        if (differs) {
+            int before = walk.reached;
+            if (!known) {
+                walk.reached = UNKNOWN;
+                walk.low = FAR;
+            } else {
+                take_level(walk, extent.x);
+                // If the state before is unknown, a cell between two surfaces gives it.
+                if (before >= 0 || extent.y >= walk.high) {
+                    walk.reached = before;
+                    course = course_of(walk, cell, leaves_of(walk, faces_of(walk)));
+                    take_level(walk, course.field.w);
+                    found = crossed(course) != ivec3(0);
+                }
             }
         }
         to_next_cell(walk);

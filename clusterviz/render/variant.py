@@ -19,7 +19,7 @@ from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     VolumeVariant,
-    cell_file,
+    cell_files,
     field_file,
     gradient_file,
     multi_volume_files,
@@ -135,7 +135,7 @@ class Variant:
             "PREFETCH": "no_prefetch.glsl",
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
-            "CELL": cell_file(self.filter) if self.surfaces else NOTHING,
+            "CELL": cell_files(self.filter) if self.surfaces else NOTHING,
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
@@ -167,6 +167,8 @@ class Variant:
             found["VOXEL"] = ("words.glsl", "cells_in_words.glsl", f"cells_{self.slot.kind}.glsl", "units.glsl")
         if self.has_cells and self.filter == "linear":
             found |= {"SCALAR": "linear_cells.glsl", "PREFETCH": NOTHING}
+            if self.surfaces and self.slot.kind == "u8":
+                found["CELL"] = ("extremes_u8.glsl", *cell_files(self.filter)[1:])
         if self.cpu.pieces:
             found["SEGMENT"] = ("segment.glsl", "pieces.glsl")
         return found

@@ -34,10 +34,10 @@ def field_file(filter: Filter, slot: Slot) -> str:
     return "linear_u8.glsl" if (filter, slot.kind) == ("linear", "u8") else f"{filter.replace('-', '_')}.glsl"
 
 
-def cell_file(filter: Filter) -> str:
-    """Return the file of the cells in which the field is one polynomial."""
+def cell_files(filter: Filter) -> tuple[str, ...]:
+    """Return the files of the cells in which the field is one polynomial."""
     kernel = {"hardware": "linear", "cubic-hardware": "cubic"}.get(filter, filter)
-    return f"cell_{kernel}.glsl"
+    return (*(("extremes.glsl",) if kernel == "linear" else ()), f"cell_{kernel}.glsl")
 
 
 def gradient_file(filter: Filter, smooth: bool) -> str:
@@ -101,7 +101,17 @@ OWN_NAMES = (
     *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
     *("users_look", "within_limit"),
     *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
-    *("absorbing", "surface", "meet_surfaces", "CELL_BEGINS", "cell_within", "extent_of", "cubic_of", "field_on"),
+    *(
+        "absorbing",
+        "surface",
+        "meet_surfaces",
+        "CELL_BEGINS",
+        "cell_within",
+        "extremes_at",
+        "extent_of",
+        "cubic_of",
+        "field_on",
+    ),
     *(
         "FAR",
         "EARLIER",
@@ -203,7 +213,7 @@ class VolumeVariant:
         source = "table.glsl" if self.table else "look.glsl" if self.look else "classified.glsl"
         classified = ("segment.glsl", source, "absorbing.glsl")
         absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
-        met = (cell_file(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
+        met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         places = "lights_near.glsl" if self.near else "lights_far.glsl"
         light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)

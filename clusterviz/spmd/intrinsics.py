@@ -50,6 +50,22 @@ def piece_row(generator: Generator, given: list[list[Part]]) -> list[Part]:
     return [emit.part(f"call {kind} @{name}({emit.of(table)}, {emit.of(piece)})", "f", True)]
 
 
+def _by_bytes(name: str) -> Callable[[Generator, list[list[Part]]], list[Part]]:
+    """Return an intrinsic that does an operation of LLVM's with the bytes of words."""
+
+    def found(generator: Generator, given: list[list[Part]]) -> list[Part]:
+        emit, ((a,), (b,)) = generator.emit, given
+        a, b = emit.spread_all(a, b)
+        size = 4 * (generator.lanes if a.varying else 1)
+        kind, full = f"<{size} x i8>", f"llvm.{name}.v{size}i8"
+        emit.declare(full, kind, [kind, kind])
+        bytes_of = [emit.new(f"bitcast {emit.of(one)} to {kind}") for one in (a, b)]
+        both = emit.new(f"call {kind} @{full}({kind} {bytes_of[0]}, {kind} {bytes_of[1]})")
+        return [emit.part(f"bitcast {kind} {both} to {emit.kind('u', a.varying)}", "u", a.varying)]
+
+    return found
+
+
 PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3), 1: (0,)}
 """Lanes of a packet whose words are brought nearer: its corners, and some between them, stand for the others."""
 
@@ -70,4 +86,6 @@ INTRINSICS: dict[str, Callable[[Generator, list[list[Part]]], list[Part]]] = {
     "words_at": words_at,
     "piece_row": piece_row,
     "prefetch_word": prefetch_word,
+    "least_bytes": _by_bytes("umin"),
+    "most_bytes": _by_bytes("umax"),
 }

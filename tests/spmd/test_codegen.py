@@ -20,6 +20,8 @@ layout(std430, binding = 7) readonly buffer VoxelsBlock {{ uint voxels[]; }};
 layout(std430, binding = 9) readonly buffer PiecesBlock {{ float piece_table[]; }};
 const int IDLE_WORD = 2;
 uvec2 words_at(int brick, int word, int more) {{ int n = brick + word + more; return uvec2(voxels[n], voxels[n + 1]); }}
+uint least_bytes(uint a, uint b) {{ return min(a & 255u, b & 255u) | min(a >> 8, b >> 8) << 8; }}
+uint most_bytes(uint a, uint b) {{ return max(a & 255u, b & 255u) | max(a >> 8, b >> 8) << 8; }}
 float piece_row(int row, int piece) {{ return piece_table[16 * row + piece]; }}
 struct Pair {{ int a; vec2 b; }};
 int counted = 0;
@@ -207,9 +209,11 @@ def test_a_texel_is_fetched(lanes: int) -> None:
     [
         "int f(int x) { if (x % 3 == 0) return 0; uvec2 w = words_at(2, x, -2); return int(w.x) + 1000 * int(w.y); }",
         "int f(int x) { uvec2 w = words_at(x, 0, x % 3); return int(w.x) + 1000 * int(w.y); }",
+        "int f(int x) { uint w = uint(1021 * x) & 65535u; return int(least_bytes(w, 25900u)); }",
+        "int f(int x) { return int(most_bytes(uint(1021 * x) & 65535u, 25900u) ^ most_bytes(511u, 256u)); }",
         "int f(int x) { return int(piece_row(2, x % 16)) + int(piece_row(0, 5)); }",
     ],
-    ids=["words_at", "words_at by lane", "piece_row"],
+    ids=["words_at", "words_at by lane", "least_bytes", "most_bytes", "piece_row"],
 )
 def test_an_intrinsic_equals_its_meaning_in_glsl(text: str) -> None:
     words, pieces = np.arange(80, dtype=np.uint32) * 7, (np.arange(64) * 3).astype(np.float32)
