@@ -20,6 +20,9 @@ import moderngl
 
 def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
     """Run `groups` work groups of a program of the thread's current context, and wait until they are done."""
+    if not isinstance(program, moderngl.ComputeShader):  # the draw is recorded
+        program.run(*groups)
+        return
     use, dispatch, finish = _functions()
     use(program.glo)
     dispatch(*(*groups, 1, 1)[:3])

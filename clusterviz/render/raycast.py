@@ -62,6 +62,7 @@ class Raycaster:
     plan : the first plan to draw, which decides the variant, the slots and the encoding of bricks
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
+    band_pixels : larger pictures are drawn in bands
 
     Attributes
     ----------
@@ -70,9 +71,14 @@ class Raycaster:
     """
 
     def __init__(
-        self, context: moderngl.Context, plan: Plan, block_bytes: int | None = None, limit_bytes: int | None = None
+        self,
+        context: moderngl.Context,
+        plan: Plan,
+        block_bytes: int | None = None,
+        limit_bytes: int | None = None,
+        band_pixels: int = MOST_PIXELS_AT_ONCE,
     ) -> None:
-        self._context = context
+        self._context, self._band_pixels = context, band_pixels
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
@@ -229,7 +235,7 @@ class Raycaster:
         """Draw a large picture from top to bottom, in bands that take about `PROGRESS_SECONDS` each."""
         drawn: list[RenderResult] = []
         top, rows = rect.y_begin, rect.height
-        if rect.pixels > MOST_PIXELS_AT_ONCE:
+        if rect.pixels > self._band_pixels:
             rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
         while top < rect.y_end:
             began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))

@@ -19,4 +19,6 @@ caster of `render/cpu` does not use it yet.
 - look.py          looks of users: checked, and made safe
 - machine_code.py  machine code for this CPU
 - profiling.py     the same code with counters and clocks
+- interpreter.py   the typed program with NumPy, stopped before every statement
+- probe.py         values at a place in a shader, by the interpreter or written by an instrumented shader
 """

@@ -77,26 +77,27 @@ class Checker:
         self.error = places.error
         self.types: dict[str, Type] = dict(NAMED)
         self.functions: dict[str, list[Function]] = {}
-        self._scopes: list[dict[str, Variable | Memory]] = [
+        self.scopes: list[dict[str, Variable | Memory]] = [
             {name: Variable(name, kind, "system", 0) for name, kind in SYSTEM.items()}
         ]
         self.function: Function | None = None
+        self.only_reads = False  # no assignments; what is declared may be named in messages
 
     def open(self) -> None:
         """Begin a scope."""
-        self._scopes.append({})
+        self.scopes.append({})
 
     def close(self) -> None:
         """End the innermost scope."""
-        self._scopes.pop()
+        self.scopes.pop()
 
     def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
         """Give a name its meaning in the innermost scope."""
         if name.startswith("gl_"):
             raise self.error("names that begin with gl_ are those of GLSL", at, name)
-        if name in self._scopes[-1] or (len(self._scopes) == 1 and name in self.functions):
+        if name in self.scopes[-1] or (len(self.scopes) == 1 and name in self.functions):
             raise self.error(f"{name} is declared twice", at)
-        self._scopes[-1][name] = meaning
+        self.scopes[-1][name] = meaning
 
     def function_of(self, name: str, result: Type, parameters: list[Variable], at: int) -> Function:
         """Return the function with these parameters, which may have been declared before."""
@@ -113,14 +114,15 @@ class Checker:
 
     def value_of(self, token: Token) -> Expression:
         """Return what a name stands for."""
-        for scope in reversed(self._scopes):
+        for scope in reversed(self.scopes):
             if (found := scope.get(token.text)) is not None:
                 if isinstance(found, Memory):
                     return replace(found, at=token.at)
                 if found.constant is not None:
                     return Constant(found.type, token.at, found.constant)
                 return Name(found.type, token.at, found)
-        raise self.error(f"{token.text} is not declared", token.at)
+        known = ", ".join(name for scope in self.scopes for name in scope) if self.only_reads else None
+        raise self.error(f"{token.text} is not declared", token.at, None, known)
 
     def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:
         """Return a value as one of another type, where GLSL converts without being told."""
@@ -271,7 +273,7 @@ class Checker:
         if (kind := self.types.get(name.text)) is not None:
             return self.construct(kind, arguments, name.at)
         given = [one.type for one in arguments]
-        if any(name.text in scope for scope in self._scopes):
+        if any(name.text in scope for scope in self.scopes):
             raise self.error(f"{name.text} is a variable, and hides the function", name.at)
         if name.text in self.functions:
             return self._call(name, arguments, given)
@@ -323,6 +325,8 @@ class Checker:
 
     def target(self, value: Expression) -> None:
         """Note that a variable is assigned, or say that it cannot be."""
+        if self.only_reads:
+            raise self.error("an assignment", value.at)
         root = value
         while isinstance(root, Pick | Element):
             if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):

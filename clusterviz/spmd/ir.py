@@ -213,6 +213,8 @@ class Program:
     functions : by name, those of one name with different parameters
     places : files, lines and columns of the positions `at`
     local_size : invocations of a work group along x, y, z
+    names : meaning of the names that all functions know
+    types : by name, with the structs
     """
 
     globals: list[Declare]
@@ -220,3 +222,5 @@ class Program:
     functions: dict[str, list[Function]]
     places: Places
     local_size: tuple[int, int, int] = (1, 1, 1)
+    names: dict[str, Variable | Memory] = field(default_factory=dict)
+    types: dict[str, Type] = field(default_factory=dict)

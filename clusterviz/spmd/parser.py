@@ -49,12 +49,36 @@ def parse(source: ShaderSource) -> Program:
         raise parser.error_here("nested too deeply") from None
 
 
+def parse_expression(text: str, name: str, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
+    """Return the typed expression of a text, which may use a program's types, and built-in functions.
+
+    Parameters
+    ----------
+    name : of the text in error messages
+    variables : the variables that the expression may use
+
+    Raises
+    ------
+    InputError
+        The first mistake, with its column; for a name that is not declared, those that are.
+    """
+    return _Parser(ShaderSource(text, (name,))).expression(program, variables)
+
+
 class _Parser:
     def __init__(self, source: ShaderSource) -> None:
         self._tokens, places = tokens_of(source)
         self._error, self._checker, self._next = places.error, Checker(places), 0
-        self._program = Program([], [], self._checker.functions, places)
+        checker = self._checker
+        self._program = Program([], [], checker.functions, places, names=checker.scopes[0], types=checker.types)
         self._loops = 0
+
+    def expression(self, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
+        self._checker.types, self._checker.scopes, self._checker.only_reads = program.types, [variables], True
+        found = self._expression()
+        if self._token.kind != "end":
+            raise self.error_here("expected the end of the expression")
+        return found
 
     def program(self) -> Program:
         while self._token.kind != "end":
@@ -313,6 +337,7 @@ class _Parser:
         while self._token.text in ("const", "precise"):
             where = "const" if self._take().text == "const" else where
         found = self._declared(self._type(), self._name(), where)
+        found[0].at = token.at
         return found[0] if len(found) == 1 else Block(token.at, list(found))
 
     def _condition(self) -> Expression:

@@ -60,13 +60,20 @@ class Places:
         self._begins.append(at)
         self._lines.append((number, line))
 
-    def where(self, at: int) -> str:
-        """Return "file:line:column"."""
+    def line_of(self, at: int) -> tuple[int, int]:
+        """Return the number of the file, as several parts of a shader may be of one file, and the line."""
         part = bisect_right(self._begins, at) - 1
         number, line = self._lines[part]
-        line += self._text.count("\n", self._begins[part], at)
-        name = self._names[number] if number < len(self._names) else str(number)
-        return f"{name}:{line}:{at - self._text.rfind(chr(10), 0, at)}"
+        return number, line + self._text.count("\n", self._begins[part], at)
+
+    def name_of(self, number: int) -> str:
+        """Return the name of a file."""
+        return self._names[number] if number < len(self._names) else str(number)
+
+    def where(self, at: int) -> str:
+        """Return "file:line:column"."""
+        number, line = self.line_of(at)
+        return f"{self.name_of(number)}:{line}:{at - self._text.rfind(chr(10), 0, at)}"
 
     def error(self, what: str, at: int, found: object = None, allowed: object = None) -> InputError:
         """Return the error of a position."""

@@ -1,0 +1,167 @@
+"""Recorded draws: the interpreter draws what OpenGL does, and probes find the same in both, in every shader file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, smooth
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.frame import Options, Run, prepare
+from clusterviz.gl.shader import shader_folder
+from clusterviz.partition import Piece
+from clusterviz.plan.plan import Plan
+from clusterviz.render.raycast import Raycaster
+from clusterviz.render.recording import recorded, run_on
+from clusterviz.spmd.interpreter import Dispatch, Interpreter
+from clusterviz.spmd.ir import Declare, Variable
+from clusterviz.spmd.probe import Shader, probe_bytes, taken_by, taken_of_words
+
+SHAPE = (9, 11, 12)
+GRID = Grid(SHAPE)
+BINDING = 9
+"""Of the probe's buffer."""
+SIZE = (8, 8)
+SURFACES = {"isosurfaces": ((100.0, 0.4), (160.0, 0.7))}
+INTEGRATED = {"classification": "pre-integrated"}
+STEEP = {"gradient_opacity": ((0.0, 0.0), (40.0, 0.7), (60.0, 0.2), (120.0, 1.0))}
+CLIP = clip_of(GRID)
+LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "jittered uint16": (
+        "uint16",
+        {"jitter": True},
+        "composite entries fixed_step gradient_none groups jitter linear march opacity over pixels ray records_storage "
+        "samples segment transfer unfaded unlit unsplit voxel_u16 whole_slab",
+    ),
+    "lit, clipped": (
+        "uint8",
+        LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
+        "cells clip gradient kept lights lights_near linear_u8 units unjittered voxel_u8",
+    ),
+    "maximum of float32": ("float32", {"blending": "maximum"}, "extreme voxel_f32"),
+    "average": ("uint8", {"blending": "average"}, "sum"),
+    "first hit": ("uint8", {"blending": "first-hit"}, "first_hit"),
+    "local maximum": ("uint8", {"blending": "local-maximum"}, "local_maximum"),
+    "nearest, lit": ("uint8", LIT | {"interpolation": "nearest"}, "gradient_nearest lights_far nearest"),
+    "cubic": ("uint8", {"interpolation": "cubic", "step": 4.0}, "cubic"),
+    "cubic, an opaque surface": (
+        "uint8",
+        LIT | {"interpolation": "cubic", "blending": "isosurface", "isosurfaces": (130.0,)},
+        "cell_cubic gradient_cubic root spline surfaces unclipped",
+    ),
+    "nearest, surfaces": ("uint8", SURFACES | {"interpolation": "nearest"}, "cell_nearest"),
+    "surfaces": ("uint8", SURFACES, "cell_linear extremes"),
+    "pre-integrated, split": (
+        "float32",
+        INTEGRATED | {"borders": "split"},
+        "preintegrated ramp records_uniform split",
+    ),
+    "hardware, lit": ("uint8", LIT | {"filter": "hardware"}, "atlas gradient_differences hardware"),
+    "cubic hardware": ("float32", {"filter": "hardware", "interpolation": "cubic"}, "cubic_hardware"),
+    "gradient opacity": ("uint8", STEEP, "faded magnitude"),
+    "table": ("uint8", {"transfer_2d": {}}, "composite_2d table"),
+    "user's look": ("uint8", {"shader": "examples/looks/octants.glsl"}, "look"),
+    "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
+    "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
+    "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
+    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp layers_none multi_volume volume_layer"),
+    "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met"),
+}
+"""Type of the voxels, keys of the scene, and the files in which a probe looks."""
+WITHOUT_CODE = "buffers densest met_none no_prefetch raycast sums"
+OF_LAYERS = "crossing slope slope_mixed"  # drawn by a pass of their own, which is not recorded
+ON_CPUS = "cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words"
+LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
+"""Weights of the texture unit have about 8 bits."""
+
+
+def dispatches(look: str, folder: Path) -> tuple[Plan, tuple[Piece, ...], dict[Any, Any]]:
+    """The plan of a look, its pieces and its bricks."""
+    dtype, keys, _ = LOOKS[look]
+    if "transfer_2d" in keys:
+        np.save(folder / "table.npy", np.random.default_rng(1).random((4, 6, 4)) * 0.8)
+        keys = {"transfer_2d": {"path": str(folder / "table.npy")}, "opacity": None}
+    if "shader" in keys:
+        keys = {"shader": str(Path(__file__).parents[2] / keys["shader"])}
+    voxels = [smooth(SHAPE, dtype)]
+    scene = scene_of(voxels[0], camera_at("outside", GRID), size=SIZE, **{"step": 2.0} | keys)
+    if "two volumes" in look:
+        other = scene_of(noise(SHAPE), scene.camera, cmap=((0.0, 1, 0, 0), (1.0, 0, 1, 1))).volumes[0]
+        scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
+    cluster = scene.cluster.model_copy(update={"brick": 8})
+    scene = scene.model_copy(update={"cluster": cluster, "automatic": False})
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(each, GRID) for each in voxels])
+    assert share.plan is not None
+    return share.plan, share.pieces, bricks
+
+
+def copies(buffers: Mapping[int, np.ndarray]) -> Iterator[tuple[int, np.ndarray]]:
+    return ((number, data.copy()) for number, data in buffers.items())
+
+
+def executed(dispatch: Dispatch) -> dict[str, str]:
+    """Execute a dispatch, and return the last place that a pixel reached in each file, as a probe names it."""
+    shader, reached = Shader(dispatch.source), set[int]()
+    interpreter = Interpreter(shader.program, dispatch)
+    while (statement := interpreter.advance()) is not None:
+        reached.add(statement.at)
+    assert not interpreter.faults
+    places = [shader.where(at) for at in sorted(reached)]
+    return {file.removesuffix(".glsl"): f"shaders/{file}:{line}" for file, line in places}
+
+
+def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
+    """The variables of a place that were declared last, of those that have a value."""
+    (found, *_) = shader.places_at(place)
+    declared = {each: each.value for each in shader.places if isinstance(each, Declare)}
+    undefined = {each.variable for each, value in declared.items() if value is None}
+    known = {name: each for name, each in found.names.items() if isinstance(each, Variable) and each not in undefined}
+    return tuple(name for name, each in known.items() if each.kind in ("local", "in", "inout"))[-2:] or ("true",)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("look", LOOKS)
+def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
+    look: str, context: moderngl.Context, tmp_path: Path
+) -> None:
+    plan, pieces, bricks = dispatches(look, tmp_path)
+    caster = Raycaster(context, plan)
+    caster.load(plan, dict(bricks))
+    drawn = caster.draw(plan, pieces)[0].partial.rgba
+    caster.release()
+    bound, reached = LOOSE.get(look, 2e-6), dict[str, str]()
+    for dispatch in recorded(plan, dict(bricks), pieces):
+        begun = dict(copies(dispatch.buffers))
+        reached |= executed(dispatch)
+    assert drawn.max() > 0.1
+    rgba = dispatch.buffers[1].view(np.float32)[: drawn.size].reshape(drawn.shape)
+    assert np.abs(rgba - drawn).max() <= bound * drawn.max()
+
+    shader = Shader(dispatch.source)
+    places = [reached[file] for file in LOOKS[look][2].split()]
+    probes = [shader.probe(place, watches_at(shader, place), "", 1 + n % 2) for n, place in enumerate(places)]
+    if not probes:
+        return
+    mine = taken_by(Interpreter(shader.program, replace(dispatch, buffers=dict(copies(begun)))), probes)
+    instrumented = replace(dispatch, source=shader.instrumented(probes, BINDING), buffers=begun)
+    size = probe_bytes(probes) * 64 * int(np.prod(dispatch.groups))
+    theirs = taken_of_words(run_on(context, instrumented, BINDING, size), probes)
+    for place, probe, a, b in zip(places, probes, mine, theirs, strict=True):
+        assert np.array_equal(a.reached, b.reached), place
+        for (name, _), x, y in zip(probe.scalars, a.values, b.values, strict=True):
+            close = np.isclose(x[a.reached], y[a.reached], rtol=50 * bound, atol=50 * bound, equal_nan=True)
+            assert close.all(), f"{place}: {name}"
+    assert any(each.reached.any() for each in mine)
+
+
+def test_probes_look_into_every_file_of_the_shaders() -> None:
+    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, OF_LAYERS, ON_CPUS]).split()
+    assert sorted(files) == sorted(path.stem for path in shader_folder().glob("*.glsl"))
