@@ -1,4 +1,4 @@
-"""The looks of `examples/looks` in float64, for the reference."""
+"""The looks of `examples/looks`, and of `wild.glsl`, in float64, for the reference."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from clusterviz.reference.grading import LOOKS
 
 FOLDER = Path(__file__).parents[2] / "examples" / "looks"
-PATHS = {path.stem: str(path) for path in FOLDER.glob("*.glsl")}
+PATHS = {path.stem: str(path) for path in (*FOLDER.glob("*.glsl"), Path(__file__).with_name("wild.glsl"))}
 Array = np.ndarray
 
 
@@ -38,4 +38,10 @@ def boundaries(value: Array, gradient: Array, position: Array) -> Array:
     return np.column_stack([colour, 0.7 * (share + share**2 + share**3) / 3])
 
 
-LOOKS.update({PATHS[look.__name__]: look for look in (contours, octants, boundaries)})
+def wild(value: Array, gradient: Array, position: Array) -> Array:
+    """Of wild.glsl: NaN is 0, and a loop without an end has 253 iterations, as the one before has had three."""
+    opaque = np.where(value < 0.5, 0.0, 1.0)
+    return np.column_stack([np.full((len(value), 2), (0.5, 0.0)), np.full(len(value), 253 / 512), opaque])
+
+
+LOOKS.update({PATHS[look.__name__]: look for look in (contours, octants, boundaries, wild)})

@@ -31,6 +31,7 @@ SURFACES = {"isosurfaces": ((0.6, 0.3),)}
         ("boundaries", "float32", 4e-5, {**LIT, "gradient": "smooth", "gradient_opacity": ((0.0, 0.0), (2.0, 1.0))}),
         ("boundaries", "uint8", 1e-4, {"classification": "pre-integrated", "jitter": True}),
         ("octants", "float32", 1e-4, SURFACES),
+        ("wild", "float32", 1e-5, {"opacity": ((0.3, 0.0), (0.6, 0.4))}),
     ],
 )
 def test_pictures_are_the_reference(

@@ -82,6 +82,7 @@ SURFACES = {"blending": "isosurface", "isosurfaces": ((100.0, 0.4), (160.0, 1.0)
         pytest.param(16, "float32", 4e-5, {"interpolation": "cubic"}, {}, id="cubic float32"),
         pytest.param(16, "uint8", 1e-4, SURFACES, {}, id="isosurfaces"),
         pytest.param(8, "uint8", 4e-5, LIT | {"shader": PATHS["boundaries"]}, {}, id="a user's look"),
+        pytest.param(8, "uint8", 1e-5, {"shader": PATHS["wild"]}, {}, id="a look without an end"),
     ],
 )
 def test_a_cpu_draws_what_the_reference_does(
