@@ -76,6 +76,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
+    if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
+        return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
     sources = [open_volume(volume) for volume in scene.volumes]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:

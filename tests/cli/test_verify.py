@@ -180,3 +180,8 @@ def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkey
 def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() -> None:
     scene = scene_of_data("field:gaussian:9", ["image.size=[8,6]", "cluster.mode=hybrid", "cluster.groups=2"])
     assert compare_with_reference(scene).max <= 1e-5
+
+
+def test_scene_with_a_shader_is_not_compared_with_the_reference() -> None:
+    scene = scene_of_data("field:gaussian:9", ["volumes.0.shader=mine.glsl"])
+    assert "it does not read shaders such as" in str(compare_with_reference(scene))
