@@ -30,6 +30,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "shells": (),
     "orbital": (),
     "layers": (),
+    "folds": ("mni152",),
 }
 
 

@@ -19,6 +19,9 @@ float power(float x, float y) {
 // Unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes the light that arrives.
 vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);
 
+// Share of the ambient light that a sample reflects.
+float ambient_at(Place place, vec3 beyond);
+
 // Shares of a light that a surface reflects to the eye: diffuse and specular.
 vec2 reflected(vec3 normal, vec3 light) {
     float facing = dot(normal, light);
@@ -58,5 +61,5 @@ vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
         diffuse += shares.x * strength;
         specular += shares.y * strength;
     }
-    return min(colour * (material.x + material.y * diffuse) + material.z * specular, 1.0);
+    return min(colour * (ambient_at(place, beyond) + material.y * diffuse) + material.z * specular, 1.0);
 }

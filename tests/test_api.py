@@ -226,6 +226,7 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
         "isosurfaces": "Sequence[float | Sequence[float]] | NDArray[Any]",
         "volumes": "Sequence[Volume | Mapping[str, Any]]",
         "lights": "Sequence[Light | Mapping[str, Any]]",
+        "layers": "Sequence[Layer]",
     }
     found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
     assert found == expected

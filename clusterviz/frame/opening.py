@@ -24,6 +24,7 @@ from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin
 from clusterviz.plan.domain import make_domain
 from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
 from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
+from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.values import Scene, Volume
@@ -176,8 +177,9 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
     """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic
     quality, has_layers = scene.quality, bool(scene.image.layers)
-    how = classification_of(quality), quality.borders, has_layers
-    margin = margin_of(volume, *how) if known else LARGEST_MARGIN
+    around = occlusion_reach(volume, source.grid)
+    how = classification_of(quality), quality.borders, has_layers, around
+    margin = margin_of(volume, *how) if known else LARGEST_MARGIN + around
     return BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
 
 

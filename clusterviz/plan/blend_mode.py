@@ -155,11 +155,21 @@ LARGEST_MARGIN = 2
 
 
 def margin_of(
-    volume: Volume, classification: Classification = "post", borders: Borders = "overlap", has_layers: bool = False
+    volume: Volume,
+    classification: Classification = "post",
+    borders: Borders = "overlap",
+    has_layers: bool = False,
+    around: int = 0,
 ) -> int:
-    """Return the samples that a brick needs beyond its cells on every side: one for its reach, one for a kernel."""
+    """Return the samples that a brick needs beyond its cells on every side: one for its reach, one for a kernel.
+
+    Parameters
+    ----------
+    has_layers : the picture has other layers than the colours
+    around : see `occlusion_reach`
+    """
     kernel = has_layers or is_lit(volume) or is_graded(volume) or volume.interpolation == "cubic"
-    return reach_of(volume, classification, borders) + kernel
+    return reach_of(volume, classification, borders) + kernel + around
 
 
 def spread_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:

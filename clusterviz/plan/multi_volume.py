@@ -27,7 +27,7 @@ from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
-from clusterviz.plan.shading import make_grading, make_shading
+from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene, Volume
@@ -137,7 +137,8 @@ def make_multi_volume(
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
         reach = reach_of(volume, scene.quality.classification)
-        margin = margin_of(volume, has_layers=bool(scene.image.layers)) - reach_of(volume)
+        around = occlusion_reach(volume, known.grid)
+        margin = margin_of(volume, has_layers=bool(scene.image.layers), around=around) - reach_of(volume)
         cut = make_cut(domain, layout, known.grid, margin, reach)
         part = _volume_layer(volume, known, scene, cut, step_world)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
@@ -147,14 +148,16 @@ def make_multi_volume(
 
 
 def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> VolumeLayer:
-    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid) if scene.clip.cap else None
+    transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid)
     preintegrated = is_preintegrated(volume, scene.quality.classification)
     return VolumeLayer(
         cut,
         make_blend_mode(
             volume,
             transfer,
-            make_shading(volume, scene.lights, known.grid, transfer.unit_distance, planes) if is_lit(volume) else None,
+            make_shading(volume, scene.lights, known.grid, transfer.unit_distance, planes, scene.clip.cap)
+            if is_lit(volume)
+            else None,
             make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None,
         ),
         make_encoding(known.dtype, transfer.domain),

@@ -39,7 +39,7 @@ from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, make_multi_vo
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
-from clusterviz.plan.shading import make_grading, make_shading
+from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -164,7 +164,8 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         slabs.
     """
     volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
-    if layout.margin < (needed := margin_of(volume, classification, borders, bool(scene.image.layers))):
+    around = occlusion_reach(volume, grid)
+    if layout.margin < (needed := margin_of(volume, classification, borders, bool(scene.image.layers), around)):
         raise InputError(
             "bricks lack the margin that the blend mode needs",
             where="brick layout",
@@ -174,9 +175,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     transfer = transfer_function(volume)
     planes = clip_planes(scene.clip, grid)
     unit = transfer.unit_distance
-    shading = (
-        make_shading(volume, scene.lights, grid, unit, planes if scene.clip.cap else None) if is_lit(volume) else None
-    )
+    shading = make_shading(volume, scene.lights, grid, unit, planes, scene.clip.cap) if is_lit(volume) else None
     grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
     blend_mode = make_blend_mode(volume, transfer, shading, grading)
     hidden = blend_mode.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
@@ -190,7 +189,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             units,
             _filter(volume.interpolation, scene.quality.filter),
             scene.quality.early_termination,
-            reach_of(volume, classification, borders),
+            reach_of(volume, classification, borders) + around,
             spread_of(volume, classification, borders),
             preintegrated,
             is_jittered(volume, scene.quality.jitter),

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
 from clusterviz.scene.transfer_2d import load_table
@@ -29,6 +30,8 @@ from clusterviz.spmd.look import Look, read_look
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
+LARGEST_OCCLUSION = 8
+"""Voxels around a sample whose opacity may darken its ambient light; steps are a quarter as long."""
 HEADLIGHT = Light(type="headlight")
 CAP_UNITS = 4.0
 """Depth behind a cut face, in opacity unit distances, at which the weight of the face's normal has fallen to 0."""
@@ -72,6 +75,7 @@ class Shading:
     lights : one or more
     world_from_index : 3 × 3, row by row, times a factor that makes its largest entry 1
     normal_from_gradient : its inverse transpose, which maps gradients to the world, scaled likewise
+    occlusion : float64 (n, 4), rows of ambient_occlusion.glsl; none without ambient occlusion
     caps : float64 (n, 8), for each plane that cuts the volume, its own faces included: the unit normal in the world; a
         factor that maps the length of a normal to a share of `CAP_STEEP`, or of `FACE_STEEP`; and a plane equation
         that maps (x, y, z, 1) in index space to the depth behind the plane as a share of `CAP_UNITS`
@@ -82,6 +86,7 @@ class Shading:
     world_from_index: tuple[Triple, ...]
     normal_from_gradient: tuple[Triple, ...]
     caps: NDArray[np.float64]
+    occlusion: NDArray[np.float64]
 
     @property
     def has_places(self) -> bool:
@@ -94,13 +99,13 @@ class Shading:
         return 5 if self.has_places else 2
 
     def block(self) -> NDArray[np.float32]:
-        """Return the block of lights.glsl, (7 + light_rows · lights + 2 · caps, 4).
+        """Return the block of lights.glsl, (7 + light_rows · lights + 2 · caps + occlusion, 4).
 
-        It holds both matrices by columns, the material, the lights and the caps.
+        It holds both matrices by columns, the material, the lights, the caps and the rows of ambient occlusion.
         """
         first = 7 + self.light_rows * len(self.lights)
-        rows = np.zeros((first + 2 * len(self.caps), 4))
-        rows[first:] = self.caps.reshape(-1, 4)
+        caps = self.caps.reshape(-1, 4)
+        rows = np.concatenate([np.zeros((first, 4)), caps, self.occlusion])
         rows[:3, :3] = np.transpose(self.world_from_index)
         rows[3:6, :3] = np.transpose(self.normal_from_gradient)
         rows[3, 3] = self.caps[:, 3].min(initial=FAR)
@@ -115,16 +120,20 @@ class Shading:
                 rows[first + 2] = (*whole, light.edge)
                 rows[first + 3, :3] = np.array(light.place) - whole
                 rows[first + 4, :3] = light.attenuation
-        return np.clip(rows, -FAR, FAR).astype(np.float32)
+        block: NDArray[np.float32] = np.clip(rows, -FAR, FAR).astype(np.float32)
+        return block
 
 
-def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats | None) -> Shading:
+def make_shading(
+    volume: Volume, lights: Sequence[Light], grid: Grid, unit: float, planes: Floats, caps: bool
+) -> Shading:
     """Return the lighting of a volume; a scene without lights has a headlight, as in PyVista and ParaView.
 
     Parameters
     ----------
     unit : its opacity unit distance
-    planes : float64 (n, 4), clipping planes in index space, see `clip_planes`; None if cut faces are lit by gradients
+    planes : float64 (n, 4), clipping planes in index space, see `clip_planes`
+    caps : cut faces are lit by their normals
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
@@ -134,8 +143,43 @@ def make_shading(volume: Volume, lights: Sequence[Light], grid: Grid, unit: floa
         tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,)),
         _rows(world_from_index),
         _rows(normals),
-        np.zeros((0, 8)) if planes is None else _caps(grid, planes, CAP_UNITS * unit, scale),
+        _caps(grid, planes, CAP_UNITS * unit, scale) if caps else np.zeros((0, 8)),
+        _occlusion(volume, grid, unit, planes),
     )
+
+
+def occlusion_reach(volume: Volume, grid: Grid) -> int:
+    """Return the voxels around a sample whose opacity darkens its ambient light.
+
+    Raises
+    ------
+    InputError
+        The radius exceeds `LARGEST_OCCLUSION` voxels, as bricks would hold mostly what their neighbours hold.
+    """
+    if volume.ambient_occlusion is None:
+        return 0
+    radius, index_from_world = volume.ambient_occlusion.radius, np.linalg.inv(grid.world_from_index[:3, :3])
+    voxels = radius * float(np.linalg.norm(index_from_world, axis=1).max())
+    if voxels > LARGEST_OCCLUSION:
+        raise InputError(
+            "too many voxels around each sample",
+            where=f"{volume.path}: ambient_occlusion.radius",
+            found=f"{radius:g}, which is {voxels:.1f} voxels",
+            allowed=f"at most {radius * LARGEST_OCCLUSION / voxels:.4g}, which is {LARGEST_OCCLUSION} voxels",
+        )
+    return int(np.ceil(voxels - 1e-6))
+
+
+def _occlusion(volume: Volume, grid: Grid, unit: float, planes: Floats) -> Floats:
+    """Return the rows of ambient occlusion."""
+    if volume.ambient_occlusion is None:
+        return np.zeros((0, 4))
+    step, index_from_world = volume.ambient_occlusion.radius / 4, np.linalg.inv(grid.world_from_index[:3, :3])
+    rows = np.zeros((4, 4))
+    rows[:3, :3], rows[:2, 3] = step * index_from_world.T, (volume.ambient_occlusion.strength, step / unit)
+    rows[3, :3] = 1 / (step * np.linalg.norm(index_from_world, axis=1))
+    lengths = np.linalg.norm(planes[:, :3] @ index_from_world, axis=1, keepdims=True)
+    return np.concatenate([rows, planes / (lengths * step)])
 
 
 def _caps(grid: Grid, planes: Floats, depth: float, scale: float) -> Floats:

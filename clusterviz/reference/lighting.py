@@ -52,6 +52,7 @@ def lit(
     scene: Scene,
     grid: Grid,
     box: tuple[int, ...] = (),
+    ambient: Floats | float | None = None,
 ) -> Floats:
     """Return straight colours under the scene's lights, clamped to 1.
 
@@ -69,6 +70,7 @@ def lit(
     volume : its material
     scene : for its lights, none being a headlight, and its clipping
     box : samples of the volume along z, y, x, whose cut faces are lit as such; () for surfaces, which have none
+    ambient : share of the ambient light that arrives, see `ambient_light`; default: the volume's
 
     References
     ----------
@@ -82,7 +84,7 @@ def lit(
         if box and scene.clip.cap
         else (np.zeros(len(point)), normal)
     )
-    found = volume.ambient * colour
+    found = (volume.ambient if ambient is None else ambient) * colour
     for light in scene.lights or (Light(type="headlight"),):
         toward_light = toward_eye
         if light.position is not None and light.type == "scene":

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity
@@ -220,7 +221,8 @@ class VolumeRays:
             gradient = gradient_at(self.volume, self.voxels, np.clip(point, 0, self.last))
         direction = self.rays.direction[rays]
         box = self.voxels.shape if box is None else box
-        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box)
+        ambient = ambient_light(self.volume, self.voxels, point, self.scene, self.grid)
+        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box, ambient)
 
 
 DARK = 2.0**-60

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.layers import HalfOpacity
@@ -75,8 +76,9 @@ def march_preintegrated(
             alpha = -np.expm1(-depth)
             if volume.shade and gradient is not None:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-                box = voxels.shape
-                colour = lit(straight, gradient, part.point, direction, volume, scene, grid, box) * alpha[:, None]
+                ambient = ambient_light(volume, voxels, part.point, scene, grid)
+                light = lit(straight, gradient, part.point, direction, volume, scene, grid, voxels.shape, ambient)
+                colour = light * alpha[:, None]
             rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
             rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
             transmittance[slab.rays] *= np.exp(-depth)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
+from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, layers_of
@@ -177,7 +178,10 @@ def _march(
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)
         if volume.shade and gradient is not None:
-            colour = lit(colour, gradient, slab.point, rays.direction[slab.rays], volume, scene, grid, voxels.shape)
+            ambient = ambient_light(volume, voxels, slab.point, scene, grid)
+            colour = lit(
+                colour, gradient, slab.point, rays.direction[slab.rays], volume, scene, grid, voxels.shape, ambient
+            )
         rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity
@@ -228,7 +229,8 @@ def march_surfaces(
     ) -> Floats:
         if gradient is None or not volume.shade:
             return colour
-        return lit(colour, gradient, point, rays.direction[pixels], volume, scene, grid, box)
+        ambient = ambient_light(volume, voxels, point, scene, grid)
+        return lit(colour, gradient, point, rays.direction[pixels], volume, scene, grid, box, ambient)
 
     course = RayField(rays, voxels, volume.interpolation, np.array([value for value, _ in wanted]))
     opacities, colours = (np.array([entry[1] for entry in wanted]), classify.colour(np.array([v for v, _ in wanted])))

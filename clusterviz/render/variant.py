@@ -18,10 +18,13 @@ from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
+    OCCLUSION_ROWS,
     VolumeVariant,
     cell_files,
+    density_files,
     field_file,
     gradient_file,
+    light_files,
     multi_volume_files,
     spline_file,
     volume_variants,
@@ -89,6 +92,7 @@ class Variant:
     frame_coherence : rays start by the hits of the last frame
     look : a user's look in place of the transfer function; None without one
     crossing : only where the opacity of a pixel passes one half is found
+    occlusion : rows of ambient occlusion; 0: there is none
     cpu : how a CPU draws it; None: a GPU draws
     """
 
@@ -113,6 +117,7 @@ class Variant:
     frame_coherence: bool = False
     crossing: bool = False
     look: Look | None = None
+    occlusion: int = 0
     cpu: Lanes | None = None
 
     @property
@@ -125,6 +130,7 @@ class Variant:
             sample = (self.look.glsl(), "look.glsl", "composite_2d.glsl")
         if self.preintegrated:
             run, sample = PREINTEGRATED_FILES, NOTHING
+        density = density_files(self.preintegrated) if self.occlusion and not self.volumes else ()
         slots: dict[str, Files] = {
             "FRAME": FRAME_BLOCK,
             "CONSTANTS": self.constants,
@@ -139,7 +145,7 @@ class Variant:
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
-            "BORDERS": ("split.glsl" if self.split else "unsplit.glsl", *self._slope),
+            "BORDERS": ("split.glsl" if self.split else "unsplit.glsl", *self._slope, *density),
             "GRADIENT": self._gradient,
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": self._starts,
@@ -150,7 +156,7 @@ class Variant:
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
             "GROUPS": "groups.glsl",
             "MAIN": "pixels.glsl",
-            "LIGHTS_FROM": ("lights_near.glsl" if self.near else "lights_far.glsl") if self.lights else NOTHING,
+            "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
         return assemble(
             "raycast.glsl", slots | (self._multi_volume if self.volumes else {}) | (self._on_cpu if self.cpu else {})
@@ -217,14 +223,15 @@ class Variant:
     def _sample_iterations(self) -> int:
         """Most iterations of loops in a sample."""
         searches = self.volumes or (self,)
-        each = (
+        each = [
             one.further_starts.bit_length()
             + one.lights
             + bool(one.lights) * one.caps
             + one.fading
             + (one.look.iterations if one.look else 0)
+            + 14 * (one.occlusion + 4 * one.further_starts.bit_length()) * bool(one.occlusion)
             for one in searches
-        )
+        ]
         return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
 
     @property
@@ -290,7 +297,8 @@ class Variant:
             lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
             rows = 5 if self.near else 2
-            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights + 2 * self.caps}))
+            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights + 2 * self.caps + self.occlusion}))
+            lines.append(f"const int OCCLUSION_PLANES = {self.occlusion - OCCLUSION_ROWS};")
             lines.append(f"const int LIGHTS = {self.lights};")
             lines.append(f"const int CAPS = {self.caps}; // planes that cut what is lit")
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
@@ -339,4 +347,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.march.frame_coherence is not None,
         plan.march.crossing,
         grading.look if grading else None,
+        len(plan.blend_mode.shading.occlusion) if plan.blend_mode.shading else 0,
     )

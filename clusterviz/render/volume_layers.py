@@ -136,9 +136,12 @@ OWN_NAMES = (
         "gradient_in",
     ),
     *("within", "uncut", "met", "met_at", "find_ends"),
+    *("ambient_at", "density_at"),
     *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
 )
 """Names that the files of each volume define."""
+OCCLUSION_ROWS = 4
+"""Rows of ambient occlusion, without those of clipping planes."""
 CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span", "slope": "volume, offset"}
 """Functions that call those of the volumes before, with their parameters."""
 
@@ -161,6 +164,7 @@ class VolumeVariant:
     in_volume : the volume itself is drawn, too
     preintegrated : its slabs are classified between their ends, not at their midpoints
     look : as in `Variant`
+    occlusion : as in `Variant`
     """
 
     filter: Filter
@@ -176,11 +180,12 @@ class VolumeVariant:
     in_volume: bool = True
     preintegrated: bool = False
     look: Look | None = None
+    occlusion: int = 0
 
     @property
     def rows(self) -> dict[str, int]:
         """Number of rows of its lighting, grading and isosurfaces, in the order of `rows_of`."""
-        found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps} if self.lights else {}
+        found = {"lighting": 7 + self.light_rows * self.lights + 2 * self.caps + self.occlusion} if self.lights else {}
         if self.fading or self.table or self.look:
             found["grading"] = 4 + self.fading + LOOK_ROWS * bool(self.look)
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
@@ -214,11 +219,11 @@ class VolumeVariant:
         classified = ("segment.glsl", source, "absorbing.glsl")
         absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
-        places = "lights_near.glsl" if self.near else "lights_far.glsl"
-        light = ("lights.glsl", places) if self.lights else ("unlit.glsl",)
+        light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
+        density = density_files(self.preintegrated) if self.occlusion else ()
         voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
         files = (voxel, "cells.glsl", "units.glsl", spline_file(self.filter, gradient), field, gradient, *light)
-        return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *met, end)
+        return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
         z, y, x = self.slot.cells_zyx
@@ -233,13 +238,15 @@ class VolumeVariant:
             "FURTHER_STARTS": str(self.further_starts),
             "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
             "MARGIN": str(self.slot.margin),
-            "REACH": "0",
+            # Beyond the cells, which include the reach of slabs, and one sample more for gradients.
+            "REACH": str(self.slot.margin - 1 if self.occlusion else 0),
             "ROW_WORDS": str(self.slot.row_words),
             "SLICE_WORDS": str(self.slot.slice_words),
             "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
             "LIGHTS": str(self.lights),
             "CAPS": str(self.caps),
             "LIGHT_ROWS": str(self.light_rows),
+            "OCCLUSION_PLANES": str(self.occlusion - OCCLUSION_ROWS),
             "FADING_PIECES": str(self.fading),
             "TABLE_BINDING": str(TABLES_BINDING + number),
             "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
@@ -283,9 +290,20 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
             part.blend_mode.traits.absorbs,
             part.preintegrated,
             part.blend_mode.grading.look if part.blend_mode.grading else None,
+            len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
         )
         for part, part_slot in zip(multi_volume.volume_layers, slot.parts, strict=True)
     )
+
+
+def light_files(near: bool, occluded: bool) -> tuple[str, str]:
+    """Return the files of lights' places and of ambient light."""
+    return "lights_near.glsl" if near else "lights_far.glsl", "ambient_occlusion.glsl" if occluded else "ambient.glsl"
+
+
+def density_files(preintegrated: bool) -> tuple[str, ...]:
+    """Return the file of the optical depth that ambient occlusion gathers."""
+    return ("density_ramp.glsl",) if preintegrated else ("density.glsl",)
 
 
 def multi_volume_files(volumes: tuple[VolumeVariant, ...], crossing: bool = False) -> tuple[str, ...]:

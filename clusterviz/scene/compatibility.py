@@ -56,6 +56,17 @@ def check_gradient_opacity(
         raise InvalidValueError("opacity is in transfer_2d already", "one of the two keys", key=other)
 
 
+def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bool) -> None:
+    """Refuse ambient occlusion without light, and where opacity depends on more than the scalar."""
+    problem = "" if shade else "shade: false"
+    problem = problem if BLEND_MODES[blending].lit else f"blending: {blending}"
+    problem = "gradient_opacity, transfer_2d or shader" if has_own_opacity else problem
+    if problem:
+        lit = _names(mode.lit for mode in BLEND_MODES.values())
+        allowed = f"null, or shade: true and blending: {lit}, with opacity alone"
+        raise InvalidValueError(f"not with {problem}", allowed, key="ambient_occlusion")
+
+
 def check_several_volumes(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
     """Refuse projections and settings that support a single volume only.
 

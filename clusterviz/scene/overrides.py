@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
+        AmbientOcclusion,
         Blending,
         Borders,
         Camera,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
         Gradient,
         ImageSettings,
         Interpolation,
+        Layer,
         Light,
         LightType,
         PixelFormat,
@@ -213,6 +215,7 @@ class Settings(TypedDict, total=False):
     gradient_opacity: Rows
     transfer_2d: Transfer2d | Mapping[str, Any] | None
     shader: str | None
+    ambient_occlusion: AmbientOcclusion | Mapping[str, Any] | None
     interpolation: Interpolation
     blending: Blending
     isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]
@@ -242,6 +245,7 @@ class Settings(TypedDict, total=False):
     # ImageSettings
     size: Numbers
     background: str | Numbers
+    layers: Sequence[Layer]
     # Quality
     step: float
     classification: Classification

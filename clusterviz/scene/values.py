@@ -21,6 +21,7 @@ from clusterviz.scene.checks import (
 )
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import (
+    check_ambient_occlusion,
     check_frame_coherence,
     check_gradient,
     check_gradient_opacity,
@@ -73,6 +74,15 @@ View = Literal[
 ]
 NotNegative = Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)]
 Attenuation = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(to_builtin)]
+
+
+class AmbientOcclusion(Section):
+    """Ambient light that less of reaches a sample, the more the volume absorbs around it."""
+
+    radius: Positive = Field(
+        examples=[5.0], description="World units within which opacity counts; at most 8 voxels along any axis."
+    )
+    strength: Fraction = Field(default=1.0, description="Share of the ambient light that opaque surroundings take.")
 
 
 class Volume(Section):
@@ -177,6 +187,12 @@ class Volume(Section):
         default=10.0, description="Sharpness of the highlight."
     )
 
+    ambient_occlusion: AmbientOcclusion | None = Field(
+        default=None,
+        description="Less ambient light where the volume's own opacity is high within a radius, as in folds; where "
+        "shade is true, and not with gradient_opacity, transfer_2d or shader.",
+    )
+
     @model_validator(mode="after")
     def _has_surfaces(self) -> Volume:
         check_gradient(self.gradient, self.interpolation)
@@ -188,6 +204,9 @@ class Volume(Section):
             self.opacity is not None,
             self.shader is not None,
         )
+        if self.ambient_occlusion is not None:
+            has_own_opacity = bool(self.gradient_opacity or self.transfer_2d or self.shader)
+            check_ambient_occlusion(self.blending, self.shade, has_own_opacity)
         return self
 
 

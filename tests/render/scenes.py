@@ -19,6 +19,7 @@ from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.shading import occlusion_reach
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.cpu.width import Width
 from clusterviz.render.raycast import Raycaster
@@ -182,7 +183,9 @@ def prepare(
 ) -> Prepared:
     """Plan a completed scene; all bricks are read."""
     source = ArraySource(voxels, grid)
-    margin = margin_of(scene.volumes[0], scene.quality.classification, scene.quality.borders)
+    volume, quality = scene.volumes[0], scene.quality
+    around = occlusion_reach(volume, source.grid)
+    margin = margin_of(volume, quality.classification, quality.borders, around=around)
     layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])

@@ -217,6 +217,7 @@ PEAKS = (
 )
 JUMPS = ((0.0, 0.0), (0.4, 0.0), (0.4, 0.3), (0.6, 0.3), (0.6, 0.0), (1.0, 0.2))
 CUBIC, NEAREST = {"interpolation": "cubic"}, {"interpolation": "nearest"}
+OCCLUDED = {"ambient": 1.0, "diffuse": 0.2, "ambient_occlusion": 3.4}
 LONG = {"opacity": 0.3, "unit": 3.0, "size": (4, 3)}
 SPECIAL = [
     *rows("composite", keys=[{"size": size} for size in ((1, 1), (1, 17), (17, 1), (8, 8), (9, 31))]),
@@ -228,6 +229,10 @@ SPECIAL = [
     *rows("lit", keys=[{"specular_power": power, "specular": 1.0} for power in (0.0, 1.0, 200.0)]),
     *rows("lit", keys=[{"gradient": "smooth"}, NEAREST, {"lights": "none"}, CUBIC | {"lights": "near"}]),
     *rows("lit", keys=[{"gradient": "smooth"} | PREINTEGRATED, NEAREST], dtype="float32", extreme="invalid voxels"),
+    *rows("lit", keys=[OCCLUDED, OCCLUDED | CUBIC | {"clip": "both"}, OCCLUDED | {"lights": "near"}]),
+    *rows("lit", keys=[OCCLUDED], dtype="float32", extreme="invalid voxels"),
+    *rows("surfaces within", keys=[OCCLUDED, OCCLUDED | {"blending": "isosurface"}], grid="anisotropic"),
+    Row("pre-integrated lit", grid="anisotropic", keys=OCCLUDED),
     *rows("cubic", keys=[{"shade": False, "lights": "none"} | extra for extra in ({}, {"blending": "maximum"}, LONG)]),
     *rows("maximum", keys=[{"clip": "both"}, CUBIC, {"jitter": True}]),
     *rows("average", keys=[{"clip": "both"}, CUBIC, {"jitter": True}], step=3.0),
@@ -303,6 +308,8 @@ def made(row: Row, folder: Path) -> tuple[Scene, Grid, np.ndarray]:
             "opacity": None,
             "transfer_2d": {"path": str(folder / "table.npy"), "values": clim, "magnitudes": magnitudes},
         }
+    if "ambient_occlusion" in keys:
+        keys["ambient_occlusion"] = {"radius": keys["ambient_occlusion"] * min(grid.spacing), "strength": 0.9}
     if "clip" in keys:
         keys["clip"] = clip_of(grid, keys["clip"])
     if "lights" in keys:

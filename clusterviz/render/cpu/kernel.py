@@ -190,11 +190,13 @@ def can_draw(plan: Plan) -> bool:
     march = plan.march
     coherent_in_parts = march.split and march.frame_coherence is not None
     parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
+    modes = [part.blend_mode for part in parts] or [plan.blend_mode]
+    occluded = any(mode.shading and len(mode.shading.occlusion) for mode in modes)
     # Of several volumes none may have surfaces, or nothing but surfaces.
     has_surfaces = any(part.blend_mode.surfaces or part.blend_mode.blending != "composite" for part in parts)
-    modes = [plan.blend_mode, *(part.blend_mode for part in parts)]
     has_look = any(mode.grading and mode.grading.look for mode in modes)
-    return not (has_surfaces or coherent_in_parts or plan.layers or has_look) and march.filter in (
+    refused = has_surfaces or coherent_in_parts or bool(plan.layers) or has_look or occluded
+    return not refused and march.filter in (
         "linear",
         "nearest",
         "cubic",

@@ -1,0 +1,4 @@
+// Optical depth of an opacity unit distance.
+float density_at(float s) {
+    return s >= buckets.w ? optical_depth(segment_at(s).unit_opacity) : 0.0; // NaN compares false
+}
