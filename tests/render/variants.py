@@ -66,17 +66,21 @@ def _rays() -> Iterator[tuple[str, Variant]]:
         yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
     adaptive = Slot(CELLS, "u8", False, adaptive=True)
     yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
+    for name, ways in (("", {}), (", pre-integrated", {"preintegrated": True}), (", surfaces", {"surfaces": 2})):
+        yield f"layers{name}", Variant("linear", slot, 33, 0, 0, crossing=True, **ways)
+        yield f"occlusion{name}", Variant("linear", slot, 33, 0, 0, lights=1, planes=1, occlusion=5, **ways)
     for name, look in LOOKS.items():
         yield f"a user's look: {name}", Variant("cubic", slot, 33, 0, 0, lights=1, planes=2, look=look)
     parts = (
         VolumeVariant("linear", slot, 1, lights=2, caps=3),
-        VolumeVariant("cubic", slot, 0, preintegrated=True),
+        VolumeVariant("cubic", slot, 0, preintegrated=True, lights=1, occlusion=5),
         VolumeVariant("nearest", slot, 0, surfaces=2, fading=3, look=LOOKS["loops"]),
         VolumeVariant("linear", slot, 0, surfaces=1, in_volume=False, lights=1, near=True, table="opacity"),
     )
     for name, volumes in (("two volumes", parts[:2]), ("four volumes", parts)):
         whole = Slot(CELLS, "f32", False, parts=tuple(volume.slot for volume in volumes))
         yield name, Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2)
+        yield f"{name}, layers", Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2, crossing=True)
 
 
 VARIANTS = {**dict(_looks()), **dict(_rays())}

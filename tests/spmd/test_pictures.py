@@ -79,6 +79,7 @@ SURFACES = {"blending": "isosurface", "isosurfaces": ((100.0, 0.4), (160.0, 1.0)
         pytest.param(16, "float32", 1e-5, {"blending": "maximum"}, {}, id="maximum of float32"),
         pytest.param(16, "uint8", 4e-5, LIT, {}, id="lit"),
         pytest.param(16, "uint16", 4e-5, LIT, {}, id="lit uint16"),
+        pytest.param(8, "uint8", 4e-5, LIT | {"ambient_occlusion": {"radius": 3.0}}, {}, id="occluded"),
         pytest.param(16, "float32", 4e-5, {"interpolation": "cubic"}, {}, id="cubic float32"),
         pytest.param(16, "uint8", 1e-4, SURFACES, {}, id="isosurfaces"),
         pytest.param(8, "uint8", 4e-5, LIT | {"shader": PATHS["boundaries"]}, {}, id="a user's look"),
