@@ -60,17 +60,18 @@ class Mesh:
     @cached_property
     def drawable(self) -> NDArray[np.bool_]:
         """Which triangles can be drawn, bool (m,): their vertices are finite, and they have an area."""
-        found = np.empty(len(self.triangles), bool)
+        found, finite = np.empty(len(self.triangles), bool), self.finite
         for begin in range(0, len(found), CHUNK):
-            corners = self.vertices[self.triangles[begin : begin + CHUNK]].astype(np.float64)
-            # Scaled by its own size, so that the square of a tiny or huge edge neither vanishes nor overflows.
+            corners = self.triangles[begin : begin + CHUNK]
+            a, b, c = (self.vertices[corner].astype(np.float64).T for corner in corners.T)
             with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-                edges = corners[:, 1:] - corners[:, :1]
-                edges /= np.abs(edges).max(axis=(1, 2), keepdims=True)
-                area = np.cross(edges[:, 0], edges[:, 1])
-            found[begin : begin + CHUNK] = np.isfinite(corners).all(axis=(1, 2)) & (np.nan_to_num(area) != 0).any(
-                axis=1
-            )
+                (ux, uy, uz), (vx, vy, vz) = u, v = b - a, c - a
+                if self.vertices.dtype != np.float32:  # whose squares float64 holds
+                    size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
+                    size[size == 0] = 1
+                    (ux, uy, uz), (vx, vy, vz) = u / size, v / size
+                area = (uy * vz != uz * vy) | (uz * vx != ux * vz) | (ux * vy != uy * vx)
+            found[begin : begin + CHUNK] = area & finite[corners].all(axis=1)
         return found
 
     @cached_property
@@ -200,7 +201,7 @@ def merge_equal(positions: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.
 
     Returns
     -------
-    first : int64 (k,), index of the first of each group of equal positions
+    one : int64 (k,), index of one of each group of equal positions
     group : int64 (n,), the group of each position
     """
     bits = np.ascontiguousarray(positions + 0.0).view(f"u{positions.dtype.itemsize}")  # −0 becomes 0
@@ -209,26 +210,34 @@ def merge_equal(positions: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.
     for column in bits.T:
         keys = (keys ^ column) * np.uint64(0x9E3779B97F4A7C15)
         keys ^= keys >> np.uint64(29)
-    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
-    if not np.array_equal(bits[first[group]], bits):
-        _, first, group = np.unique(bits, axis=0, return_index=True, return_inverse=True)
-    return first.astype(np.int64), group.reshape(-1).astype(np.int64)
+    order = np.argsort(keys)
+    is_new = np.ones(len(keys), bool)
+    is_new[1:] = keys[order[1:]] != keys[order[:-1]]
+    one, group = order[is_new], np.empty(len(keys), np.int64)
+    group[order] = np.cumsum(is_new) - 1
+    if not np.array_equal(bits[one[group]], bits):
+        _, one, group = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+    return one.astype(np.int64), group.reshape(-1).astype(np.int64)
 
 
-def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def triangulate(
+    offsets: NDArray[np.int64], corners: NDArray[np.integer[Any]]
+) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:
     """Cut polygons, which are taken as convex, into fans of triangles; those with fewer than three corners are dropped.
 
     Parameters
     ----------
     offsets : int64 (k + 1,); polygon i has the corners [offsets[i], offsets[i + 1])
-    corners : int64 (n,), indices of vertices
+    corners : int (n,), indices of vertices
 
     Returns
     -------
-    triangles : int64 (m, 3), indices of vertices
+    triangles : int (m, 3), indices of vertices, of the type of `corners`
     polygon : int64 (m,), number of the polygon of each triangle
     """
     counts = np.maximum(np.diff(offsets) - 2, 0)
+    if len(corners) == 3 * len(counts) and (counts == 1).all():
+        return corners.reshape(-1, 3), np.arange(len(counts))
     polygon = np.repeat(np.arange(len(counts)), counts)
     within = np.arange(len(polygon)) - np.repeat(np.cumsum(counts) - counts, counts)
     begin = offsets[:-1][polygon]
@@ -236,8 +245,8 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple
 
 
 def triangulate_strips(
-    offsets: NDArray[np.int64], corners: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    offsets: NDArray[np.int64], corners: NDArray[np.integer[Any]]
+) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:
     """Cut strips into triangles of one orientation; parameters and returns as `triangulate`."""
     counts = np.maximum(np.diff(offsets) - 2, 0)
     strip = np.repeat(np.arange(len(counts)), counts)

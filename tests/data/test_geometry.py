@@ -336,9 +336,9 @@ def test_what_cannot_be_drawn_is_counted() -> None:
     vertices = np.array(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [nan, 0, 0], [huge, 0, 0], [0, huge, 0], [0, 1e-200, 0]]
     )
-    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 1], [0, 1, 4], [0, 5, 6], [0, 1, 7]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 1], [0, 1, 4], [0, 5, 6], [0, 1, 7], [2, 2, 2]])
     mesh = Mesh("m", vertices, triangles)
-    assert mesh.drawable.tolist() == [True, False, False, False, True, True]
+    assert mesh.drawable.tolist() == [True, False, False, False, True, True, False]
     assert mesh.finite.sum() == 7
     assert mesh.bounds == ((0, 0, 0), (huge, huge, 0))
     tiny = Mesh("m", VERTICES * 1e-30, TRIANGLES)

@@ -237,7 +237,7 @@ def _mesh(parts: list[_Primitive], where: str) -> Mesh:
             if len(part.indices) % 3:
                 count = f"{len(part.indices)} indices"
                 raise DataError("a triangle is not complete", where=where, found=count, allowed="a multiple of 3")
-            triangles = part.indices.reshape(-1, 3)
+            triangles: NDArray[np.integer[Any]] = part.indices.reshape(-1, 3)
         else:
             cut = triangulate_strips if kind == "triangle strip" else triangulate
             triangles = cut(np.array([0, len(part.indices)]), part.indices)[0]

@@ -88,7 +88,7 @@ def read_ply(path: Path) -> Geometry:
     polygons = next((face.lists[name] for name in ("vertex_indices", "vertex_index") if name in face.lists), None)
     strips = by_name.get("tristrips", _Element("", 0)).lists.get("vertex_indices")
     if polygons is not None and len(polygons[0]) > 1:
-        triangles, polygon = triangulate(polygons[0], polygons[1].astype(np.int64))
+        triangles, polygon = triangulate(polygons[0], polygons[1])
         faces = {name: array[polygon] for name, array in _attributes(face.columns).items()}
         return Geometry(mesh=Mesh(where, vertices, triangles, attributes, faces))
     if strips is not None:
@@ -203,7 +203,7 @@ def _length(data: memoryview, at: int, dtype: np.dtype[Any], where: str) -> int:
 
 def _keep(element: _Element, each: _Property, items: NDArray[Any], lengths: NDArray[Any] | None) -> None:
     with np.errstate(invalid="ignore"):
-        items = items.astype(each.dtype)
+        items = items.astype(each.dtype, copy=False)
     if lengths is None:
         element.columns[each.name] = items
     else:
