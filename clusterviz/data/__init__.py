@@ -1,7 +1,8 @@
-"""Volume data: files, formulas and arrays behind one contract, bricks, and summaries.
+"""Volume data: files, formulas and arrays behind one contract, bricks, and summaries; meshes, lines and points.
 
 Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Bricks divide a volume; summaries hold its
-extremes, histogram and exact percentiles.
+extremes, histogram and exact percentiles. Meshes, lines and points are read whole, as a `Geometry`; `MESH_FORMATS` has
+their formats.
 
 To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
 with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
@@ -16,7 +17,7 @@ import re
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,13 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
-from clusterviz.data.geometry import Geometry
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.values import Volume
+
+if TYPE_CHECKING:
+    from clusterviz.data.geometry import Geometry
 
 GZIP = (b"\x1f\x8b",)
 
