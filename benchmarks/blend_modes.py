@@ -25,7 +25,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.choice import Device, egl_device, on_cpu
+from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
 from clusterviz.scene import Scene, VolumeInfo, complete_scene
@@ -104,7 +104,7 @@ def measure(path: str, size: int, frames: int, names: list[str], device: Device)
     casters: dict[str, tuple[Raycaster | VectorCaster, Plan]] = {}
     for name in names:
         plan, bricks = planned(path, source, value_range, size, LOOKS[name])
-        casters[name] = VectorCaster(plan) if on_cpu(plan, device) else Raycaster(context, plan), plan
+        casters[name] = VectorCaster(plan) if prefers_cpu(device) else Raycaster(context, plan), plan
         casters[name][0].load(plan, bricks)
     seconds: dict[str, list[float]] = {name: [] for name in names}
     samples: dict[str, int] = {}

@@ -25,7 +25,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.image import compare
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.render import brick_atlas
-from clusterviz.render.choice import Device, egl_device, on_cpu
+from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu import caster as vectors
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
@@ -48,7 +48,7 @@ def every_group(ranges: Any, plan: Plan) -> NDArray[np.bool_]:
 
 def drawn(plan: Plan, bricks: dict[Any, Any], device: Device) -> RenderResult:
     """One picture."""
-    by_cpu = on_cpu(plan, device)
+    by_cpu = prefers_cpu(device)
     caster = VectorCaster(plan) if by_cpu else Raycaster(open_context(device=egl_device(device)), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, whole_pieces(plan))

@@ -1,6 +1,4 @@
 // Voxels on CPUs: a word for each, which holds others beside it if they are small, so that few loads bring a cell.
-const int IDLE_WORD = MARGIN * (1 + ROW_WORDS + SLICE_WORDS); // for pixels without one: words from there on and before are in memory
-
 // Words from one voxel to another.
 int words_to(ivec3 voxel) {
     return voxel.x + voxel.y * ROW_WORDS + voxel.z * SLICE_WORDS;
@@ -8,7 +6,7 @@ int words_to(ivec3 voxel) {
 
 // Word of a voxel in its brick.
 int word_of(ivec3 place) {
-    return words_to(place + MARGIN);
+    return FIRST_WORD + words_to(place + MARGIN);
 }
 
 // Word of a cell `away` from another one: whole numbers below 2^24, so that float32 is exact.

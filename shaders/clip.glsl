@@ -1,5 +1,5 @@
 // Clipping planes: the slabs of a ray that all planes keep. For surfaces, which are clipped at their own positions, a slab is kept if any part is.
-layout(std140, binding = 3) uniform ClipBlock { dvec4 clip_plane[PLANES]; }; // kept: dot(xyz, p) + w >= 0
+layout(std140, binding = 3) uniform ClipBlock { dvec4 clip_plane[MOST_PLANES]; }; // kept: dot(xyz, p) + w >= 0
 
 void cut(inout Ray ray, bool whole_slabs) {
     for (int p = 0; p < PLANES; ++p) {

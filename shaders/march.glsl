@@ -48,6 +48,7 @@ Place place_of(Ray ray, int k, vec3 slab) {
     ivec3 first = number * BRICK, at = number - bricks_begin;
     brick_begin = first;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
+    take_pitch(brick);
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;
     ivec3 group = cell >> GROUP_SHIFT;

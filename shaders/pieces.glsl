@@ -1,4 +1,4 @@
-// Transfer function of few pieces, for whole slabs, whose opacity is a polynomial on each piece (render/cpu/transfer/pieces.py).
+// Transfer function of few pieces, for whole slabs, whose opacity is a polynomial on each piece (render/cpu/pieces.py).
 layout(std430, binding = 9) readonly buffer PiecesBlock { float piece_table[]; }; // rows of 16 pieces
 const int FIRST_OPACITY = 2, FIRST_COLOUR = 8, FIRST_CHANGE = 11;
 

@@ -8,6 +8,10 @@ bool has_done_share(int iterations, int k) {
     return iterations >= ITERATIONS;
 }
 
+int first_plane() {
+    return frame.rect.z * frame.rect.w + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y);
+}
+
 const int NEVER = 0x7fffffff;
 shared uint samples_of_group;
 

@@ -1,7 +1,8 @@
 // Planes of floats behind the samples of work groups in `progress`, a number for each pixel.
+int first_plane();
+
 int place_in(int plane, int pixel) {
-    int pixels_drawn = frame.rect.z * frame.rect.w;
-    return pixels_drawn * (1 + plane) + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y) + pixel;
+    return first_plane() + frame.rect.z * frame.rect.w * plane + pixel;
 }
 
 float kept_in(int plane, int pixel) {

@@ -7,6 +7,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include <CONSTANTS>
 #include <FRAME>
 #include "buffers.glsl"
+#include <WORDS>
+#include <PITCH>
 
 // Read once: in a loop, a driver may fetch a block's member again each time.
 vec4 buckets = frame.buckets;
@@ -41,4 +43,5 @@ int slabs_in_batch = frame.cells.w;
 #include <BEHIND>
 #include <BORDERS>
 
+#include <PACKETS>
 #include <MAIN>

@@ -50,8 +50,7 @@ bool may_be_seen(Ray ray, int brick, double s, out double end) {
         int face = brick_begin[axis] + ((group[axis] + (by > 0.0LF ? 1 : 0)) << GROUP_SHIFT);
         end = min(end, (double(face) - ray.first[axis]) / by + 0.5LF);
     }
-    int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x;
-    return (group_visible[brick * GROUP_WORDS + (bit >> 5)] >> (bit & 31) & 1u) != 0u;
+    return skip_at(brick, group) == 0;
 }
 
 int first_slab(Ray ray) {
@@ -96,6 +95,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             s = leave;
             continue;
         }
+        take_pitch(brick);
         // Invisible groups of cells are skipped up to the begin of a slab, so that pieces do not depend on groups.
         double gap = s, group_end;
         while (gap < leave && !may_be_seen(ray, brick, gap, group_end)) {

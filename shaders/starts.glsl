@@ -1,7 +1,7 @@
 // Frame coherence: rays start by the hits of the last frame (docs/concepts/frame-coherence.md), as in the CPU ray caster. Space before the start
 // is skipped as if it were empty, so if no start is too late, pictures are the same bit for bit. A ray whose first slab adds something may have
 // started too late, so it is drawn again from its entry. Checked rays start at their entry and store the opacity that they gathered before their
-// predicted start. `progress` holds planes of floats behind the samples of work groups.
+// predicted start. `progress` holds planes of floats (planes.glsl).
 const int START = 0; // read: view depth of the start; negative if the ray is checked, NOTHING if it meets nothing
 const int OUTCOME = 1;  // outcome of the ray: one of those below, or the opacity that a checked ray would have missed
 const int HIT = 2;   // three planes: midpoint of the first slab that adds something, in index space; NaN if none does
@@ -9,6 +9,7 @@ const float NOTHING = 1e30;
 const int NOWHERE = 0x7fc00000; // bits of NaN
 const float AT_ENTRY = -1.0, ESTIMATED = -2.0, LATE = -3.0, NOT_YET = -4.0; // as in render/starts.py
 
+bool again = starts.again != 0; // only late rays are drawn
 int started = NO_SLAB; // first slab of the ray, or its predicted start
 int hit = NO_SLAB;
 bool is_checked = false;
@@ -16,7 +17,7 @@ float outcome = AT_ENTRY, before_start = 0.0; // outcome; opacity of the batch b
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     float depth = kept_in(START, pixel);
-    bool meets_nothing = abs(depth) >= NOTHING, again = starts.again != 0;
+    bool meets_nothing = abs(depth) >= NOTHING;
     is_checked = depth < 0.0;
     outcome = kept_in(OUTCOME, pixel);
     hit = progress[place_in(HIT, pixel)] == NOWHERE ? NO_SLAB : -1;

@@ -38,11 +38,11 @@ void face_all(Ray ray) {
 
 void begin_all(dvec3 position, int brick) {
     begin_before(position, brick);
-    int part = brick + 4 * NUMBER, begin = int(voxels[part]);
+    int begin = int(word_at(brick, 4 * NUMBER));
     dvec3 at = in_volume(position);
     ivec3 cell = ivec3(floor(at));
-    brick_begin = ivec3(voxels[part + 1], voxels[part + 2], voxels[part + 3]);
-    here = Place(begin < 0 ? GAP : brick + begin, cell - brick_begin, vec3(at - dvec3(cell)), 0);
+    brick_begin = ivec3(word_at(brick, 4 * NUMBER + 1), word_at(brick, 4 * NUMBER + 2), word_at(brick, 4 * NUMBER + 3));
+    here = Place(begin < 0 ? GAP : part_in(brick, begin, NUMBER), cell - brick_begin, vec3(at - dvec3(cell)), 0);
     met_at = NO_SLAB;
 }
 

@@ -24,9 +24,11 @@ from clusterviz.composite.over import native
 from clusterviz.errors import OutputError
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
-from clusterviz.render.cpu.kernel import Kernel, common_kernels, first_kernels
-from clusterviz.render.cpu.machine_code import compiled, sources
+from clusterviz.render.cpu.caster import compiled_variant
+from clusterviz.render.cpu.prepared import common_variants, first_variants
 from clusterviz.render.cpu.width import host_width
+from clusterviz.render.variant import Variant
+from clusterviz.spmd.machine_code import code_sources
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
 """Function that compiles and caches a kernel, and its arguments."""
@@ -39,7 +41,7 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON: compiled, kept, seconds, folder.")] = False,
 ) -> None:
     """Compile the kernels that most scenes need, so that no render waits for them; cached kernels are kept."""
-    began, kernels = perf_counter(), (first_kernels if common else common_kernels)(host_width().lanes)
+    began, kernels = perf_counter(), (first_variants if common else common_variants)(host_width().lanes)
     files = _files(kernels, () if common else codecs.KERNELS)
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
@@ -65,10 +67,13 @@ def command(
         )
 
 
-def _files(kernels: list[Kernel], others: Iterable[CompiledKernel]) -> dict[Path, Job]:
+def _files(variants: list[Variant], others: Iterable[CompiledKernel]) -> dict[Path, Job]:
     """Return the cache file and the job of each kernel, including the kernels of compositing."""
-    texts = sources()
-    files: dict[Path, Job] = {object_path(kernel.name, texts): (compiled, (kernel,)) for kernel in kernels}
+    files: dict[Path, Job] = {
+        object_path(one.name, code_sources(one.source, one.cpu.lanes)): (compiled_variant, (one,))
+        for one in variants
+        if one.cpu
+    }
     return files | {each.path: (each.prepare, ()) for each in (*starmap(native.kernel, native.COMMON_KERNELS), *others)}
 
 

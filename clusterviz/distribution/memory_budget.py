@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import InputError
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import prefers_cpu
-from clusterviz.render.storage import Slot, slot_of
+from clusterviz.render.storage import HEADER_WORDS, Slot, slot_of
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
 
@@ -103,11 +103,8 @@ class MemoryBudget:
 
     def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
         """Return the size of each brick in bytes, int64 (bz, by, bx); 0 for bricks that are not visible."""
-        from clusterviz.render.cpu.kernel import can_draw
-
-        on_cpu = self.on_cpu and can_draw(plan)
-        sizes = cpu_bytes(plan) if on_cpu else np.zeros(plan.cost.shape, np.int64)
-        if self.by_opengl or not on_cpu:
+        sizes = cpu_bytes(plan) if self.on_cpu else np.zeros(plan.cost.shape, np.int64)
+        if self.by_opengl or not self.on_cpu:
             sizes = np.maximum(sizes, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
         return np.where(plan.cost > 0, sizes, 0)
 
@@ -135,7 +132,7 @@ def cpu_bytes(plan: Plan) -> NDArray[np.int64]:
     slot = slot_of(plan)
     if plan.multi_volume is None:
         return slot.counted(plan.layout.counts_zyx, _slot_bytes)
-    sizes = np.zeros(plan.cost.shape, np.int64)
+    sizes = np.full(plan.cost.shape, 4 * HEADER_WORDS * len(slot.parts), np.int64)
     for layer, part in zip(plan.multi_volume.volume_layers, slot.parts, strict=True):
         # A brick holds only samples of the volumes that it meets.
         sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
@@ -143,6 +140,6 @@ def cpu_bytes(plan: Plan) -> NDArray[np.int64]:
 
 
 def _slot_bytes(slot: Slot) -> int:
-    from clusterviz.render.cpu.memory import VOXEL_BYTES, words_of
+    from clusterviz.render.cpu.memory import words_of
 
-    return VOXEL_BYTES * words_of(slot)
+    return 4 * words_of(slot)

@@ -25,7 +25,7 @@ from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.plan.plan import changed_settings
-from clusterviz.render.choice import on_cpu
+from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Change
 from clusterviz.scene.values import Scene
 
@@ -171,8 +171,8 @@ class FrameLoop:
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""
-        no_cpu = work.plan is not None and run.options.device == "cpu" and not on_cpu(work.plan, "cpu")
-        changes = changed_settings(work.scene, run.channel.size, no_cpu)
+        on_cpu = work.scene.quality.filter == "hardware" and prefers_cpu(run.options.device)
+        changes = changed_settings(work.scene, run.channel.size, on_cpu)
         for change in changes:
             if run.channel.rank == 0 and change not in self._warned:
                 warnings.warn(str(change), stacklevel=4)

@@ -21,7 +21,7 @@ from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import make_view
-from clusterviz.render.choice import on_cpu
+from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Accuracy, Sharing
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
@@ -116,7 +116,7 @@ class FramePlanner:
         partials, counts = self._drawing.draw(run, work)
         seconds = run.clock.seconds.get("render", 0.0) - before
         image, counts = Compositing(several=False).picture(run, work, partials, counts)
-        every = run.channel.allgather((counts.samples, seconds, not on_cpu(plan, run.options.device)))
+        every = run.channel.allgather((counts.samples, seconds, not prefers_cpu(run.options.device)))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
         return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
 

@@ -2,6 +2,4 @@
 
 - objects.py   object files, made once for a CPU and its sources
 - compiled.py  kernels written in Python, made by numba
-- lanes.py     expressions of numbers and vectors
-- code.py      functions, loops and branches
 """

@@ -278,18 +278,18 @@ def _filter(interpolation: Literal["linear", "nearest", "cubic"], quality: str) 
     return "cubic-hardware" if interpolation == "cubic" else "hardware"
 
 
-def changed_settings(scene: Scene, ranks: int, no_cpu: bool = False) -> tuple[Change, ...]:
+def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Change, ...]:
     """Return all settings of a scene that are not used as given.
 
     Parameters
     ----------
     scene : completed, all settings chosen
     ranks : that draw
-    no_processor : the CPU ray caster was asked for and cannot draw the scene
+    on_cpu : the CPU ray caster draws
     """
     found = [*_of_quality(scene), *_of_light(scene), *_of_cluster(scene, ranks)] if scene.volumes else []
-    if no_cpu:
-        found.append(Change("device", "cpu", "OpenGL", "the CPU ray caster does not draw this scene"))
+    if on_cpu and scene.quality.filter == "hardware":
+        found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
     return tuple(found)
 
 

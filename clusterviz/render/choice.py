@@ -36,13 +36,6 @@ def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = N
     return device == "cpu" or not has_gpu()
 
 
-def on_cpu(plan: Plan, device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
-    """Return True if the CPU ray caster draws a plan."""
-    from clusterviz.render.cpu.kernel import can_draw
-
-    return can_draw(plan) and prefers_cpu(device, environment)
-
-
 def has_gpu() -> bool:
     """Return True if EGL lists hardware on this node."""
     try:
@@ -60,7 +53,7 @@ def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Rayca
     """Return a ray caster for one plan."""
     from clusterviz.render.cpu.caster import VectorCaster
 
-    if on_cpu(plan, device):
+    if prefers_cpu(device):
         return VectorCaster(plan)
     from clusterviz.gl.context import open_context
     from clusterviz.render.raycast import Raycaster

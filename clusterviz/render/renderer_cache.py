@@ -19,7 +19,6 @@ from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
 from clusterviz.render.storage import slot_of
@@ -62,7 +61,7 @@ class RendererCache:
         """Choose the ray caster, and make its context unless there is one or none is needed."""
         if self._prefers_cpu is None:
             self._prefers_cpu = prefers_cpu(device)
-        if self._context is None and not self._on_cpu(plan):
+        if self._context is None and not self._prefers_cpu:
             from clusterviz.gl.context import open_context
 
             self._context = open_context(local_rank, egl_device(device))
@@ -113,7 +112,6 @@ class RendererCache:
         """Find where the opacity of pixels passes one half. See `Raycaster.find_layers`."""
         if self._caster is None:
             return [Crossing.behind(front).found for front in fronts]
-        assert not isinstance(self._caster, VectorCaster), "OpenGL draws scenes with layers"
         return self._caster.find_layers(plan, pieces, fronts)
 
     @property
@@ -133,14 +131,14 @@ class RendererCache:
             self._context = None
 
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
-        if self._on_cpu(plan):
+        if self._prefers_cpu:
             return VectorCaster(plan)
         if plan.layout.edges_zyx is not None:
             raise InputError(
                 "OpenGL draws bricks of one size only",
                 where="cluster.largest_brick",
                 found="bricks of several sizes",
-                allowed="null; or the CPU, if it can draw the scene (--device cpu)",
+                allowed="null; or the CPU (--device cpu)",
             )
         if self._context is None:
             raise ValueError("there is no context yet")
@@ -148,14 +146,9 @@ class RendererCache:
 
         return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
 
-    def _on_cpu(self, plan: Plan) -> bool:
-        return bool(self._prefers_cpu) and can_draw(plan)
-
     def _suits(self, plan: Plan) -> bool:
         """Return True if the caster's bricks suit the plan."""
-        caster = self._caster
-        same_kind = isinstance(caster, VectorCaster) == self._on_cpu(plan)
-        return caster is not None and same_kind and caster.slot == slot_of(plan)
+        return self._caster is not None and self._caster.slot == slot_of(plan)
 
     def _drop(self) -> None:
         if self._caster is not None:

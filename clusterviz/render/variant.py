@@ -6,9 +6,9 @@ which the compiler folds into the addresses of every fetch. Data that change fro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from clusterviz.gl.layout import glsl_rows
+from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
@@ -16,9 +16,12 @@ from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
+from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, SIZES, SIZES_BINDING
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
-    OCCLUSION_ROWS,
+    EXACT,
+    MOST_ROWS,
+    TABLES_BINDING,
     VolumeVariant,
     cell_files,
     density_files,
@@ -28,12 +31,13 @@ from clusterviz.render.volume_layers import (
     multi_volume_files,
     spline_file,
     volume_variants,
-    voxel_file,
+    voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.spmd.look import Look
 
 PART_BYTES = 16  # a vec4
+USUAL_BRICK = 64  # cells along its side
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
 MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
@@ -56,13 +60,15 @@ class Lanes:
     lanes : of a vector
     pieces : most pieces of the transfer function in registers; 0: it is in memory
     fitted : a slab's opacity is a polynomial on each piece
-    far : samples are so far apart, and bricks so many, that caches hold few of them
+    wide : 32 bits do not address all words of bricks
+    pitched : bricks have several sizes
     """
 
     lanes: int
     pieces: int = 0
     fitted: bool = False
-    far: bool = False
+    wide: bool = False
+    pitched: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ class Variant:
     ----------
     filter : reconstruction filter
     slot : layout of a stored brick
-    brick : cells along the side of a brick
+    brick : cells along the side of a brick; 0 on a CPU that draws bricks of any size
     further_starts : that of the plan's segments; most transfer functions need no search in a bucket
     block_bytes : size of the uniform block for the transfer function's records; 0 if they are too many for one
     blending : blend mode
@@ -121,6 +127,12 @@ class Variant:
     cpu: Lanes | None = None
 
     @property
+    def name(self) -> str:
+        """Name of its function on a CPU; those of variants that differ little are the same."""
+        volumes = f"{len(self.volumes)}_volumes" if self.volumes else f"{self.slot.kind}_{self.filter}_{self.blending}"
+        return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
+
+    @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
@@ -137,7 +149,9 @@ class Variant:
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
             "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
-            "VOXEL": (voxel_file(self.slot), "cells.glsl", "units.glsl"),
+            "WORDS": "words.glsl",
+            "PITCH": "pitch.glsl",
+            "VOXEL": voxel_files(self.slot),
             "PREFETCH": "no_prefetch.glsl",
             "SPLINE": spline_file(self.filter, self._gradient),
             "SCALAR": field_file(self.filter, self.slot),
@@ -155,6 +169,7 @@ class Variant:
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
             "GROUPS": "groups.glsl",
+            "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
             "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
@@ -166,23 +181,26 @@ class Variant:
     def _on_cpu(self) -> dict[str, Files]:
         """Return the slots of files that a CPU does in its own way."""
         assert self.cpu, "a GPU draws"
-        found: dict[str, Files] = {"MAIN": "tiles.glsl"}
+        starts = "packets_starts.glsl" if self.frame_coherence else "packets.glsl"
+        starts = "packets_crossing.glsl" if self.crossing else starts
+        found: dict[str, Files] = {"PACKETS": starts, "MAIN": "tiles.glsl"}
+        if self.cpu.wide:
+            found["WORDS"] = "words_wide.glsl"
+        if self.cpu.pitched:
+            found["PITCH"] = "pitches.glsl"
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl"
-        if self.has_cells:
-            found["VOXEL"] = ("words.glsl", "cells_in_words.glsl", f"cells_{self.slot.kind}.glsl", "units.glsl")
-        if self.has_cells and self.filter == "linear":
-            found |= {"SCALAR": "linear_cells.glsl", "PREFETCH": NOTHING}
+        if self.volumes:
+            return found
+        found["VOXEL"] = voxel_files(self.slot, True)
+        found["SCALAR"] = field_file(self.filter, self.slot, True)
+        if found["SCALAR"] == "linear_cells.glsl":
+            found["PREFETCH"] = NOTHING
             if self.surfaces and self.slot.kind == "u8":
                 found["CELL"] = ("extremes_u8.glsl", *cell_files(self.filter)[1:])
         if self.cpu.pieces:
             found["SEGMENT"] = ("segment.glsl", "pieces.glsl")
         return found
-
-    @property
-    def has_cells(self) -> bool:
-        """Whether each voxel has a word of memory, with what lies beside it (`cells_in_words.glsl`)."""
-        return self.cpu is not None and not self.slot.textured and not self.volumes
 
     @property
     def _traits(self) -> BlendModeTraits:
@@ -213,7 +231,8 @@ class Variant:
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": multi_volume_files(self.volumes, self.crossing)}
+        files = multi_volume_files(self.volumes, self.crossing, self.cpu is not None)
+        return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property
     def _record_bytes(self) -> int:
@@ -241,30 +260,15 @@ class Variant:
     @property
     def constants(self) -> str:
         """GLSL declarations of the program's constants."""
-        z, y, x = self.slot.cells_zyx
-        gz, gy, gx = self.slot.groups_zyx
-        row, slice_ = self.slot.row_words, self.slot.slice_words
-        if self.has_cells:
-            row, slice_ = self.slot.samples_zyx[2], self.slot.samples_zyx[2] * self.slot.samples_zyx[1]
         lines = [
-            f"const int BRICK = {self.brick}; // cells along its side",
-            f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
-            f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
-            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
-            f"const int MARGIN = {self.slot.margin}; // samples beyond them on every side",
+            *(self._sizes_on_cpu if self.cpu else self._sizes),
+            f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
             f"const int REACH = {self.slot.reach}; // cells beyond them in which the field is sampled",
-            f"const int ROW_WORDS = {row};",
-            f"const int SLICE_WORDS = {slice_};",
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
-            f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
-            f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
-            f"const int GROUP_WORDS = {self.slot.group_words}; // of all that is known of a brick's groups",
             f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
-            f"const int FURTHER_STARTS = {self.further_starts};",
             "const int FIRST_BUCKET = 0;",
             f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
-            f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
             f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
         ]
         if self.slot.margin or self.preintegrated or self.surfaces:
@@ -274,40 +278,138 @@ class Variant:
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
-            lines.append(
-                f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them"
-            )
             lines.append(f"const int PIECES = {self.cpu.pieces};")
             lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
         if self.surfaces:
-            lines.append(glsl_rows("Surfaces", 4, {"surface": 2 * self.surfaces}))
-            lines.append(f"const int SURFACES = {self.surfaces};")
+            lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
         if self.volumes:
-            most = min(sum(MOST_MET * volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
-            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
-        if self.planes:
-            lines.append(f"const int PLANES = {self.planes};")
+            # On CPUs the number of surfaces is no constant.
+            each = MOST_IN_SLAB if self.cpu else MOST_MET
+            most = max(1, min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB))
+            lines.append(f"const int MOST_SURFACES = {most}; // in a slab of several volumes")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
         if self.fading or self.table or self.look:
-            lines.append(glsl_rows("Grading", 5, {"grading": 4 + self.fading + LOOK_ROWS * bool(self.look)}))
-            lines.append(f"const int FADING_PIECES = {self.fading};")
+            own = LOOK_ROWS * bool(self.look)
+            lines.append(glsl_rows("Grading", 5, {"grading": self._rows(4 + self.fading + own)}))
         if self.table:
-            lines.append("#define TABLE_BINDING 1")
+            lines.append(f"#define TABLE_BINDING {TABLES_BINDING}")
             lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
         if self.lights:
             rows = 5 if self.near else 2
-            lines.append(glsl_rows("Lights", 2, {"lighting": 7 + rows * self.lights + 2 * self.caps + self.occlusion}))
-            lines.append(f"const int OCCLUSION_PLANES = {self.occlusion - OCCLUSION_ROWS};")
-            lines.append(f"const int LIGHTS = {self.lights};")
-            lines.append(f"const int CAPS = {self.caps}; // planes that cut what is lit")
+            count = 7 + rows * self.lights + 2 * self.caps + self.occlusion
+            lines.append(glsl_rows("Lights", 2, {"lighting": self._rows(count)}))
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
         return "\n".join((*lines, *self._traits.constants)) + "\n"
+
+    def _rows(self, count: int) -> int:
+        """Return the number of rows of a block, which CPUs do not know when they compile."""
+        return MOST_ROWS if self.cpu else count
+
+    @property
+    def _sizes(self) -> list[str]:
+        """Constants for sizes and numbers, on GPUs."""
+        lines = [
+            *self._brick_sizes(self.slot.row_words, self.slot.slice_words),
+            f"const int FURTHER_STARTS = {self.further_starts};",
+            f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
+        ]
+        if self.surfaces:
+            lines.append(f"const int SURFACES = {self.surfaces};")
+        if self.lights:
+            lines.append(f"const int LIGHTS = {self.lights}, CAPS = {self.caps}; // and planes that cut what is lit")
+            lines.append(f"const int OCCLUSION_PLANES = {self.occlusion - OCCLUSION_ROWS};")
+        if self.fading or self.table or self.look:
+            lines.append(f"const int FADING_PIECES = {self.fading};")
+        if self.planes:
+            lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
+        return lines
+
+    def _brick_sizes(self, row: int, slice_: int) -> list[str]:
+        """Constants for the sizes of bricks."""
+        z, y, x = self.slot.cells_zyx
+        gz, gy, gx = self.slot.groups_zyx
+        return [
+            f"const int BRICK = {self.brick}; // cells along its side",
+            f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
+            f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
+            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
+            f"const int ROW_WORDS = {row}, SLICE_WORDS = {slice_};",
+            f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
+            f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
+            f"const int GROUP_WORDS = {self.slot.group_words}; // of all that is known of a brick's groups",
+        ]
+
+    @property
+    def _sizes_on_cpu(self) -> list[str]:
+        """The same on CPUs, where most are variables, so that few programs serve all sizes."""
+        assert self.cpu, "a GPU draws"
+        lines = [
+            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
+            "bool FAR_APART = sizes[0].words.w != 0; // samples, so that caches hold few of them",
+            "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
+            f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS}, FIRST_WORD = 0;",
+        ]
+        if self.brick:
+            _, y, x = self.slot.samples_zyx
+            lines += self._brick_sizes(x, x * y)
+        else:
+            lines += [
+                "int BRICK = sizes[0].cells.w;",
+                "const int BRICK_SHIFT = 0;",
+                "double BRICKS_PER_CELL = 1.0LF / double(BRICK);",
+                "ivec3 SLOT_CELLS = sizes[0].cells.xyz, GROUPS = sizes[0].groups.xyz;",
+                "int VISIBILITY_WORDS = sizes[0].words.z, GROUP_WORDS = sizes[0].groups.w;",
+                "int ROW_WORDS = sizes[0].words.x, SLICE_WORDS = sizes[0].words.y;",
+            ]
+        return lines if self.volumes else [*lines, *(f"int {name} = sizes[0].{of};" for name, of in COUNTS.items())]
 
 
 def _surfaces(plan: Plan) -> int:
     """Return the number of isosurfaces, at least 1 where nothing else is shown."""
     return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.traits.only_surfaces))
+
+
+def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
+    """Return the variant of a plan on a CPU; plans that differ only in numbers have the same."""
+    given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, spread=0)
+    # Constants are a little faster.
+    whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
+    usual = whole and not cpu.pitched and not given.volumes
+    volumes = tuple(
+        replace(
+            each,
+            slot=_without_size(each.slot),
+            further_starts=0,
+            lights=min(each.lights, 1),
+            caps=0,
+            fading=min(each.fading, 1),
+            occlusion=min(each.occlusion, 1),
+            surfaces=min(each.surfaces, 1),
+        )
+        for each in given.volumes
+    )
+    return replace(
+        given,
+        filter=EXACT.get(given.filter, given.filter),
+        slot=slot if usual else _without_size(slot),
+        brick=USUAL_BRICK if usual else 0,
+        further_starts=0,
+        blending="average" if given.blending == "additive" else given.blending,
+        lights=min(given.lights, 1),
+        planes=min(given.planes, 1),
+        surfaces=min(given.surfaces, 1),
+        fading=min(given.fading, 1),
+        volumes=volumes,
+        caps=0,
+        occlusion=min(given.occlusion, 1),
+        cpu=cpu,
+    )
+
+
+def _without_size(slot: Slot) -> Slot:
+    parts = tuple(map(_without_size, slot.parts))
+    return replace(slot, cells_zyx=(1, 1, 1), textured=False, spread=0, parts=parts, layout=None)
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:

@@ -20,23 +20,31 @@ from clusterviz.plan.plan import Filter
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.plan.shading import LOOK_ROWS, Table
+from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import Slot
 from clusterviz.spmd.look import Look
 
-
-def voxel_file(slot: Slot) -> str:
-    """Return the file that fetches voxels."""
-    return "atlas.glsl" if slot.textured else f"voxel_{slot.kind}.glsl"
+EXACT: dict[Filter, Filter] = {"hardware": "linear", "cubic-hardware": "cubic"}
+"""Filters of the texture unit, and what they approximate."""
 
 
-def field_file(filter: Filter, slot: Slot) -> str:
+def voxel_files(slot: Slot, on_cpu: bool = False) -> tuple[str, ...]:
+    """Return the files that fetch voxels."""
+    if on_cpu:
+        return "cells_in_words.glsl", f"cells_{slot.kind}.glsl", "units.glsl"
+    return "atlas.glsl" if slot.textured else f"voxel_{slot.kind}.glsl", "cells.glsl", "units.glsl"
+
+
+def field_file(filter: Filter, slot: Slot, on_cpu: bool = False) -> str:
     """Return the file that interpolates between them."""
-    return "linear_u8.glsl" if (filter, slot.kind) == ("linear", "u8") else f"{filter.replace('-', '_')}.glsl"
+    if filter == "linear" and (on_cpu or slot.kind == "u8"):
+        return "linear_cells.glsl" if on_cpu else "linear_u8.glsl"
+    return f"{filter.replace('-', '_')}.glsl"
 
 
 def cell_files(filter: Filter) -> tuple[str, ...]:
     """Return the files of the cells in which the field is one polynomial."""
-    kernel = {"hardware": "linear", "cubic-hardware": "cubic"}.get(filter, filter)
+    kernel = EXACT.get(filter, filter)
     return (*(("extremes.glsl",) if kernel == "linear" else ()), f"cell_{kernel}.glsl")
 
 
@@ -54,6 +62,8 @@ def spline_file(filter: Filter, gradient: str) -> str:
 
 
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
+OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
+MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
 TABLES_BINDING = 1  # the first volume's texture
 VOLUME = np.dtype(
     [
@@ -70,78 +80,19 @@ VOLUME = np.dtype(
         ("unused_too", "i4"),
     ]
 )
-OWN_NAMES = (
-    *(
-        "Segment",
-        "segment_of",
-        "segment_at",
-        "third",
-        "stored_at",
-        "in_units",
-        "voxel_at",
-        "row_at",
-        "pair_at",
-        "cell_at",
-        "rows_at",
-        "scalar_at",
-    ),
-    *("invalid", "derivative", "is_missing", "along", "gradient_at"),
-    *(
-        "spline",
-        "spline_cell",
-        "spline_row",
-        "spline_rows",
-        "spline_layers",
-        "spline_of_voxels",
-        "spline_slope",
-        "slope_layer",
-        "slope_layers",
-    ),
-    *("lighting", "toward_eye", "normal_from_gradient", "material", "power", "face", "lit", "reflected"),
-    *("grading", "world_from_gradient", "magnitude_of", "faded", "transfer_table", "entry_at", "classified"),
-    *("users_look", "within_limit"),
-    *("Class", "is_valid", "class_at", "absorb", "absorb_within", "absorb_between", "integrated", "take_slab"),
-    *(
-        "absorbing",
-        "surface",
-        "meet_surfaces",
-        "CELL_BEGINS",
-        "cell_within",
-        "extremes_at",
-        "extent_of",
-        "cubic_of",
-        "field_on",
-    ),
-    *(
-        "FAR",
-        "EARLIER",
-        "STILL",
-        "UNKNOWN",
-        "REFINEMENTS",
-        "Walk",
-        "walk_from",
-        "Course",
-        "take_level",
-        "reached_by",
-    ),
-    *(
-        "turns_of",
-        "course_of",
-        "crossed",
-        "faces_of",
-        "leaves_of",
-        "to_next_cell",
-        "next_course",
-        "met_in",
-        "gradient_in",
-    ),
-    *("within", "uncut", "met", "met_at", "find_ends"),
-    *("ambient_at", "density_at"),
-    *("toward_light", "brick_begin", "seen", "here", "stride", "in_volume", "see"),
-)
+_NAMES = """
+Segment segment_of segment_at third stored_at in_units voxel_at row_at pair_at cell_at rows_at scalar_at invalid
+derivative is_missing along gradient_at spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
+spline_slope slope_layer slope_layers words_to word_of cell_away prefetch bytes_of halves_of two_rows_at row_of
+lighting toward_eye normal_from_gradient material power face lit reflected grading world_from_gradient magnitude_of
+faded transfer_table entry_at classified users_look within_limit Class is_valid class_at absorb absorb_within
+absorb_between integrated take_slab absorbing surface meet_surfaces CELL_BEGINS cell_within extremes_at extent_of
+cubic_of field_on FAR EARLIER STILL UNKNOWN REFINEMENTS Walk walk_from Course take_level reached_by turns_of course_of
+crossed faces_of leaves_of to_next_cell next_course met_in gradient_in within uncut met met_at find_ends ambient_at
+density_at toward_light brick_begin seen here stride in_volume see
+"""
+OWN_NAMES = tuple(_NAMES.split())
 """Names that the files of each volume define."""
-OCCLUSION_ROWS = 4
-"""Rows of ambient occlusion, without those of clipping planes."""
 CHAINED = {"face": "ray", "begin": "position, brick", "take": "sum, k, at, span", "slope": "volume, offset"}
 """Functions that call those of the volumes before, with their parameters."""
 
@@ -200,7 +151,7 @@ class VolumeVariant:
         """Most iterations of loops in a slab beyond those of one sample, except those of surfaces that are hit."""
         return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
-    def parts(self, number: int, crossing: bool) -> tuple[str, ...]:
+    def parts(self, number: int, crossing: bool, on_cpu: bool) -> tuple[str, ...]:
         """Return the files that sample the volume, between the definitions of its macros.
 
         Parameters
@@ -208,7 +159,7 @@ class VolumeVariant:
         number : number of the volume
         crossing : as in `Variant`
         """
-        macros, chain = self._macros(number), _chain(number)
+        macros, chain = self._macros(number) | (_sizes_on_cpu(number) if on_cpu else {}), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
         graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
@@ -221,8 +172,8 @@ class VolumeVariant:
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
         density = density_files(self.preintegrated) if self.occlusion else ()
-        voxel, field = voxel_file(self.slot), field_file(self.filter, self.slot)
-        files = (voxel, "cells.glsl", "units.glsl", spline_file(self.filter, gradient), field, gradient, *light)
+        voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
+        files = (*voxel, spline_file(self.filter, gradient), field, gradient, *light)
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
@@ -253,6 +204,16 @@ class VolumeVariant:
             "SURFACES": str(self.surfaces),
             "IN_VOLUME": str(self.in_volume).lower(),
         }
+
+
+def _sizes_on_cpu(number: int) -> dict[str, str]:
+    """Return the macros of a volume's sizes and numbers, which are no constants on CPUs."""
+    own = f"sizes[{number + 1}]"
+    return {name: f"{own}.{of}" for name, of in COUNTS.items()} | {
+        "SLOT_CELLS": f"{own}.cells.xyz",
+        "ROW_WORDS": f"{own}.words.x",
+        "SLICE_WORDS": f"{own}.words.y",
+    }
 
 
 def _chain(number: int) -> dict[str, str]:
@@ -306,15 +267,21 @@ def density_files(preintegrated: bool) -> tuple[str, ...]:
     return ("density_ramp.glsl",) if preintegrated else ("density.glsl",)
 
 
-def multi_volume_files(volumes: tuple[VolumeVariant, ...], crossing: bool = False) -> tuple[str, ...]:
+def multi_volume_files(
+    volumes: tuple[VolumeVariant, ...], crossing: bool = False, on_cpu: bool = False
+) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes."""
     looks = [volume.look.glsl(f"_{number}") for number, volume in enumerate(volumes) if volume.look]
-    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing)]
+    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing, on_cpu)]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
-    blocks = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)), glsl_rows("Rows", ROWS_BINDING, rows)
+    blocks = [glsl_rows("Rows", ROWS_BINDING, rows)] if rows else []
+    if on_cpu:
+        # Where a block of all would be divided is not known.
+        blocks = [glsl_rows(f"Rows{n}", OWN_BINDING + n, {name: MOST_ROWS}) for n, name in enumerate(rows)]
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
     layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
-    return (*(blocks if rows else blocks[:1]), *sums, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
+    whole = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes))
+    return (whole, *blocks, *sums, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:

@@ -1,7 +1,6 @@
 """Compiler of the GLSL subset of `shaders/` for CPUs: one invocation a vector lane.
 
-It compiles the CPU variants of the shaders (`Variant.cpu`) of one volume, but not those that read textures. The ray
-caster of `render/cpu` does not use it yet.
+It compiles the CPU variants of the shaders (`Variant.cpu`) for `render/cpu`.
 
 - tokens.py        words and signs of an assembled shader, after macros; places in files
 - types.py         types, conversions, and the built-in functions' signatures

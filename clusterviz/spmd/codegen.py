@@ -34,7 +34,10 @@ CHEAP = 80  # operations that are done without asking if a lane needs them
 
 @dataclass(slots=True)
 class Frame:
-    """Call of a function: its variables, and where its returns go."""
+    """Call of a function: its variables, where its returns go, and the ends of the branches and loops that are open.
+
+    Lanes that have left skip to the innermost end, since others may go on behind it.
+    """
 
     function: Function
     path: int
@@ -43,6 +46,7 @@ class Frame:
     result: list[Cell]
     returned: str
     loops: list[Lap] = field(default_factory=list)
+    ends: list[str] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -235,7 +239,9 @@ class Generator(Expressions):
                 emit.branch(emit.any(mask), begin, end)
                 emit.begin(begin)
             self._narrow(mask)
+            self._frames[-1].ends.append(end)
             self._statement(branch)
+            self._frames[-1].ends.pop()
             emit.begin(end)
             self.mask, self._mask_id = before
         if any(self._facts.leaves(branch) for branch, _ in masks):
@@ -253,7 +259,7 @@ class Generator(Expressions):
         elif frame.returned:
             mask = emit.both(mask, emit.inverse(self._load_mask(frame.returned)))
         self._narrow(mask)
-        on, off = emit.label(), lap.go_on if lap else frame.exit
+        on, off = emit.label(), frame.ends[-1] if frame.ends else frame.exit
         if off:
             emit.branch(emit.any(mask), on, off)
             emit.begin(on)
@@ -304,6 +310,7 @@ class Generator(Expressions):
             self._store_mask(self._full(), lap.live)
         emit.begin(head)
         frame.loops.append(lap)
+        frame.ends.append(lap.go_on)
         if varying:
             self._narrow(self._load_mask(lap.live))
         condition = self.value(node.condition)[0] if node.condition is not None else constant("b", True)
@@ -331,6 +338,7 @@ class Generator(Expressions):
         emit.jump(head)
         emit.begin(end)
         frame.loops.pop()
+        frame.ends.pop()
         self.mask, self._mask_id = before
         if "return" in self._facts.leaves(node.body) and varying:
             self._remask()
@@ -353,8 +361,10 @@ class Generator(Expressions):
                 self._narrow(self._load_mask(live))
                 lap.mask = self._mask_id
             frame.loops.append(lap)
+            frame.ends.append(lap.go_on)
             self._statement(node.body)
             frame.loops.pop()
+            frame.ends.pop()
             emit.begin(lap.go_on)
             self.mask, self._mask_id = before
         emit.begin(end)

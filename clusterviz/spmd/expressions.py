@@ -11,6 +11,7 @@ from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.ir import (
+    SYSTEM_BLOCK,
     Assign,
     BuiltIn,
     Call,
@@ -25,7 +26,7 @@ from clusterviz.spmd.ir import (
     Pick,
     Program,
 )
-from clusterviz.spmd.memory import SYSTEM_BLOCK, Blocks
+from clusterviz.spmd.memory import Blocks
 from clusterviz.spmd.types import SAMPLERS
 from clusterviz.spmd.variables import Cell, Parts, elements_of
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from clusterviz.spmd.emitter import Part, constant
@@ -11,21 +11,49 @@ if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
 
 
+def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int]) -> list[str]:
+    """Return the addresses of lanes' words: of a brick's number and a word's; see words.glsl and words_wide.glsl.
+
+    Lanes that are not active read about where the first brick begins, of which all words are in memory.
+    """
+    emit, ((brick,), (word,), *others) = generator.emit, given
+    ((more,),) = others or [[constant("i", 0)]]
+    if more.varying:
+        word, more = emit.binary("+", word, more), constant("i", 0)
+    is_wide = generator.has_block("BasesBlock")
+    brick = brick if is_wide else emit.binary("+", brick, word)
+    if generator.mask is not None:
+        brick = emit.select(generator.mask, brick, constant("i", 0))
+        word = emit.select(generator.mask, word, constant("i", 0)) if is_wide else word
+    if is_wide:
+        bases, found = generator.address_of("BasesBlock"), []
+        word = emit.binary("+", word, more)
+        for lane in lanes:
+            row = emit.new(f"getelementptr i64, ptr {bases}, {emit.of(emit.lane(brick, lane))}")
+            base = emit.new(f"load ptr, ptr {row}, align 8, !invariant.load !0")
+            found.append(emit.new(f"getelementptr i32, ptr {base}, {emit.of(emit.lane(word, lane))}"))
+        return found
+    base = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, {emit.of(more)}")
+    numbers = [emit.new(f"zext i32 {emit.lane(brick, lane).text} to i64") for lane in lanes]
+    return [emit.new(f"getelementptr i32, ptr {base}, i64 {number}") for number in numbers]
+
+
+def word_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
+    """Return a word, by a load for each lane."""
+    emit, lanes = generator.emit, generator.lanes
+    kind, words = f"<{lanes} x i32>", "poison"
+    for lane, place in enumerate(_places(generator, given, range(lanes))):
+        one = emit.new(f"load i32, ptr {place}, align 4, !invariant.load !0")
+        words = emit.new(f"insertelement {kind} {words}, i32 {one}, i32 {lane}")
+    return [Part(words, "u", True)]
+
+
 def words_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Return a word and the next one, by a load of 64 bits for each lane, which takes less time than a gather."""
     emit, lanes = generator.emit, generator.lanes
-    (brick,), (word,), (more,) = given
-    word = emit.binary("+", brick, word)
-    if more.varying:
-        word, more = emit.binary("+", word, more), constant("i", 0)
-    base = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, {emit.of(more)}")
-    if generator.mask is not None:
-        word = emit.select(generator.mask, word, generator.constant_of("IDLE_WORD"))
     wide = f"<{lanes} x i64>"
     both = "poison"
-    for lane in range(lanes):
-        place = emit.new(f"zext i32 {emit.lane(word, lane).text} to i64")
-        place = emit.new(f"getelementptr i32, ptr {base}, i64 {place}")
+    for lane, place in enumerate(_places(generator, given, range(lanes))):
         one = emit.new(f"load i64, ptr {place}, align 4, !invariant.load !0")
         both = emit.new(f"insertelement {wide} {both}, i64 {one}, i32 {lane}")
     kind = f"<{2 * lanes} x i32>"
@@ -72,17 +100,15 @@ PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3), 1: (0,)}
 
 def prefetch_word(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Prefetch the cache lines of some lanes' words."""
-    emit, ((brick,), (word,)) = generator.emit, given
-    word = emit.binary("+", brick, word)
+    emit = generator.emit
     emit.declare("llvm.prefetch.p0", "void", ["ptr", "i32", "i32", "i32"])
-    for lane in PREFETCHED[generator.lanes]:
-        far = emit.new(f"zext i32 {emit.lane(word, lane).text} to i64")
-        place = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, i64 {far}")
+    for place in _places(generator, given, PREFETCHED[generator.lanes]):
         emit.line(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
     return []
 
 
 INTRINSICS: dict[str, Callable[[Generator, list[list[Part]]], list[Part]]] = {
+    "word_at": word_at,
     "words_at": words_at,
     "piece_row": piece_row,
     "prefetch_word": prefetch_word,

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import has_features, load_function, optimized_object
-from clusterviz.spmd.codegen import Generator
-from clusterviz.spmd.intrinsics import INTRINSICS
-from clusterviz.spmd.ir import Program
-from clusterviz.spmd.memory import BUFFERS, SYSTEM_BLOCK, TEXTURES
-from clusterviz.spmd.parser import parse
+from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object
+from clusterviz.spmd.ir import BUFFERS, SYSTEM_BLOCK, TEXTURES, Program
+
+if TYPE_CHECKING:
+    from clusterviz.spmd.codegen import Generator
 
 Blocks = Mapping[int, NDArray[Any]]
-Make = Callable[[Program, int, dict[str, Any]], Generator]
+Make = Callable[[Program, int, dict[str, Any]], "Generator"]
 
 
 def object_code(
@@ -37,10 +38,40 @@ def object_code(
     InputError
         The shader has a mistake.
     """
+    # Most processes find the object file.
+    from clusterviz.spmd.codegen import Generator
+    from clusterviz.spmd.intrinsics import INTRINSICS
+    from clusterviz.spmd.parser import parse
+
     used = dict(INTRINSICS) if intrinsics else {}
+    if "words_wide.glsl" not in source.names:
+        used.pop("word_at", None)
     if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
     return optimized_object((make or Generator)(parse(source), lanes, used).text(name))
+
+
+@cache
+def compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], None]:
+    """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
+
+    Parameters
+    ----------
+    name : of the function and, but for a hash, of the file
+    """
+    address = function_address(name, code_sources(source, lanes), lambda: object_code(source, name, lanes))
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
+
+
+def code_sources(source: ShaderSource, lanes: int) -> tuple[bytes, ...]:
+    """Return what decides which machine code a shader becomes: the shader, and the files of the compiler."""
+    return (source.text.encode(), str(lanes).encode(), *_compiler())
+
+
+@cache
+def _compiler() -> tuple[bytes, ...]:
+    folders = Path(__file__).parent, Path(__file__).parent.parent / "kernels"
+    return tuple(path.read_bytes() for folder in folders for path in sorted(folder.glob("*.py")))
 
 
 def function_of(code: bytes, name: str) -> Callable[[int], None]:
@@ -67,8 +98,8 @@ def addresses(
 
     Parameters
     ----------
+    system : uint32 (7,), see `ir.SYSTEM_BLOCK`
     textures : see `texture_block`
-    system : uint32 (7,), see `memory.SYSTEM_BLOCK`
 
     Returns
     -------

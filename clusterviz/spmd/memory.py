@@ -8,14 +8,10 @@ from typing import Any
 
 from clusterviz.spmd.checker import FOLDED
 from clusterviz.spmd.emitter import LLVM, Part, constant
-from clusterviz.spmd.ir import Expression, Memory, Operation, Program
+from clusterviz.spmd.ir import BUFFERS, TEXTURES, Expression, Memory, Operation, Program
 from clusterviz.spmd.types import BYTES
 from clusterviz.spmd.variables import Cell, Parts, Variables, elements_of
 
-SYSTEM_BLOCK = 48  # number of the group, numbers of groups, and the first invocation's number in its group: uint32 (7,)
-BUFFERS, TEXTURES = 16, 32
-"""Numbers of the first storage buffer and texture in the table of addresses; uniform blocks come first. A texture is
-its size, int32 (4,), and its texels, float32 (z, y, x, 4)."""
 TABLE = {"uniform": 0, "buffer": BUFFERS, "sampler": TEXTURES}
 MOST_ADDED = 64  # to indices, as part of an address
 
@@ -52,11 +48,9 @@ class Blocks(Variables):
         """Return the address of a block's data."""
         return next(self._addresses[id(one)] for one in self._program.blocks if one.name == block)
 
-    def constant_of(self, name: str) -> Part:
-        """Return a constant of the program."""
-        (found,) = (one.value for one in self._program.globals if one.variable.name == name)
-        assert found is not None
-        return self.value(found)[0]
+    def has_block(self, name: str) -> bool:
+        """Return whether the program has a block of this name."""
+        return any(one.name == name for one in self._program.blocks)
 
     def _place(self, node: Memory) -> tuple[str, Part]:
         """Return an address in a block, and how many words of four bytes behind it a value begins in each lane."""

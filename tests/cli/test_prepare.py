@@ -14,7 +14,7 @@ import pytest
 from clusterviz.cli import prepare
 from clusterviz.cli.console import announce_compilation
 from clusterviz.kernels import objects
-from clusterviz.render.cpu.kernel import Kernel
+from clusterviz.render.variant import Variant
 
 
 def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -25,10 +25,10 @@ def test_kernels_are_made_once(cli: Callable[..., Any], monkeypatch: pytest.Monk
 
 
 def test_only_those_of_a_first_picture(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Kernel] = []
+    asked: list[Variant] = []
     monkeypatch.setattr(prepare, "_files", lambda kernels, _: asked.extend(kernels) or {})
     assert cli("prepare", "--common").status == 0
-    assert asked == prepare.first_kernels(prepare.host_width().lanes)
+    assert asked == prepare.first_variants(prepare.host_width().lanes)
 
 
 def test_a_folder_that_cannot_be_written_is_said(
@@ -39,11 +39,11 @@ def test_a_folder_that_cannot_be_written_is_said(
     assert (outcome.status, "kernels cannot be kept" in outcome.err) == (2, True)
 
 
-def test_the_common_kernels_have_names_of_their_own() -> None:
+def test_the_common_kernels_have_files_of_their_own() -> None:
     for lanes in (4, 16):
-        names = [kernel.name for kernel in prepare.common_kernels(lanes)]
-        assert len(set(names)) == len(names) > 10
-        assert {kernel.name for kernel in prepare.first_kernels(lanes)} < set(names)
+        common, first = prepare.common_variants(lanes), prepare.first_variants(lanes)
+        assert len(prepare._files(common, ())) == len(set(common)) + len(prepare._files([], ())) > 10
+        assert set(first) < set(common)
 
 
 def test_the_first_compilation_is_announced_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, me
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.partition import build_tree, interleave, owners_of
-from clusterviz.render.cpu.multi_volume_memory import MixedMemory
+from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.storage import slot_of
 from clusterviz.scene import Scene, Volume
@@ -88,15 +88,6 @@ def test_bricks_count_as_they_lie_where_they_take_most() -> None:
 
 
 @pytest.mark.gl
-def test_texels_count_where_the_processor_cannot_draw() -> None:
-    """The texture unit's filter is OpenGL's."""
-    scene, devices = scene_of(filter="hardware"), ("cpu", "cpu")
-    found = max(held("uint8", scene, devices))
-    assert found == BRICKS // RANKS * SIDE**3
-    assert max(held("uint8", with_settings(scene, {"memory_limit": found}), devices)) == found
-
-
-@pytest.mark.gl
 def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> None:
     """And OpenGL the room for them."""
     away = Grid((9, 9, 9), origin=(20.0, 3.0, 2.0))
@@ -107,7 +98,7 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
     assert plan is not None
     assert plan.multi_volume is not None
     multi_volume, slot = plan.multi_volume, slot_of(plan)
-    memory, count = MixedMemory(slot), len(bricks)
+    memory, count = Memory(slot), len(bricks)
     memory.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, slot))
     counted = MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(plan)
     assert counted.sum() == memory.bytes

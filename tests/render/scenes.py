@@ -273,12 +273,3 @@ class Counted:
     def memory_barrier(self) -> None:
         self.made["dispatches"] += 1
         self._context.memory_barrier()
-
-
-class WrittenError(Exception):
-    """A kernel's code would hold what no test may find in it."""
-
-
-def refuse(*_: object) -> None:
-    """Stand in for what writes a part of a kernel's code."""
-    raise WrittenError

@@ -1,26 +1,17 @@
-"""What draws: OpenGL on a GPU or where it is asked for, else the processor, as far as it can."""
+"""What draws: OpenGL on a GPU or where it is asked for, else the processor."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import pytest
-from render.scenes import camera_at, noise, prepare, scene_of
 
 from clusterviz.cli.arguments import parse_device
-from clusterviz.data.source import Grid
 from clusterviz.errors import DeviceError, InputError
-from clusterviz.plan.plan import Plan
 from clusterviz.render import choice
-from clusterviz.render.choice import on_cpu
+from clusterviz.render.choice import prefers_cpu
 
-SHAPE = (5, 6, 7)
 ASKED = {"CLUSTERVIZ_EGL_DEVICE": "0"}
-
-
-def plan_of(**keys: Any) -> Plan:
-    voxels = noise(SHAPE, "uint8")
-    return prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), **keys), voxels).plan
 
 
 @pytest.mark.parametrize(
@@ -38,18 +29,7 @@ def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
     gpu: bool, device: Any, environment: dict[str, str], processor: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(choice, "has_gpu", lambda: gpu)
-    assert on_cpu(plan_of(), device, environment) is processor
-
-
-@pytest.mark.parametrize(
-    "keys", [{"filter": "hardware"}, {"classification": "pre-integrated", "borders": "split", "frame_coherence": True}]
-)
-def test_what_the_processor_cannot_draw_is_left_to_opengl(
-    keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(choice, "has_gpu", lambda: False)
-    assert not on_cpu(plan_of(**keys), None, {})
-    assert not on_cpu(plan_of(**keys), "cpu", {})
+    assert prefers_cpu(device, environment) is processor
 
 
 def test_no_egl_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,6 @@ from render.scenes import (
 from clusterviz.data.source import Grid
 from clusterviz.image.merge import ORDER_FREE
 from clusterviz.reference import render_reference
-from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Cluster, Scene
@@ -333,7 +332,7 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
     shown, (brick, parts, block_bytes) = MODES[row.mode], row.split
     expected = render_reference(scene, grid, voxels)
     prepared = prepare(scene, voxels, grid, brick)
-    for where in dict.fromkeys((context, None) if can_draw(prepared.plan) else (context,)):
+    for where in dict.fromkeys((context, None)):
         own, little = ({}, {"block_bytes": block_bytes}) if where else ({"width": width},) * 2
         (picture, samples), (merged, taken) = drawn(where, prepared, **own), drawn(where, prepared, parts, **little)
         for found in (picture, merged):
@@ -370,7 +369,7 @@ def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Cont
         scene, *_ = made(Row(name, dtype="float32", keys=keys), tmp_path)
         voxels = np.full(shape, value, np.float32)
         prepared = prepare(scene, voxels, brick=7)
-        for where in (context, None) if can_draw(prepared.plan) else (context,):
+        for where in (context, None):
             assert not drawn(where, prepared)[0].any(), shape
         assert not render_reference(scene, Grid(shape), voxels).any()
 

@@ -27,7 +27,7 @@ BRICK = 16
 # Of every picture: pixels, progress and samples, the transfer function's buckets, records, where bricks begin, visible
 # groups, the frame.
 BUFFERS = 7
-ALWAYS = "raycast pixels buffers ray opacity transfer records_uniform march groups no_prefetch"
+ALWAYS = "raycast pixels buffers ray opacity transfer words pitch units records_uniform march groups no_prefetch"
 PLAIN = (
     "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
     "unsplit entries fixed_step voxel_u8"
@@ -70,36 +70,36 @@ CASES = {
     "maximum, not lit": Case({"blending": "maximum"} | SHADE, "composite over", "extreme"),
     "average": Case({"blending": "average"}, "composite over", "sum"),
     "local maximum": Case(LOCAL, "composite over", "local_maximum"),
-    "shade": Case(SHADE, "unlit gradient_none", "gradient lights lights_far", buffers=1, side=19),
+    "shade": Case(SHADE, "unlit gradient_none", "gradient ambient lights lights_far", buffers=1, side=19),
     "shade, from a place": Case(
-        SHADE | PLACE, "unlit gradient_none", "gradient lights lights_near", buffers=1, side=19
+        SHADE | PLACE, "unlit gradient_none", "gradient ambient lights lights_near", buffers=1, side=19
     ),
     "nearest, shade": Case(
         {"interpolation": "nearest"} | SHADE,
         "linear_u8 unlit gradient_none",
-        "nearest gradient_nearest lights lights_far",
+        "nearest gradient_nearest ambient lights lights_far",
         buffers=1,
         side=19,
     ),
     "shade, smooth": Case(
-        SHADE | SMOOTH, "unlit gradient_none", "spline gradient_cubic lights lights_far", buffers=1, side=19
+        SHADE | SMOOTH, "unlit gradient_none", "spline gradient_cubic ambient lights lights_far", buffers=1, side=19
     ),
     "smooth, but not lit": Case(SMOOTH),
     "cubic": Case({"interpolation": "cubic"}, "linear_u8", "spline cubic", side=19),
     "cubic, shade": Case(
         {"interpolation": "cubic"} | SHADE,
         "linear_u8 unlit gradient_none",
-        "spline cubic gradient_cubic lights lights_far",
+        "spline cubic gradient_cubic ambient lights lights_far",
         buffers=1,
         side=19,
     ),
     "clip": Case(CLIP, "unclipped", "clip kept", buffers=1),
-    "isosurfaces": Case(SURFACES, "samples", "surfaces root cell_linear", buffers=1, side=19),
-    "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces root cell_linear", buffers=1, side=19),
+    "isosurfaces": Case(SURFACES, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
+    "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
     "all of it": Case(
         SURFACES | SHADE | CLIP | {"interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces root cell_cubic spline cubic gradient_cubic lights lights_far clip kept",
+        "surfaces root cell_cubic spline cubic gradient_cubic ambient lights lights_far clip kept",
         buffers=3,
         side=19 + 2,
     ),
@@ -121,7 +121,7 @@ CASES = {
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated"} | SHADE,
         "composite samples whole_slab segment unlit gradient_none",
-        "preintegrated ramp sums gradient lights lights_far",
+        "preintegrated ramp sums gradient ambient lights lights_far",
         buffers=2,
         side=19 + 2,
     ),
@@ -132,7 +132,7 @@ CASES = {
     "gradient opacity, shade": Case(
         FADED | SHADE,
         "gradient_none unfaded unlit",
-        "gradient magnitude faded lights lights_far",
+        "gradient magnitude faded ambient lights lights_far",
         buffers=2,
         side=19,
     ),
@@ -145,7 +145,7 @@ CASES = {
     ),
     "jitter": Case({"jitter": True}, "unjittered", "jitter"),
     "jitter, but surfaces": Case(
-        {"jitter": True} | SURFACES, "samples", "surfaces root cell_linear", buffers=1, side=19
+        {"jitter": True} | SURFACES, "samples", "surfaces extremes root cell_linear", buffers=1, side=19
     ),
     "cubic, hardware": Case(
         {"filter": "hardware", "interpolation": "cubic"},

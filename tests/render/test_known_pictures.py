@@ -27,7 +27,6 @@ from render.scenes import (
 from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import pixel_shifts
-from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.render_result import finish_projection
 from clusterviz.scene.values import Camera, Clip, Light, Quality, Scene
 
@@ -46,7 +45,7 @@ def pictures(context: moderngl.Context) -> Any:
 
     def draw_each(scene: Scene, voxels: np.ndarray, grid: Grid | None = None, brick: int = 16) -> list[np.ndarray]:
         prepared = prepare(scene, voxels, grid, brick)
-        casters = (context, None) if can_draw(prepared.plan) else (context,)
+        casters = (context, None)
         return [drawn(where, prepared)[0] for where in casters]
 
     return draw_each

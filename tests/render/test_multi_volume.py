@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from render import scenes
 from render.looks import PATHS
-from render.scenes import Counted, Prepared, WrittenError, noise, refuse, rotation
+from render.scenes import Counted, Prepared, noise, rotation
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
@@ -21,10 +21,8 @@ from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import stored_brick
 from clusterviz.render.cpu import caster as casters
-from clusterviz.render.cpu import memory, program
-from clusterviz.render.cpu.kernel import can_draw, kernel_of, mixed_kernel_of
-from clusterviz.render.cpu.multi_volume_memory import MixedMemory
-from clusterviz.render.cpu.program import program_of
+from clusterviz.render.cpu import memory
+from clusterviz.render.cpu.memory import Memory, words_of
 from clusterviz.render.cpu.width import WIDTHS
 from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.raycast import Raycaster
@@ -120,6 +118,8 @@ BY_CPU: dict[str, Case] = {
     "bytes beside turned floats with holes": (PAIR, {}, ("outside", "inside", "parallel")),
     "nearest, lit, clipped, jittered": ((WORDS, FLOATS), LIGHTS | JITTERED | CUT, ("outside",)),
     "integrals beside nearest voxels": ((WORDS, FLOATS), BOTH | CUT, ("outside", "inside")),
+    "surfaces through each other": ((SHELLS, CORES, WORDS), LIGHTS | CUT, ("inside",)),
+    "surfaces beside integrals": ((FLOATS, SHELLS), BOTH | CUT, ("parallel",)),
     "narrow: splines and gradients": ((SMOOTH, STEEP), NEAR, ("inside",)),
     "narrow: opaque and faint": ((OPAQUE, FAINT), {}, ("outside",)),
     "narrow: steps of 30 voxels": (PAIR, {"step": 30.0}, ("outside",)),
@@ -336,20 +336,6 @@ def test_neither_threads_nor_numbers_of_64_bits_change_anything(monkeypatch: pyt
         assert samples == results[0][1]
 
 
-def test_surfaces_are_left_to_opengl() -> None:
-    for other in (SHELLS, CORES, but(SHELLS, isosurfaces=((100.0, 0.0),))):
-        assert not can_draw(prepared(scene_of((BYTES, other)), (BYTES, other)).plan)
-    assert can_draw(prepared(scene_of(PAIR, **INTEGRATED), PAIR).plan)
-
-
-def test_one_volume_has_nothing_of_several_in_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    for part in ("Body", "Bodies", "MixedPlaces", "MultiVolume", "Sampled", "Ramped"):
-        monkeypatch.setattr(program, part, refuse)
-    assert program_of(kernel_of(prepared(scene_of((BYTES,)), (BYTES,)).plan, 4, None))
-    with pytest.raises(WrittenError):
-        program_of(mixed_kernel_of(prepared(scene_of(PAIR), PAIR).plan, 4, (None, None)))
-
-
 @pytest.mark.gl
 def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(context: moderngl.Context) -> None:
     made = []
@@ -383,14 +369,14 @@ def test_only_what_the_volumes_need_is_compiled(context: moderngl.Context) -> No
 
 
 @pytest.fixture
-def filled() -> tuple[MixedMemory, dict[tuple[int, int, int], Stored]]:
+def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
     """The CPU's memory of the bricks of three volumes, and these."""
     parts = (BYTES, FLOATS, WORDS)
     each = prepared(scene_of(parts, brick=9), parts)
     assert each.plan.multi_volume is not None
     slot = slot_of(each.plan)
     stored = {i: store_multi_volume(portions, each.plan.multi_volume, slot) for i, portions in each.bricks.items()}
-    held = MixedMemory(slot)
+    held = Memory(slot)
     held.put(dict(stored), lambda _, one: one)
     return held, stored
 
@@ -408,13 +394,9 @@ def test_bricks_are_read_back_as_they_came(filled: Any) -> None:
 def test_volumes_take_memory_only_in_bricks_that_they_meet(filled: Any) -> None:
     held, stored = filled
     indices = np.array(list(stored))
-    numbered = held.numbered(BrickBox((0, 0, 0), tuple((indices.max(axis=0) + 1).tolist())), indices)
-    assert all(0 < one.bricks < len(stored) for one in numbered)
-    for one in numbered:
-        there = one.firsts[..., 3] > 0
-        assert there.sum() == one.bricks
-        assert len(np.unique(one.numbers[there])) == one.bricks
-    assert held.bytes == sum(one.bricks * one.voxels.nbytes for one in numbered)
+    table = held.table(BrickBox((0, 0, 0), tuple((indices.max(axis=0) + 1).tolist())), indices)
+    assert (table.offsets >= 0).sum() == len(np.unique(table.offsets)) - 1 == len(stored)
+    assert held.bytes == table.bytes < 4 * len(stored) * words_of(held._slot)
 
 
 def test_bricks_that_are_given_up_leave_their_room_to_others(filled: Any) -> None:

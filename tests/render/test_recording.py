@@ -77,8 +77,10 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
 WITHOUT_CODE = "buffers densest met_none no_prefetch raycast sums"
+OCCLUSION = "ambient ambient_occlusion density density_ramp"
 OF_LAYERS = "crossing slope slope_mixed"  # drawn by a pass of their own, which is not recorded
-ON_CPUS = "cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words"
+ON_CPUS = """cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words words_wide
+packets packets_crossing packets_starts pitch pitches"""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
 """Weights of the texture unit have about 8 bits."""
 
@@ -163,5 +165,5 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, OF_LAYERS, ON_CPUS]).split()
+    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, OCCLUSION, OF_LAYERS, ON_CPUS]).split()
     assert sorted(files) == sorted(path.stem for path in shader_folder().glob("*.glsl"))

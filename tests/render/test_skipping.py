@@ -16,7 +16,6 @@ from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.reference import render_reference
 from clusterviz.render import brick_atlas
 from clusterviz.render.cpu import caster
-from clusterviz.render.cpu.kernel import can_draw
 from clusterviz.render.storage import Slot
 from clusterviz.scene.values import Cluster
 
@@ -96,7 +95,7 @@ def test_skipping_changes_no_bit(
         keys["transfer_2d"]["magnitudes"] = (0.0, highest / 3)
     prepared = prepare(scene_of(voxels, camera_at(camera, grid), clim=(0.0, highest), **keys), voxels, grid, brick)
     limits = {"block_bytes": 40000} if "several buffers" in case else {}
-    casters = [(context, limits), (None, {})] if can_draw(prepared.plan) else [(context, limits)]
+    casters = [(context, limits), (None, {})]
     skipped = [drawn(where, prepared, **own) for where, own in casters]
     every = show_all(prepared, monkeypatch)
     for (where, own), (found, samples) in zip(casters, skipped, strict=True):

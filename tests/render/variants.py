@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import product
 
 from clusterviz.render.storage import Slot
-from clusterviz.render.variant import Variant
+from clusterviz.render.variant import Lanes, Variant
 from clusterviz.render.volume_layers import VolumeVariant
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.spmd.look import make_look
@@ -83,4 +83,19 @@ def _rays() -> Iterator[tuple[str, Variant]]:
         yield f"{name}, layers", Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2, crossing=True)
 
 
+def _on_cpu() -> Iterator[tuple[str, Variant]]:
+    """Variants that only the compiler for CPUs reads."""
+    cpu = Lanes(16, 8, True)
+    for filter, kind in product(("linear", "nearest", "cubic"), KINDS):
+        yield f"CPU, {filter} {kind}", Variant(filter, Slot(CELLS, kind, False, 2, 1, 2), 33, 0, 0, cpu=cpu)
+    slot = Slot(CELLS, "u8", False, 2, 1, 2)
+    for name, own in (("wide", Lanes(8, wide=True)), ("pitched", Lanes(4, pitched=True)), ("any size", cpu)):
+        yield f"CPU, {name}", Variant("linear", slot, 0 if name == "any size" else 33, 0, 0, cpu=own)
+    yield "CPU, coherent", Variant("linear", slot, 33, 0, 0, frame_coherence=True, cpu=cpu)
+    volumes = VolumeVariant("linear", slot, 1, lights=2, surfaces=1), VolumeVariant("cubic", slot, 0, table="opacity")
+    whole = Slot(CELLS, "f32", False, parts=(slot, slot))
+    yield "CPU, two volumes", Variant("linear", whole, 0, 0, 0, volumes=volumes, cpu=cpu)
+
+
 VARIANTS = {**dict(_looks()), **dict(_rays())}
+CPU_VARIANTS = dict(_on_cpu())

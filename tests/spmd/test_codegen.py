@@ -20,7 +20,6 @@ layout(std430, binding = 0) readonly buffer GivenBlock {{ int given[]; }};
 layout(std430, binding = 1) writeonly buffer FoundBlock {{ int found[]; }};
 layout(std430, binding = 7) readonly buffer VoxelsBlock {{ uint voxels[]; }};
 layout(std430, binding = 9) readonly buffer PiecesBlock {{ float piece_table[]; }};
-const int IDLE_WORD = 2;
 uvec2 words_at(int brick, int word, int more) {{ int n = brick + word + more; return uvec2(voxels[n], voxels[n + 1]); }}
 uint least_bytes(uint a, uint b) {{ return min(a & 255u, b & 255u) | min(a >> 8, b >> 8) << 8; }}
 uint most_bytes(uint a, uint b) {{ return max(a & 255u, b & 255u) | max(a >> 8, b >> 8) << 8; }}
@@ -72,6 +71,15 @@ FUNCTIONS: dict[str, tuple[str, Callable[[int], int]]] = {
     "product that is not rounded before something is taken from it": (
         "int f(int x) { float a = float(4097 + x); return int(a * a - 16785408.0); }",
         lambda x: (4097 + x) ** 2 - 16785408,
+    ),
+    "return in a branch in a branch": (
+        "int f(int x) { int s = 0; if (x > 20) { ++s; if (x > 10) return 7; s += 5; } return s + 100 * x; }",
+        lambda x: 7 if x > 20 else 100 * x,
+    ),
+    "continue in a branch in a branch": (
+        "int f(int x) { int s = 0; for (int k = 0; k < 9; ++k) { if (x > 30) { if (x > 20) continue; ++s; } s += x; } "
+        "return s; }",
+        lambda x: 0 if x > 30 else 9 * x,
     ),
     "loop of own length": (
         "int f(int x) { int n = 0; while (x > 1 && n < 40) { x = x % 2 != 0 ? 3 * x + 1 : x / 2; ++n; } return n; }",
@@ -225,7 +233,7 @@ def test_a_texel_is_fetched(lanes: int) -> None:
     ids=["words_at", "words_at by lane", "least_bytes", "most_bytes", "piece_row"],
 )
 def test_an_intrinsic_equals_its_meaning_in_glsl(text: str) -> None:
-    words, pieces = np.arange(80, dtype=np.uint32) * 7, (np.arange(64) * 3).astype(np.float32)
+    words, pieces = (np.arange(88, dtype=np.uint32) * 7)[8:], (np.arange(64) * 3).astype(np.float32)
     found = [run(text, np.arange(64), 16, intrinsics, b7=words, b9=pieces) for intrinsics in (False, True)]
     assert np.array_equal(*found)
     assert len(set(found[0].tolist())) > 10

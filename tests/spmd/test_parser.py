@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import llvmlite.binding
 import pytest
-from render.variants import VARIANTS
+from render.variants import CPU_VARIANTS, VARIANTS
 
 from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource
@@ -15,7 +15,7 @@ from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.parser import parse
 
-DISTINCT = {variant.source.names: (name, variant) for name, variant in VARIANTS.items()}
+DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
 
 
 @pytest.mark.parametrize(("name", "variant"), DISTINCT.values(), ids=[name for name, _ in DISTINCT.values()])

@@ -1,4 +1,4 @@
-"""Ray casting of one rank's bricks on the CPU: no OpenGL, and no upload.
+"""Ray casting of one rank's bricks on the CPU, by the shaders: no OpenGL, and no upload.
 
 Threads take tiles of the picture from a counter. As many are used as the rank has cores.
 
@@ -11,7 +11,7 @@ I. Wald, P. Slusallek, C. Benthin, M. Wagner: Interactive rendering with coheren
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Callable, Iterable, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
@@ -26,17 +26,13 @@ from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
-from clusterviz.render.cpu.job_of_plan import VolumeJobs, domain_tables, hand_over, job_of, tables_of, volume_jobs
-from clusterviz.render.cpu.kernel import Kernel, can_draw, kernel_of, mixed_kernel_of
-from clusterviz.render.cpu.machine_code import compiled
-from clusterviz.render.cpu.marching.adaptive_step import with_doublings
-from clusterviz.render.cpu.marching.empty_space import skips_of
-from clusterviz.render.cpu.marching.starts import COUNTS
+from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
-from clusterviz.render.cpu.multi_volume_memory import MixedMemory
-from clusterviz.render.cpu.transfer.pieces import Pieces, pieces_of
+from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
+from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
-from clusterviz.render.frame_coherence import LastFrame, depth_of
+from clusterviz.render.crossing import Crossing, Planes
+from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
@@ -48,56 +44,53 @@ from clusterviz.render.render_result import (
     no_progress,
 )
 from clusterviz.render.storage import slot_of
-from clusterviz.render.stored_brick import group_doublings, visible_groups
+from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
+from clusterviz.render.variant import Lanes, Variant, cpu_variant_of
 from clusterviz.scene.transfer import TransferFunction
+from clusterviz.spmd.machine_code import addresses, compiled
 
 Index = tuple[int, int, int]
-BLOCK = 4  # the output's sides are multiples of it, so that every packet's pixels have a place
+Cast = Callable[[int], None]
+TILE = 32  # pixels along the side of a tile, as in tiles.glsl
+COUNTER, AHEAD = 1, 2  # of `progress`: the counter of tiles, and the numbers before the samples of squares
 MAX_SKIP_TABLES = 64  # tables that are kept
-Transfers = list[tuple[TransferFunction, float]]
-"""Of each volume, and the length of what its pieces give the opacity of, in opacity unit distances."""
+ONE_GROUP = np.zeros(7, np.uint32)  # the shader's system block: a thread is a work group
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """The bricks that a piece shows in any window: how many, which, in which box, and the tables of both.
-
-    Of several volumes, what is said of each, too.
-    """
+    """The bricks that a piece shows in any window: how many, which, in which box, their tables, and the program."""
 
     piece: Piece
     bricks: int
     members: bytes
     box: BrickBox
-    tables: dict[str, Any]
-    volumes: VolumeJobs | None = None
-
-    @property
-    def wide(self) -> bool:
-        """Whether the numbers of voxels take 64 bits."""
-        return self.volumes.wide if self.volumes else self.tables["bricks"].itemsize == 8
+    uniforms: Blocks
+    buffers: Blocks
+    textures: Blocks
+    cast: Cast | None = None
 
 
 class VectorCaster:
-    """One rank's ray caster on the CPU: its kernel, its bricks.
+    """Ray caster of one rank on the CPU: its program, and its bricks.
 
     Parameters
     ----------
-    plan : decides the kernel, and how bricks are kept
+    plan : the first plan to draw, which decides the program and the layout of bricks
     width : of the vectors; by default the CPU's own
 
     Attributes
     ----------
-    slot : what a brick takes
-    pool : the bricks that are here
+    slot : layout of a brick
+    pool : the bricks
     """
 
     def __init__(self, plan: Plan, width: Width | None = None) -> None:
         self._width, self._threads = width or host_width(), kernel_threads()
         self.slot = slot_of(plan)
-        self.pool = self._empty_pool()
-        self._skips: dict[Any, NDArray[np.int32]] = {}
-        self._pieces: tuple[Transfers, tuple[Pieces | None, ...]] = [], ()
+        self.pool = Memory(self.slot)
+        self._skips: dict[Any, NDArray[Any]] = {}
+        self._pieces: tuple[TransferFunction, float, Pieces | None] | None = None
         self._shown: tuple[Any, ...] | None = None
         self._last_frame = LastFrame()
         self.compile(plan)
@@ -113,16 +106,15 @@ class VectorCaster:
         return self.pool.bytes
 
     def can_draw(self, plan: Plan) -> bool:
-        """Whether the kernel is that of a plan."""
-        return can_draw(plan) and self._kernel == self._kernel_of(plan)
+        """Whether the programs are those of a plan."""
+        return self._variants == self._variants_of(plan)
 
     def compile(self, plan: Plan) -> None:
-        """Make the kernel of another plan with the same slots; the bricks stay."""
-        self._kernel = self._kernel_of(plan)
-        compiled(self._kernel)
-        if self._kernel.frame_coherence:
-            from clusterviz.render.frame_coherence import prepare_reprojection
-
+        """Compile the programs of another plan with the same slots; the bricks stay."""
+        self._variants = self._variants_of(plan)
+        for variant in self._variants:
+            compiled_variant(variant)
+        if plan.march.frame_coherence is not None:
             prepare_reprojection()
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
@@ -143,21 +135,24 @@ class VectorCaster:
             self._last_frame.forget()
         self.pool.drop(bricks)
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
-        """Draw one frame's pieces: the bricks that they show are there.
+    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
+        """Find where the opacity of pixels passes one half. See `Raycaster.find_layers`."""
+        crossings = [Crossing.behind(front) for front in fronts]
+        self.draw(plan.crossing, pieces, crossings=crossings)
+        return [one.found for one in crossings]
 
-        Parameters
-        ----------
-        pieces : the next is asked for when the one before is drawn
-        progress : called what part of them is drawn, where it is known how many they are
-
-        Returns
-        -------
-        drawn : one a piece; its partial image is the rectangle that the piece's box may cover in its window
-        """
+    def draw(
+        self,
+        plan: Plan,
+        pieces: Iterable[Piece],
+        progress: Progress = no_progress,
+        crossings: Sequence[Crossing] = (),
+    ) -> list[RenderResult]:
+        """Draw one frame's pieces, whose visible bricks are loaded. See `Raycaster.draw`."""
         drawn: list[RenderResult] = []
         shown: _Shown | None = None
-        self._last_frame.next_frame()
+        if not crossings:
+            self._last_frame.next_frame()
         count = length_hint(pieces)
         for number, piece in enumerate(pieces):
             started, rect = perf_counter(), footprint(plan, piece)
@@ -166,78 +161,98 @@ class VectorCaster:
                 shown = self._shown_by(plan, piece)
             blank_piece = shown.bricks == 0 or rect.pixels == 0
             part = PartOf(progress, number, count)
-            drawn.append(RenderResult(blank()) if blank_piece else self._draw_piece(plan, rect, shown, started, part))
+            if blank_piece:
+                drawn.append(RenderResult(blank()))
+                continue
+            rays: Starts | Crossing | None = crossings[number] if crossings else None
+            if plan.march.frame_coherence is not None:
+                rays = Starts.of(self._last_frame, plan, piece, rect)
+            drawn.append(self._draw_piece(plan, rect, shown, (started, part), rays))
         return drawn
 
     def release(self) -> None:
         """Forget the bricks."""
-        self._skips, self.pool = {}, self._empty_pool()
+        self._skips, self.pool = {}, Memory(self.slot)
 
-    def _empty_pool(self) -> Memory | MixedMemory:
-        return MixedMemory(self.slot) if self.slot.parts else Memory(self.slot)
+    def _variants_of(self, plan: Plan) -> list[Variant]:
+        return [self._variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
 
-    def _kernel_of(self, plan: Plan) -> Kernel:
-        lanes, pieces = self._width.lanes, self._pieces_of(plan)
-        return mixed_kernel_of(plan, lanes, pieces) if plan.multi_volume else kernel_of(plan, lanes, pieces[0])
+    def _variant_of(self, plan: Plan) -> Variant:
+        return variant_for(plan, self._width.lanes, self._pieces_of(plan))
 
-    def _pieces_of(self, plan: Plan) -> tuple[Pieces | None, ...]:
-        """Of each volume the transfer function's pieces, where they are few: kept until one changes."""
-        each, known = transfers_of(plan), self._pieces[0]
-        kept = len(each) == len(known) and all(a is b and u == v for (a, u), (b, v) in zip(each, known, strict=True))
-        if not kept:
-            self._pieces = each, tuple(pieces_of(*one) for one in each)
-        return self._pieces[1]
+    def _pieces_of(self, plan: Plan) -> Pieces | None:
+        """Return the transfer function's pieces, kept until it changes; None if registers do not hold it."""
+        march, mode = plan.march, plan.blend_mode
+        if self._width.lanes < MOST or plan.multi_volume or mode.blending != "composite" or mode.grading:
+            return None
+        if march.preintegrated:
+            return None
+        known = self._pieces
+        if known is None or known[0] is not plan.transfer or known[1] != march.slab_units:
+            known = self._pieces = plan.transfer, march.slab_units, pieces_of(plan.transfer, march.slab_units)
+        return known[2]
 
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
-        """The bricks of a piece, as its windows are drawn of them."""
+        """Return the bricks of a piece, as its windows show them."""
         bricks = piece.members(plan.cost > 0)
         if len(bricks) == 0:
-            return _Shown(piece, 0, b"", piece.box, {})
+            return _Shown(piece, 0, b"", piece.box, {}, {}, {})
         box = bounding_box(bricks)
-        pieces, skips, volumes = self._pieces_of(plan), self._skips_of(plan, box, bricks), None
-        if isinstance(self.pool, MixedMemory):
-            volumes = volume_jobs(plan, self.slot, self.pool.numbered(box, bricks), pieces)
-            tables = domain_tables(plan, skips) | {"volumes": volumes.records}
-        else:
-            tables = tables_of(plan, self.pool.numbered(box, bricks), skips, pieces[0])
-            if self.slot.layout:
-                tables["pitches"] = self.pool.pitches(box, bricks)
-        return _Shown(piece, len(bricks), bricks.tobytes(), box, tables, volumes)
+        table = self.pool.table(box, bricks)
+        buffers = brick_buffers(plan, table, self._skips_of(plan, box, bricks), self._pieces_of(plan))
+        uniforms = uniform_blocks(plan, self.slot, table.bytes)
+        variant = self._variant_of(plan)
+        assert variant.cpu, "the variant is one of a CPU"
+        cast = compiled_variant(replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None)))
+        return _Shown(piece, len(bricks), bricks.tobytes(), box, uniforms, buffers, textures(plan), cast)
 
-    def _draw_piece(self, plan: Plan, rect: Rect, shown: _Shown, started: float, progress: Progress) -> RenderResult:
-        pixels = np.empty((-(-rect.height // BLOCK) * BLOCK, -(-rect.width // BLOCK) * BLOCK, 4), np.float32)
-        work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
-        job = job_of(plan, (shown.box, shown.bricks), rect, self.slot, shown.tables | {"pixels": pixels, "work": work})
-        memory, members = dict[str, NDArray[np.float32]](), (shown.box, shown.members)
-        if plan.march.frame_coherence is not None:
-            memory = self._last_frame.arrays(plan, members, rect, pixels.shape[:2])
-            hand_over(job, memory, depth_of(plan), plan.march.frame_coherence)
-        self._run(job, shown.wide, progress)
-        frame_coherence = None
-        if memory:
-            counts = (int(job[name][0]) for name in COUNTS)
-            frame_coherence = self._last_frame.finish(members, memory["starts"][: rect.height, : rect.width], *counts)
-        rgba = np.ascontiguousarray(pixels[: rect.height, : rect.width])
-        seconds = perf_counter() - started
-        return RenderResult(
-            PartialImage(rect, rgba), int(job["taken"][0]), shown.bricks, seconds, 0.0, work, 0, frame_coherence
-        )
+    def _draw_piece(
+        self,
+        plan: Plan,
+        rect: Rect,
+        shown: _Shown,
+        report: tuple[float, Progress],
+        rays: Starts | Crossing | None,
+    ) -> RenderResult:
+        started, progress = report
+        pixels = np.zeros((rect.height, rect.width, 4), np.float32)
+        squares = -(-rect.height // SQUARE), -(-rect.width // SQUARE)
+        ahead, planes = AHEAD + squares[0] * squares[1], rays.planes if rays else np.zeros(0, np.float32)
+        state = np.concatenate([np.zeros(ahead, np.uint32), planes.view(np.uint32).ravel()])
+        frame = frame_of(plan, shown.box, rect, replace(self.slot, textured=False))
+        uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
+        if isinstance(rays, Crossing):
+            frame["first_box"], pixels = 0, rays.pixels[0]
+        buffers = shown.buffers | {1: pixels, 2: state}
+        assert shown.cast, "there are bricks"
+        self._run(shown.cast, addresses(uniforms, buffers, ONE_GROUP, shown.textures), state, rect, progress)
+        work, coherence = state[AHEAD:ahead].reshape(squares).copy(), None
+        if rays:
+            rays.keep(state[ahead:].view(np.float32).reshape(planes.shape))
+        if isinstance(rays, Starts):
+            coherence = rays.finish(pixels[..., 3])
+        seconds, samples = perf_counter() - started, int(work.sum(dtype=np.int64))
+        return RenderResult(PartialImage(rect, pixels), samples, shown.bricks, seconds, 0.0, work, 0, coherence)
 
-    def _run(self, job: NDArray[np.void], wide: bool, progress: Progress) -> None:
+    def _run(
+        self, cast: Cast, table: NDArray[np.uint64], state: NDArray[np.uint32], rect: Rect, progress: Progress
+    ) -> None:
         """Let all threads draw tiles until there are none; this one waits, so that it can be interrupted."""
-        address, cast = job.__array_interface__["data"][0], compiled(replace(self._kernel, wide=wide))
-        threads = [_pool(os.getpid()).submit(cast, address) for _ in range(self._threads)]
-        tiles = int(job["tiles"][0])
+        threads = [_pool(os.getpid()).submit(cast, table.ctypes.data) for _ in range(self._threads)]
+        tiles = -(-rect.width // TILE) * -(-rect.height // TILE)
         try:
             while wait(threads, PROGRESS_SECONDS).not_done:
-                progress(min(1.0, int(job["counter"][0]) / tiles))
+                progress(min(1.0, int(state[COUNTER]) / tiles))
         finally:
             # After an interrupt there are no more tiles; those that are being drawn write to memory of this frame.
-            job["counter"] = tiles
+            state[COUNTER] = tiles
             wait(threads)
 
-    def _skips_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
-        """They last until the transfer function changes."""
+    def _skips_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[Any]:
+        """Return how far rays may skip from the groups of a box, or their bits if the step is adaptive.
+
+        They are kept until the transfer function changes.
+        """
         parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
         shown = (
             plan.blend_mode,
@@ -253,18 +268,33 @@ class VectorCaster:
             self._skips = {}
         ranges, (begin, end) = self.pool.ranges(bricks), plan.layout.unit_box(box.begin_zyx, box.end_zyx)
         visible, places = visible_groups(ranges, plan), plan.layout.units(bricks) - begin
-        found = skips_of(visible, places, BrickBox(begin, end).shape_zyx, plan.layout.brick)
-        if plan.march.adaptive_step is not None and isinstance(self.pool, Memory):
-            found = with_doublings(found, places, visible, group_doublings(ranges, self.pool.bends(bricks), plan))
+        shape, unit = BrickBox(begin, end).shape_zyx, self.slot.unit
+        if plan.march.adaptive_step is None:
+            found = skips_of(visible, places, shape, plan.layout.brick)
+        else:
+            found = np.zeros((*shape, unit.group_words), np.uint32)
+            doublings = doubling_bits(ranges, self.pool.bends(bricks), plan, unit)
+            found[tuple(places.T)] = np.concatenate([packed_bits(visible, unit), doublings], axis=1)
         self._skips[box, bricks.tobytes()] = found
         return found
 
 
-def transfers_of(plan: Plan) -> Transfers:
-    """Those of a plan: of several volumes extinctions are added, so that the opacity of unit lengths is needed."""
-    if plan.multi_volume is None:
-        return [(plan.transfer, plan.march.slab_units)]
-    return [(part.transfer, 1.0) for part in plan.multi_volume.volume_layers]
+def variant_for(plan: Plan, lanes: int, pieces: Pieces | None) -> Variant:
+    """Return the program of a plan; numbers that it reads from memory do not matter.
+
+    Parameters
+    ----------
+    pieces : the transfer function's, if registers hold it
+    """
+    held = (pieces.capacity, pieces.fitted) if pieces else (0, False)
+    return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, *held, pitched=plan.layout.edges_zyx is not None))
+
+
+@cache
+def compiled_variant(variant: Variant) -> Cast:
+    """Return the machine code of a variant, a function of the address of a table of addresses."""
+    assert variant.cpu, "the variant is one of a CPU"
+    return compiled(variant.source, variant.name, variant.cpu.lanes)
 
 
 @cache

@@ -1,21 +1,25 @@
-"""Bricks in memory: voxels laid out so that one load brings many of a cell's corners (`field.py` says which).
+"""Bricks in memory, one word a voxel, so that a cell's eight corners take few loads (shaders/cells_*.glsl).
 
-Large arrays get large pages where the system has them, so that rays, which come to another page every few voxels, need
-not look up where it is; and voxels that lie in few arrays can be told by numbers of 32 bits.
+A word holds a voxel and, if there is room, those beside it along y and z. With several volumes a brick begins with a
+header, as in OpenGL's slots (`multi_volume_bricks.py`), but takes no memory for volumes that it does not meet. Bricks
+lie in few large arrays, which the system backs by large pages where it can, so that numbers of 32 bits mostly address
+all words.
 """
 
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Callable, Collection, Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
-from clusterviz.render.storage import STORED_TYPE, Slot
+from clusterviz.render.multi_volume_bricks import Part, pack_parts, parts_of
+from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored
 
 LEAST_CHUNK = 1 << 24  # bytes of an array; nobody has them before they are written
@@ -73,10 +77,16 @@ class Taken:
 
 
 class Slots:
-    """Slots of any sizes that are taken and given back one by one; an array goes when all of its slots are free."""
+    """Slots of any sizes that are taken and given back one by one; an array goes when all of its slots are free.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    around : words before the first slot and behind the last that may be read
+    """
+
+    def __init__(self, around: int = 0) -> None:
         self._chunks: list[_Chunk] = []
+        self._around = around
 
     @property
     def bytes(self) -> int:
@@ -108,28 +118,26 @@ class Slots:
     def _add(self, words: int) -> None:
         """Another array, for so many words at least."""
         words = max(words, LEAST_CHUNK // 4)
-        self._chunks.append(_Chunk(np.empty(words, np.uint32), [(0, words)]))
+        space = np.empty(words + 2 * self._around, np.uint32)
+        self._chunks.append(_Chunk(space[self._around : self._around + words], [(0, words)]))
 
 
 Index = tuple[int, int, int]
 T = TypeVar("T")
-VOXEL_BYTES = 4
-NARROW = 1 << 32  # voxels whose numbers have 32 bits
-Numbers = NDArray[np.uint32] | NDArray[np.int64]
+NARROW = 1 << 31  # words that numbers of 32 bits address
 BESIDE = {"u8": ((0, 0), (0, 1), (1, 0), (1, 1)), "u16": ((0, 0), (0, 1)), "f32": ((0, 0),)}
-"""By stored type: the voxels that lie beside each one, (z, y) further on."""
+"""By stored type: the voxels (z, y) beside each one that share its word."""
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """A brick.
+    """Brick in memory.
 
     Attributes
     ----------
-    slot : one word a voxel, and one behind them that loads may touch
-    low, high : smallest and largest finite sample of its groups of cells
-    voxels : samples that it was made of
-    bend : of its groups, see `stored_brick.py`; None where the step is fixed
+    slot : memory of its voxels
+    low, high, voxels, bend : as in `Stored`
+    firsts : with several volumes, first cell (x, y, z) of each one that has voxels here, by its number
     """
 
     slot: Taken
@@ -137,6 +145,28 @@ class Kept:
     high: NDArray[Any]
     voxels: int
     bend: NDArray[np.float32] | None = None
+    firsts: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class BrickTable:
+    """Addresses of the bricks of a box, or of their units if bricks have several sizes (`BrickLayout.units`).
+
+    Attributes
+    ----------
+    voxels : words of the brick with the lowest address
+    offsets : int32 (z, y, x), words from there, or rows of `bases`; -1 for bricks that are not drawn
+    bases : uint64 (n,), addresses of each brick, and of its volumes if there are several; None if 32 bits suffice
+    pitches : int32 (z, y, x, 4), words in a row, in a slice, and before the unit in its brick; None if bricks have one
+        size
+    bytes : of the voxels
+    """
+
+    voxels: NDArray[np.uint32]
+    offsets: NDArray[np.int32]
+    bases: NDArray[np.uint64] | None
+    pitches: NDArray[np.int32] | None
+    bytes: int
 
 
 class Memory:
@@ -144,17 +174,18 @@ class Memory:
 
     Parameters
     ----------
-    slot : what a brick takes
+    slot : layout of a brick; with several volumes its parts are those of the volumes
     """
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
-        self._slots = Slots()
+        # A cubic spline reads three voxels beyond, along every axis.
+        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in slot.parts or (slot,)))
         self._kept: dict[Index, Kept] = {}
 
     @property
     def bricks(self) -> set[Index]:
-        """Those that are here."""
+        """Indices of the bricks."""
         return set(self._kept)
 
     @property
@@ -164,111 +195,99 @@ class Memory:
 
     @property
     def voxels(self) -> int:
-        """Samples of which the bricks were made."""
+        """Number of samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
-    def make_room(self, bricks: Collection[Index]) -> None:
-        """Let further bricks lie side by side, if they come."""
-        self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
-
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
-        """Keep bricks beside those that are here; each is taken out, so that none is held twice for long."""
-        self.make_room(bricks.keys())
+        """Add bricks; each is removed from the mapping, so that none is held twice for long."""
+        self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
         for index in list(bricks):
             brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
-            slot = self._slots.take(words_of(own))
-            lay_out(brick.samples, own, slot.words)
-            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend)
+            parts = parts_of(brick.samples, own) if own.parts else []
+            firsts = {number: part.first_xyz for number, part in enumerate(parts) if part is not None}
+            slot = self._slots.take(words_of(own, firsts))
+            if own.parts:
+                _lay_out_parts(parts, own, slot.words)
+            else:
+                lay_out(brick.samples, own, slot.words)
+            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, firsts)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
-        """Bricks that are here, as every caster can take them; copies, since slots are taken by others later."""
-        kind = STORED_TYPE[self._slot.kind]
+        """Yield bricks as every ray caster can store them; copies, since slots are used again."""
         for index in bricks:
-            kept = self._kept[index]
-            samples = kept.slot.words[:-1].view(kind).reshape(*self._slot.at(index).samples_zyx, -1)[..., 0]
-            yield index, Stored(samples.copy(), kept.low, kept.high, kept.voxels, kept.bend)
+            kept, own = self._kept[index], self._slot.at(index)
+            if own.parts:
+                begins = _begins(own, kept.firsts)
+                read = {n: _samples(kept.slot.words[begin:], own.parts[n]) for n, begin in begins.items()}
+                parts = [Part(read[n], kept.firsts[n]) if n in read else None for n in range(len(own.parts))]
+                samples = pack_parts(parts, own)
+            else:
+                samples = _samples(kept.slot.words, own).copy()
+            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend)
 
     def drop(self, bricks: Iterable[Index]) -> None:
-        """Give up bricks."""
+        """Drop bricks."""
         for index in bricks:
             if kept := self._kept.pop(index, None):
                 self._slots.give_back(kept.slot)
 
-    def numbered(self, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[np.uint32], Numbers]:
-        """Voxels, and by which of them bricks begin, of the box's shape: 0 for those that are not asked for.
-
-        Where bricks are of several sizes, it is told of each of their units (`BrickLayout.units`).
+    def table(self, box: BrickBox, bricks: NDArray[np.int64]) -> BrickTable:
+        """Return the addresses of the bricks of a box.
 
         Parameters
         ----------
         bricks : int64 (m, 3), indices (z, y, x) in the box; one at least
 
-        Returns
-        -------
-        voxels : of one of them; those of the others lie behind, and all are numbered from here
-        numbers : uint32; int64 where 32 bits are too few
-
         Raises
         ------
         KeyError
-            One of them is not here.
+            One of them is not in memory.
         """
-        slots = [self._kept[z, y, x].slot.words for z, y, x in bricks.tolist()]
-        starts = np.array([words.__array_interface__["data"][0] for words in slots]) // VOXEL_BYTES
+        layout, kept = self._slot.layout, [self._kept[z, y, x] for z, y, x in bricks.tolist()]
+        starts = np.array([_address(one.slot.words) for one in kept], np.int64)
         first = int(starts.argmin())
-        starts -= starts[first]
-        end = max(start + words.size for start, words in zip(starts.tolist(), slots, strict=True))
-        kind, layout = np.uint32 if end <= NARROW else np.int64, self._slot.layout
+        numbers, bases = (starts - starts[first]) // 4, None
+        if numbers.max() + max(one.slot.words.size for one in kept) > NARROW:
+            bases = np.array([base for one in kept for base in self._bases(one)], np.uint64)
+            numbers = np.arange(len(kept)) * (1 + len(self._slot.parts))
+        size = sum(one.slot.words.nbytes for one in kept)
         low, high = layout.unit_box(box.begin_zyx, box.end_zyx) if layout else (box.begin_zyx, box.end_zyx)
-        numbers = np.zeros(tuple(np.subtract(high, low).tolist()), kind)
+        offsets = np.full(np.subtract(high, low), -1, np.int32)
         if layout is None:
-            numbers[tuple((bricks - box.begin_zyx).T)] = starts
-            return slots[first], numbers
-        for units, start, (row, layer) in zip(self._units(low, bricks), starts, self._pitches(bricks), strict=True):
-            z, y, x = (layout.brick * np.arange(along.stop - along.start) for along in units)
-            numbers[units] = start + (layer * z[:, None, None] + row * y[:, None] + x)
-        return slots[first], numbers
+            offsets[tuple((bricks - box.begin_zyx).T)] = numbers
+            return BrickTable(kept[first].slot.words, offsets, bases, None, size)
+        pitches = np.zeros((*offsets.shape, 4), np.int32)
+        for (z, y, x), number in zip(bricks.tolist(), numbers.tolist(), strict=True):
+            begin, end = layout.unit_box((z, y, x), (z + 1, y + 1, x + 1))
+            units = tuple(slice(a - c, b - c) for a, b, c in zip(begin, end, low, strict=True))
+            row, slice_ = pitch_of(self._slot.at((z, y, x)))
+            at = layout.brick * np.indices([b - a for a, b in zip(begin, end, strict=True)])
+            offsets[units], pitches[units][..., :2] = number, (row, slice_)
+            pitches[units][..., 2] = slice_ * at[0] + row * at[1] + at[2]
+        return BrickTable(kept[first].slot.words, offsets, bases, pitches, size)
 
-    def pitches(self, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Voxels from row to row, and from layer to layer, of the units of bricks of several sizes.
+    def _bases(self, kept: Kept) -> list[int]:
+        """Return the address of a brick and, with several volumes, those of its parts; 0 for those that it has not."""
+        base, begins = _address(kept.slot.words), _begins(self._slot, kept.firsts)
+        return [base, *(base + 4 * begins[n] if n in begins else 0 for n in range(len(self._slot.parts)))]
+
+    def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
+        """Return the lowest and highest samples of the groups of the units of bricks.
 
         Returns
         -------
-        pitches : int32 (*units of the box, 2); 0 for those that are not asked for
+        low, high : (m, *slot.unit.groups_zyx); with several volumes (m, volumes, *slot.groups_zyx)
         """
-        assert self._slot.layout, "bricks of one size have one pitch"
-        low, high = self._slot.layout.unit_box(box.begin_zyx, box.end_zyx)
-        found = np.zeros((*np.subtract(high, low), 2), np.int32)
-        for units, pitch in zip(self._units(low, bricks), self._pitches(bricks), strict=True):
-            found[units] = pitch
-        return found
-
-    def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
-        """Lowest and highest samples of the groups of the units of bricks, (m, *slot.unit.groups_zyx) each."""
         kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
         return self._by_units([one.low for one in kept]), self._by_units([one.high for one in kept])
 
     def bends(self, bricks: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Curvature of the field in groups of units of bricks, (m, 2, *slot.unit.groups_zyx)."""
+        """Return the curvature of the field in groups of units of bricks, (m, 2, *slot.unit.groups_zyx)."""
         found = [self._kept[z, y, x].bend for z, y, x in bricks.tolist()]
         return self._by_units([bend for bend in found if bend is not None])
 
-    def _units(self, low: Index, bricks: NDArray[np.int64]) -> Iterator[tuple[slice, slice, slice]]:
-        """The units of each brick, counted from one."""
-        assert self._slot.layout, "bricks of one size are units themselves"
-        for z, y, x in bricks.tolist():
-            box = self._slot.layout.unit_box((z, y, x), (z + 1, y + 1, x + 1))
-            a, b, c = (slice(begin - first, end - first) for begin, end, first in zip(*box, low, strict=True))
-            yield a, b, c
-
-    def _pitches(self, bricks: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-        """Voxels from row to row, and from layer to layer, of each brick."""
-        for z, y, x in bricks.tolist():
-            _, rows, row = self._slot.at((z, y, x)).samples_zyx
-            yield row, row * rows
-
     def _by_units(self, groups: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        """What is known of the groups of bricks, (..., *groups) each, unit by unit."""
+        """Return what is known of the groups of bricks, (..., *groups) each, unit by unit."""
         if self._slot.layout is None:
             return np.stack(groups)
         sides, found = self._slot.unit.groups_zyx, []
@@ -282,18 +301,61 @@ class Memory:
         return np.concatenate(found)
 
 
-def words_of(slot: Slot) -> int:
-    """32-bit words that a brick takes: one a voxel, and one behind them that loads may touch."""
+def words_of(slot: Slot, volumes: Container[int] | None = None) -> int:
+    """Return the words of a brick: one a voxel, and one behind them that loads may touch.
+
+    Parameters
+    ----------
+    volumes : with several volumes, the numbers of those that have voxels in the brick; by default all
+    """
+    if slot.parts:
+        here = [part for number, part in enumerate(slot.parts) if volumes is None or number in volumes]
+        return HEADER_WORDS * len(slot.parts) + sum(words_of(part) for part in here)
     return int(np.prod(slot.samples_zyx)) + 1
 
 
+def pitch_of(slot: Slot) -> tuple[int, int]:
+    """Return the words in a row and in a slice of a brick."""
+    _, y, x = slot.samples_zyx
+    return x, x * y
+
+
 def lay_out(stored: NDArray[Any], slot: Slot, words: NDArray[np.uint32]) -> None:
-    """Write one brick's words; the last samples of a smaller one are repeated."""
-    beside = BESIDE[slot.kind]
+    """Write a brick's words; the last samples of one that is smaller than its slot are repeated."""
+    beside, count = BESIDE[slot.kind], int(np.prod(slot.samples_zyx))
     missing = [(0, n + 1 - have) for n, have in zip(slot.samples_zyx, stored.shape, strict=True)]
     padded = np.pad(stored, missing, mode="edge")
     z, y, x = slot.samples_zyx
-    words[-1] = 0
-    parts = words[:-1].view(stored.dtype).reshape(z, y, x, len(beside))
+    words[count:] = 0
+    parts = words[:count].view(stored.dtype).reshape(z, y, x, len(beside))
     for part, (up, down) in enumerate(beside):
         parts[..., part] = padded[up : up + z, down : down + y, :x]
+
+
+def _lay_out_parts(parts: Sequence[Part | None], slot: Slot, words: NDArray[np.uint32]) -> None:
+    """Write a brick of several volumes: its header, and the voxels of those volumes that it meets."""
+    firsts = {number: part.first_xyz for number, part in enumerate(parts) if part is not None}
+    header = words[: HEADER_WORDS * len(parts)].view(np.int32).reshape(-1, HEADER_WORDS)
+    header[:] = -1, 0, 0, 0
+    for number, begin in _begins(slot, firsts).items():
+        part = parts[number]
+        assert part is not None
+        header[number] = begin, *part.first_xyz
+        lay_out(part.samples, slot.parts[number], words[begin : begin + words_of(slot.parts[number])])
+
+
+def _begins(slot: Slot, volumes: Iterable[int]) -> dict[int, int]:
+    """Return the first words of the parts of a brick that has voxels of some volumes."""
+    ends = accumulate((words_of(slot.parts[n]) for n in volumes), initial=HEADER_WORDS * len(slot.parts))
+    return dict(zip(volumes, ends, strict=False))
+
+
+def _samples(words: NDArray[np.uint32], slot: Slot) -> NDArray[Any]:
+    count, kind = int(np.prod(slot.samples_zyx)), STORED_TYPE[slot.kind]
+    samples: NDArray[Any] = words[:count].view(kind).reshape(*slot.samples_zyx, -1)[..., 0]
+    return samples
+
+
+def _address(words: NDArray[np.uint32]) -> int:
+    address: int = words.__array_interface__["data"][0]
+    return address

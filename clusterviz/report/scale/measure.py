@@ -24,7 +24,7 @@ from clusterviz.frame.work import DrawnFrame
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.image.partial import EMPTY
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import on_cpu
+from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.values import Scene
@@ -144,7 +144,7 @@ def measure(
             write(picture, drawn.work.scene)
     finish_seconds = perf_counter() - began
     with abort_on_failure(channel, count, "send costs"):
-        mine = (cpu_seconds, _resources(channel, drawn, drawn.work.plan), counted, _covered_rect(drawn))
+        mine = (cpu_seconds, _resources(channel, drawn), counted, _covered_rect(drawn))
         gathered = channel.allgather(mine)
     timed = [
         [_with_cpu(rank, of_rank[0][number]) for rank, of_rank in zip(one.statistics.per_rank, gathered, strict=True)]
@@ -170,10 +170,10 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
     return replace(rank, seconds=rank.seconds | {"cpu": seconds})
 
 
-def _resources(channel: Channel, drawn: DrawnFrame, plan: Plan) -> RankResources:
+def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
     """Return the node, cores and GPU of this rank."""
     place, gpu = channel.placement(), None
-    if drawn.counts.bricks and not on_cpu(plan):
+    if drawn.counts.bricks and not prefers_cpu():
         devices = egl_devices()
         chosen = choose_device(devices, place.local_rank)
         gpu = None if devices[chosen].software else chosen

@@ -11,7 +11,7 @@ from render.scenes import camera_at, draw, noise, prepare, scene_of, whole
 from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
-from clusterviz.render.cpu.transfer.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of
+from clusterviz.render.cpu.pieces import COLOUR, DEGREE, MOST, OPACITY, PER_LENGTH, START, pieces_of
 
 SHAPE = (12, 13, 14)
 VOXELS = noise(SHAPE)

@@ -12,11 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.kernels.code import Code
-from clusterviz.kernels.lanes import F32, I32, Value
 from clusterviz.plan.segments import CHORD_ERROR, CHORD_FLOOR, FAR, halved, outline
-from clusterviz.render.cpu.job import Job
-from clusterviz.render.cpu.transfer.classify import BELOW_ONE, Class, Classifier, slab_opacity
 from clusterviz.scene.transfer import OPAQUE, TransferFunction
 
 MOST = 16  # floats in a register of AVX-512
@@ -110,41 +106,3 @@ def _held(records: NDArray[np.void], lengths: Floats, coefficients: Floats, fitt
     table[CHANGE:, :count] = (records["colour_slope"] * lengths[:, None]).T
     capacity = next(capacity for capacity in CAPACITIES if count <= capacity)
     return Pieces(np.clip(table, -FAR, FAR).astype(np.float32), capacity, fitted)
-
-
-class PieceClassifier(Classifier):
-    """The transfer function in registers; shares of slabs are looked up as ever.
-
-    Parameters
-    ----------
-    capacity, fitted : as of the draw's `Pieces`
-    """
-
-    def __init__(self, code: Code, job: Job, capacity: int, fitted: bool) -> None:
-        super().__init__(code, job)
-        self._capacity, self._fitted = capacity, fitted
-        self._rows = [code.load(F32, job["pieces"] + 4 * MOST * row, MOST) for row in range(ROWS)]
-
-    def of_slab(self, s: Value) -> Class:
-        """Of whole slabs."""
-        code = self._code
-        piece, stride = code.same(I32, 0), self._capacity
-        while stride := stride >> 1:
-            later = piece + stride
-            piece = code.select(s >= self._row(START, later), later, piece)
-        x = (s - self._row(START, piece)) * self._row(PER_LENGTH, piece)
-        r, g, b = (code.fma(self._row(CHANGE + k, piece), x, self._row(COLOUR + k, piece)) for k in range(3))
-        return Class(self._opacity(x, piece), (r, g, b))
-
-    def _opacity(self, x: Value, piece: Value) -> Value:
-        code = self._code
-        if not self._fitted:
-            unit = code.fma(self._row(OPACITY + 1, piece), x, self._row(OPACITY, piece))
-            return slab_opacity(code, code.within(unit, 0.0, BELOW_ONE), self._units)
-        opacity = self._row(COLOUR - 1, piece)
-        for row in range(COLOUR - 2, OPACITY - 1, -1):
-            opacity = code.fma(opacity, x, self._row(row, piece))
-        return code.within(opacity, 0.0, 1.0)
-
-    def _row(self, row: int, piece: Value) -> Value:
-        return self._code.permuted(self._rows[row], piece)

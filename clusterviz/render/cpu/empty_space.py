@@ -13,15 +13,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.render.cpu.marching.sample_positions import WHOLE_BRICK
 from clusterviz.render.storage import GROUP
 
 FARTHEST = 16  # groups
+WHOLE_BRICK = -1
 Index = tuple[int, int, int]
 
 
 def skips_of(visible: NDArray[np.bool_], places: NDArray[np.intp], shape_zyx: Index, brick: int) -> NDArray[np.int32]:
-    """What a kernel needs to know of each group.
+    """Return how far rays may skip from each group of cells.
 
     Parameters
     ----------

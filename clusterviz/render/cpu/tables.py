@@ -1,0 +1,95 @@
+"""Uniform blocks and storage buffers of a draw on a CPU, by their bindings in the shaders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.partial import Rect
+from clusterviz.partition import BrickBox
+from clusterviz.plan.plan import Plan
+from clusterviz.render.cpu.memory import BrickTable
+from clusterviz.render.cpu.pieces import Pieces
+from clusterviz.render.frame_block import ONLY, WIDEST_BATCH, frame_block, slabs_in_batch, voxels_a_slab
+from clusterviz.render.sizes import SIZES_BINDING, sizes_block
+from clusterviz.render.storage import Slot
+from clusterviz.render.volume_layers import (
+    OWN_BINDING,
+    TABLES_BINDING,
+    VOLUMES_BINDING,
+    joined_segments,
+    multi_volume_tables,
+    rows_of,
+    volumes_block,
+)
+from clusterviz.spmd.machine_code import texture_block
+
+LONGEST_BATCH = 32  # slabs
+EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
+Blocks = dict[int, NDArray[Any]]
+
+
+def uniform_blocks(plan: Plan, slot: Slot, voxel_bytes: int) -> Blocks:
+    """Return the uniform blocks that all frames of the same bricks share.
+
+    Parameters
+    ----------
+    voxel_bytes : of the bricks
+    """
+    found: Blocks = {SIZES_BINDING: sizes_block(plan, slot, voxel_bytes)}
+    if len(plan.clip):
+        found[3] = np.ascontiguousarray(plan.clip)
+    if plan.multi_volume is not None:
+        rows = [rows for layer in plan.multi_volume.volume_layers for rows in rows_of(layer.blend_mode)]
+        return found | {VOLUMES_BINDING: volumes_block(plan.multi_volume)} | dict(enumerate(rows, OWN_BINDING))
+    shading, grading, surfaces = plan.blend_mode.shading, plan.blend_mode.grading, plan.blend_mode.surfaces
+    found |= {2: shading.block()} if shading else {}
+    found |= {4: plan.blend_mode.surface_block()} if surfaces else {}
+    return found | ({5: grading.block()} if grading else {})
+
+
+def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: Pieces | None) -> Blocks:
+    """Return the storage buffers that all windows of the same bricks share.
+
+    Parameters
+    ----------
+    groups : how far rays may skip, or the bits of groups of cells, as the shader reads them
+    pieces : the transfer function's, if registers hold it
+    """
+    segments = plan.segments.buckets, plan.segments.records, plan.segments.sums
+    buckets, records, sums = joined_segments(plan.multi_volume) if plan.multi_volume else segments
+    found = {3: table.offsets, 4: buckets, 5: records, 6: groups, 7: table.voxels}
+    found |= {} if sums is None else {0: sums}
+    found |= {} if table.pitches is None else {8: table.pitches}
+    found |= {} if pieces is None else {9: pieces.table}
+    found |= {} if table.bases is None else {10: table.bases}
+    return {binding: np.ascontiguousarray(buffer) for binding, buffer in found.items()}
+
+
+def textures(plan: Plan) -> Blocks:
+    """Return the 2-D transfer functions."""
+    grading, tables = plan.blend_mode.grading, multi_volume_tables(plan.multi_volume) if plan.multi_volume else []
+    if not plan.multi_volume and grading and grading.table is not None:
+        tables = [(TABLES_BINDING, grading.table)]
+    return {binding: texture_block(table.astype(np.float32)) for binding, table in tables}
+
+
+def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:
+    """Return the record of the block `frame`; its batches suit the whole numbers of float32."""
+    frame = frame_block(plan, box, rect, slot)
+    frame["first_box"], frame["first_dispatch"] = ONLY, 1
+    voxels = [(slot, voxels_a_slab(plan))]
+    if plan.multi_volume is not None:
+        layers = zip(slot.parts, plan.multi_volume.volume_layers, strict=True)
+        voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
+    most = slabs_in_batch(min(_widest_batch(part) / a_slab for part, a_slab in voxels), LONGEST_BATCH)
+    frame["cells"][0, 3] = min(most, int(frame["cells"][0, 3]))
+    return frame
+
+
+def _widest_batch(slot: Slot) -> float:
+    """Return the voxels of a batch, at most, so that the number of a word is exact in float32."""
+    _, y, x = slot.samples_zyx
+    return float(min(EXACT / (x * y + x + 1) - 2, WIDEST_BATCH))

@@ -1,0 +1,67 @@
+"""Sizes and numbers that shaders on CPUs read from a block, so that one program serves them all.
+
+On GPUs they are constants (`variant.py`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.plan.blend_mode import BlendMode
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.segments import Segments
+from clusterviz.render.frame_block import voxels_a_slab
+from clusterviz.render.storage import Slot
+
+SIZES_BINDING = 9
+OCCLUSION_ROWS = 4
+"""Rows of ambient occlusion, without those of clipping planes."""
+SIZES = np.dtype(
+    [
+        ("cells", "i4", 4),  # of a stored brick, x, y, z; the brick's side
+        ("groups", "i4", 4),  # of cells in a brick, x, y, z; words of a brick's groups
+        ("words", "i4", 4),  # in a row, in a slice; of the visibility of a brick's groups; 1: samples are far apart
+        ("counts", "i4", 4),  # lights, planes that cut what is lit, clipping planes, surfaces
+        ("transfer", "i4", 4),  # further starts of segments, pieces of gradient opacity, planes that cut occlusion
+        ("unused", "i4", 4),
+    ]
+)
+COUNTS = {
+    "LIGHTS": "counts.x",
+    "CAPS": "counts.y",
+    "SURFACES": "counts.w",
+    "FURTHER_STARTS": "transfer.x",
+    "FADING_PIECES": "transfer.y",
+    "OCCLUSION_PLANES": "transfer.z",
+}
+"""Numbers of a volume by their names in shaders."""
+CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, above which voxels are fetched ahead
+
+
+def sizes_block(plan: Plan, slot: Slot, voxel_bytes: int) -> NDArray[np.void]:
+    """Return the block of a draw, `SIZES` (1 + volumes,): the first record is that of the domain, or of one volume.
+
+    Parameters
+    ----------
+    voxel_bytes : of the bricks that are drawn
+    """
+    layers = plan.multi_volume.volume_layers if plan.multi_volume else ()
+    block, unit = np.zeros(1 + len(layers), SIZES), slot.unit
+    _tell_volume(block[:1], unit, plan.segments, plan.blend_mode)
+    block["cells"][0, 3], block["groups"][0] = plan.layout.brick, (*unit.groups_zyx[::-1], slot.unit.group_words)
+    far = voxel_bytes > CACHED and voxels_a_slab(plan) > NEAR
+    block["words"][0, 2:], block["counts"][0, 2] = (unit.visibility_words, far), len(plan.clip)
+    for number, (layer, part) in enumerate(zip(layers, slot.parts, strict=True), 1):
+        _tell_volume(block[number : number + 1], part, layer.segments, layer.blend_mode)
+    return block
+
+
+def _tell_volume(record: NDArray[np.void], slot: Slot, segments: Segments, blend_mode: BlendMode) -> None:
+    shading, grading = blend_mode.shading, blend_mode.grading
+    record["cells"][0, :3], (_, y, x) = slot.cells_zyx[::-1], slot.samples_zyx
+    record["words"][0, :2] = x, x * y
+    lights, caps = (len(shading.lights), len(shading.caps)) if shading else (0, 0)
+    record["counts"][0] = lights, caps, 0, len(blend_mode.surfaces)
+    planes = max(0, len(shading.occlusion) - OCCLUSION_ROWS) if shading else 0
+    record["transfer"][0, :3] = segments.further_starts, grading.fading if grading else 0, planes

@@ -1,0 +1,2 @@
+// All bricks have one size.
+void take_pitch(int brick) {}
