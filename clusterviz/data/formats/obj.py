@@ -10,6 +10,7 @@ Wavefront Technologies: Advanced Visualizer Manual, appendix B1, Object Files.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate
 from clusterviz.errors import DataError
 
-ELEMENTS = {b"f": 3, b"l": 2, b"p": 1}  # and their fewest corners
+FEWEST = {b"f": 3, b"l": 2, b"p": 1}  # corners of an element
 
 
 def read_obj(path: Path) -> Geometry:
@@ -35,22 +36,13 @@ def read_obj(path: Path) -> Geometry:
     with readable(path):
         content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     rows: list[list[bytes]] = []
-    found: dict[bytes, list[list[int]]] = {key: [] for key in ELEMENTS}
+    found = {key: _Elements() for key in FEWEST}
     for line in content.splitlines():
         words = line.split()
-        if not words or words[0] not in (b"v", *ELEMENTS):
-            continue
-        if words[0] == b"v":
+        if words and words[0] == b"v":
             rows.append(words[1:])
-            continue
-        indices = [int(word.partition(b"/")[0]) for word in words[1:]]
-        if len(indices) < ELEMENTS[words[0]] or 0 in indices:
-            allowed = f"at least {ELEMENTS[words[0]]} indices from 1, or from −1 backwards"
-            raise DataError(
-                "truncated or damaged", where=where, found=repr(line.decode("utf-8", "replace")), allowed=allowed
-            )
-        # A negative index counts back from the last vertex so far; −1 is out of range if it counts too far.
-        found[words[0]].append([n - 1 if n > 0 else max(len(rows) + n, -1) for n in indices])
+        elif words and words[0] in found:
+            found[words[0]].add(words[1:], len(rows))
     if not rows:
         raise DataError("no vertices", where=where, allowed="lines that begin with v")
     if {len(row) for row in rows} - {3, 4, 6, 7}:
@@ -58,9 +50,9 @@ def read_obj(path: Path) -> Geometry:
     width = min(len(row) for row in rows)
     numbers = np.array([row[:width] for row in rows], "S").astype(np.float64)
     vertices, colours = numbers[:, :3], {"RGB": numbers[:, -3:]} if width > 4 else {}
-    (polygons, corners), (lines, along), (_, dots) = (_joined(found[key]) for key in ELEMENTS)
-    for each in (corners, along, dots):
-        check_indices(each, len(rows), where)
+    (polygons, corners), (lines, along), (_, dots) = (
+        found[key].joined(fewest, len(rows), where) for key, fewest in FEWEST.items()
+    )
     if not corners.size + along.size + dots.size:
         dots = np.arange(len(rows))
     mesh = Mesh(where, vertices, triangulate(polygons, corners)[0], colours) if corners.size else None
@@ -69,7 +61,31 @@ def read_obj(path: Path) -> Geometry:
     return Geometry(mesh, paths if along.size else None, points if dots.size else None)
 
 
-def _joined(elements: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return offsets (k + 1,) and indices of elements."""
-    offsets = np.concatenate([[0], np.cumsum([len(one) for one in elements])]).astype(np.int64)
-    return offsets, np.fromiter((index for one in elements for index in one), np.int64, int(offsets[-1]))
+class _Elements:
+    """Elements of one kind: the words of all corners, and of each element their number and that of vertices so far."""
+
+    def __init__(self) -> None:
+        self.words: list[bytes] = []
+        self.lengths: list[int] = []
+        self.seen: list[int] = []
+
+    def add(self, corners: list[bytes], vertices: int) -> None:
+        self.words += corners
+        self.lengths.append(len(corners))
+        self.seen.append(vertices)
+
+    def joined(self, fewest: int, count: int, where: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return offsets (k + 1,) and indices of vertices, checked against their `count`."""
+        offsets = np.concatenate([[0], np.cumsum(self.lengths)]).astype(np.int64)
+        text = b" ".join(self.words)
+        if b"/" in text:  # texture coordinates and normals
+            text = re.sub(rb"/\S*", b"", text)
+        stated = np.array(text.split(), "S").astype(np.int64)
+        if len(stated) != len(self.words) or min(self.lengths, default=fewest) < fewest or not stated.all():
+            allowed = f"at least {fewest} indices from 1, or from −1 backwards"
+            raise DataError("truncated or damaged: an element lacks indices", where=where, allowed=allowed)
+        if (stated < 0).any():  # counted back from the last vertex so far; −1 is out of range if it counts too far
+            seen = np.repeat(self.seen, self.lengths)
+            stated = np.where(stated < 0, np.maximum(seen + stated, -1) + 1, stated)
+        check_indices(stated - 1, count, where)
+        return offsets, stated - 1

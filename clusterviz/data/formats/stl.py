@@ -21,7 +21,9 @@ from clusterviz.errors import DataError
 
 HEADER = 84  # bytes, the last four of which are the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE | re.IGNORECASE)
+FLAGS = re.MULTILINE | re.IGNORECASE
+VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$", FLAGS)
+END = re.compile(rb"^[ \t]*end(facet|solid)\b", FLAGS)
 
 
 def read_stl(path: Path) -> Geometry:
@@ -53,14 +55,10 @@ def read_stl(path: Path) -> Geometry:
 
 def _ascii(content: bytes, where: str) -> np.ndarray:
     """Return the corners, float32 (3m, 3)."""
-    counts = [
-        len(re.findall(rb"^\s*" + word + rb"\b", content, re.MULTILINE | re.IGNORECASE))
-        for word in (b"facet", b"endfacet", b"vertex", b"endsolid")
-    ]
-    words = VERTEX.findall(content)
-    facets, ended, vertices, solids = counts
-    if not (facets == ended and vertices == len(words) == 3 * facets and solids):
-        found = f"{facets} facet, {ended} endfacet, {vertices} vertex, {solids} endsolid"
+    words, ends = VERTEX.findall(content), [word.lower() for word in END.findall(content)]
+    facets, is_ended = ends.count(b"facet"), ends[-1:] == [b"solid"]
+    if len(words) != 3 * facets or not is_ended:
+        found = f"{facets} endfacet, {len(words)} vertices, {'an' if is_ended else 'no'} endsolid at the end"
         raise DataError("truncated or damaged", where=where, found=found, allowed="three vertices in each facet")
     try:
         return np.array(words, "S").astype(np.float64).astype(np.float32).reshape(-1, 3)
