@@ -78,6 +78,11 @@ COMMANDS: dict[str, Command] = {
         "Count and predict compositing on up to 65,536 ranks, without MPI.",
         "clusterviz simulate --ranks 4096 --size 4096x4096 --algorithm radix-k",
     ),
+    "debug": Command(
+        "clusterviz.cli.debug",
+        "Look at the variables of the shader that draws a scene, for all pixels at once.",
+        "clusterviz debug scene.yaml --break march.glsl:146 --watch k,sum.high --pixel 320,200",
+    ),
     "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command(
         "clusterviz.cli.schema", "Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"

@@ -86,8 +86,8 @@ def run_job(
     raise InputError(message) if done.returncode == InputError.exit_status else ClustervizError(message)
 
 
-def refuse_launcher(command: str) -> None:
-    """Refuse to run a command under mpirun that starts mpirun itself.
+def refuse_launcher(command: str, why: str = "starts mpirun by itself") -> None:
+    """Refuse to run a command under mpirun that starts mpirun itself, or is one process for another reason.
 
     Raises
     ------
@@ -95,4 +95,4 @@ def refuse_launcher(command: str) -> None:
         This process was started by a launcher.
     """
     if launched():
-        raise InputError(f"`clusterviz {command}` starts mpirun by itself: run it without")
+        raise InputError(f"`clusterviz {command}` {why}: run it without")

@@ -121,7 +121,7 @@ class Checker:
                 if found.constant is not None:
                     return Constant(found.type, token.at, found.constant)
                 return Name(found.type, token.at, found)
-        known = ", ".join(name for scope in self.scopes for name in scope) if self.only_reads else None
+        known = ", ".join(name for scope in self.scopes for name in reversed(scope)) if self.only_reads else None
         raise self.error(f"{token.text} is not declared", token.at, None, known)
 
     def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:

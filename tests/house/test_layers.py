@@ -30,7 +30,7 @@ LEVELS = (
     ("auto",),
     ("frame",),
     ("report.output",),
-    ("report.scale", "report.tradeoff", "viewer"),
+    ("report.scale", "report.tradeoff", "viewer", "debugger"),
     ("cli",),
     ("__main__",),
 )
