@@ -6,7 +6,7 @@ int words_to(ivec3 voxel) {
 
 // Word of a voxel in its brick.
 int word_of(ivec3 place) {
-    return FIRST_WORD + words_to(place + MARGIN);
+    return FIRST_WORD + words_to(place);
 }
 
 // Word of a cell `away` from another one: whole numbers below 2^24, so that float32 is exact.

@@ -24,7 +24,7 @@ SIZES = np.dtype(
         ("words", "i4", 4),  # in a row, in a slice; of the visibility of a brick's groups; 1: samples are far apart
         ("counts", "i4", 4),  # lights, planes that cut what is lit, clipping planes, surfaces
         ("transfer", "i4", 4),  # further starts of segments, pieces of gradient opacity, planes that cut occlusion
-        ("unused", "i4", 4),
+        ("first", "i4", 4),  # word of a brick's first cell, samples before it along every axis
     ]
 )
 COUNTS = {
@@ -61,6 +61,7 @@ def _tell_volume(record: NDArray[np.void], slot: Slot, segments: Segments, blend
     shading, grading = blend_mode.shading, blend_mode.grading
     record["cells"][0, :3], (_, y, x) = slot.cells_zyx[::-1], slot.samples_zyx
     record["words"][0, :2] = x, x * y
+    record["first"][0, :2] = slot.margin * (1 + x + x * y), slot.margin
     lights, caps = (len(shading.lights), len(shading.caps)) if shading else (0, 0)
     record["counts"][0] = lights, caps, 0, len(blend_mode.surfaces)
     planes = max(0, len(shading.occlusion) - OCCLUSION_ROWS) if shading else 0

@@ -262,8 +262,7 @@ class Variant:
         """GLSL declarations of the program's constants."""
         lines = [
             *(self._sizes_on_cpu if self.cpu else self._sizes),
-            f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
-            f"const int REACH = {self.slot.reach}; // cells beyond them in which the field is sampled",
+            f"const int REACH = {self.slot.reach}; // cells beyond a stored brick's in which the field is sampled",
             f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
             f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
@@ -271,7 +270,7 @@ class Variant:
             f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
             f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
         ]
-        if self.slot.margin or self.preintegrated or self.surfaces:
+        if self.cpu or self.slot.margin or self.preintegrated or self.surfaces:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
@@ -310,7 +309,9 @@ class Variant:
     def _sizes(self) -> list[str]:
         """Constants for sizes and numbers, on GPUs."""
         lines = [
-            *self._brick_sizes(self.slot.row_words, self.slot.slice_words),
+            *self._brick_sizes,
+            f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
+            f"const int ROW_WORDS = {self.slot.row_words}, SLICE_WORDS = {self.slot.slice_words};",
             f"const int FURTHER_STARTS = {self.further_starts};",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
@@ -325,7 +326,8 @@ class Variant:
             lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
         return lines
 
-    def _brick_sizes(self, row: int, slice_: int) -> list[str]:
+    @property
+    def _brick_sizes(self) -> list[str]:
         """Constants for the sizes of bricks."""
         z, y, x = self.slot.cells_zyx
         gz, gy, gx = self.slot.groups_zyx
@@ -334,7 +336,6 @@ class Variant:
             f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
             f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
-            f"const int ROW_WORDS = {row}, SLICE_WORDS = {slice_};",
             f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
             f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
             f"const int GROUP_WORDS = {self.slot.group_words}; // of all that is known of a brick's groups",
@@ -348,11 +349,12 @@ class Variant:
             glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
             "bool FAR_APART = sizes[0].words.w != 0; // samples, so that caches hold few of them",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
-            f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS}, FIRST_WORD = 0;",
+            f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
+            "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
+            "int ROW_WORDS = sizes[0].words.x, SLICE_WORDS = sizes[0].words.y;",
         ]
         if self.brick:
-            _, y, x = self.slot.samples_zyx
-            lines += self._brick_sizes(x, x * y)
+            lines += self._brick_sizes
         else:
             lines += [
                 "int BRICK = sizes[0].cells.w;",
@@ -360,7 +362,6 @@ class Variant:
                 "double BRICKS_PER_CELL = 1.0LF / double(BRICK);",
                 "ivec3 SLOT_CELLS = sizes[0].cells.xyz, GROUPS = sizes[0].groups.xyz;",
                 "int VISIBILITY_WORDS = sizes[0].words.z, GROUP_WORDS = sizes[0].groups.w;",
-                "int ROW_WORDS = sizes[0].words.x, SLICE_WORDS = sizes[0].words.y;",
             ]
         return lines if self.volumes else [*lines, *(f"int {name} = sizes[0].{of};" for name, of in COUNTS.items())]
 
@@ -372,7 +373,7 @@ def _surfaces(plan: Plan) -> int:
 
 def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     """Return the variant of a plan on a CPU; plans that differ only in numbers have the same."""
-    given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, spread=0)
+    given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, margin=0, spread=0)
     # Constants are a little faster.
     whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
     usual = whole and not cpu.pitched and not given.volumes
@@ -409,7 +410,7 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
 
 def _without_size(slot: Slot) -> Slot:
     parts = tuple(map(_without_size, slot.parts))
-    return replace(slot, cells_zyx=(1, 1, 1), textured=False, spread=0, parts=parts, layout=None)
+    return replace(slot, cells_zyx=(1, 1, 1), textured=False, margin=0, spread=0, parts=parts, layout=None)
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:

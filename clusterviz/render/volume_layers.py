@@ -159,7 +159,7 @@ class VolumeVariant:
         number : number of the volume
         crossing : as in `Variant`
         """
-        macros, chain = self._macros(number) | (_sizes_on_cpu(number) if on_cpu else {}), _chain(number)
+        macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), _chain(number)
         begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = _undefine([*macros, *(name for name in chain if "_before" in name)])
         graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
@@ -205,15 +205,17 @@ class VolumeVariant:
             "IN_VOLUME": str(self.in_volume).lower(),
         }
 
-
-def _sizes_on_cpu(number: int) -> dict[str, str]:
-    """Return the macros of a volume's sizes and numbers, which are no constants on CPUs."""
-    own = f"sizes[{number + 1}]"
-    return {name: f"{own}.{of}" for name, of in COUNTS.items()} | {
-        "SLOT_CELLS": f"{own}.cells.xyz",
-        "ROW_WORDS": f"{own}.words.x",
-        "SLICE_WORDS": f"{own}.words.y",
-    }
+    def _sizes_on_cpu(self, number: int) -> dict[str, str]:
+        """Return the macros of a volume's sizes and numbers, which are no constants on CPUs."""
+        own = f"sizes[{number + 1}]"
+        return {name: f"{own}.{of}" for name, of in COUNTS.items()} | {
+            "SLOT_CELLS": f"{own}.cells.xyz",
+            "REACH": f"({own}.first.y - 1)" if self.occlusion else "0",
+            "MARGIN": f"{own}.first.y",
+            "FIRST_WORD": f"{own}.first.x",
+            "ROW_WORDS": f"{own}.words.x",
+            "SLICE_WORDS": f"{own}.words.y",
+        }
 
 
 def _chain(number: int) -> dict[str, str]:

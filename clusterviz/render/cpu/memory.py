@@ -157,7 +157,7 @@ class BrickTable:
     voxels : words of the brick with the lowest address
     offsets : int32 (z, y, x), words from there, or rows of `bases`; -1 for bricks that are not drawn
     bases : uint64 (n,), addresses of each brick, and of its volumes if there are several; None if 32 bits suffice
-    pitches : int32 (z, y, x, 4), words in a row, in a slice, and before the unit in its brick; None if bricks have one
+    pitches : int32 (z, y, x, 4), words in a row, in a slice, and before the unit's first cell; None if bricks have one
         size
     bytes : of the voxels
     """
@@ -263,7 +263,7 @@ class Memory:
             row, slice_ = pitch_of(self._slot.at((z, y, x)))
             at = layout.brick * np.indices([b - a for a, b in zip(begin, end, strict=True)])
             offsets[units], pitches[units][..., :2] = number, (row, slice_)
-            pitches[units][..., 2] = slice_ * at[0] + row * at[1] + at[2]
+            pitches[units][..., 2] = slice_ * at[0] + row * at[1] + at[2] + self._slot.margin * (1 + row + slice_)
         return BrickTable(kept[first].slot.words, offsets, bases, pitches, size)
 
     def _bases(self, kept: Kept) -> list[int]:
