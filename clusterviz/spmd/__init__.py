@@ -12,7 +12,8 @@ It compiles the CPU variants of the shaders (`Variant.cpu`) for `render/cpu`.
 - variables.py     masks of active lanes, and variables
 - memory.py        loads and stores in blocks and arrays
 - expressions.py   code of expressions
-- codegen.py       code of statements and calls
+- calls.py         code of calls
+- codegen.py       code of statements
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
 - look.py          looks of users: checked, and made safe

@@ -15,6 +15,7 @@ from clusterviz.spmd.ir import (
     Declare,
     Element,
     Expression,
+    Function,
     Leave,
     Loop,
     Memory,
@@ -59,6 +60,35 @@ def returns(node: Any) -> Iterator[Leave]:
     for child in children(node):
         if isinstance(child, Statement):
             yield from returns(child)
+
+
+def used_in(function: Function) -> set[int]:
+    """Return the ids of the variables that a function, and what it calls, may use."""
+    return {id(node.variable) for node in _nodes_of(function) if isinstance(node, Name)}
+
+
+def assigned_by(function: Function) -> set[int]:
+    """Return the ids of the variables that a function, and what it calls, may assign."""
+    found = set[int]()
+    for node in _nodes_of(function):
+        targets = [node.target] if isinstance(node, Assign) else []
+        if isinstance(node, Call):
+            pairs = zip(node.arguments, node.function.parameters, strict=True)
+            targets = [argument for argument, parameter in pairs if parameter.kind != "in"]
+        found |= {id(root(target)) for target in targets}
+    return found
+
+
+def _nodes_of(function: Function) -> Iterator[Any]:
+    """Yield the nodes of a function, and of all that it calls."""
+    waiting, seen = list[Any]([function.body]), {id(function)}
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, Call) and id(node.function) not in seen and node.function.body is not None:
+            seen.add(id(node.function))
+            waiting.append(node.function.body)
+        waiting += children(node)
 
 
 def used_by(program: Program) -> set[int]:

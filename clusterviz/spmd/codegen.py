@@ -1,25 +1,21 @@
 """Code of a typed program: an invocation a lane, masks where lanes differ, and plain code where they do not.
 
-Functions are inlined. A value of which all lanes are known to be equal stays one number; which variables are so is
+A value of which all lanes are known to be equal stays one number; which variables are so is
 found by generating code again until no more of them turn out to vary, usually three times. A branch that depends on
 the lane is skipped where no lane takes it, and variables keep their values in the lanes that do not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 from clusterviz.spmd.analysis import Facts, used_by
+from clusterviz.spmd.calls import Calls, Frame, Lap
 from clusterviz.spmd.emitter import constant
-from clusterviz.spmd.expressions import Expressions
 from clusterviz.spmd.ir import (
     Block,
-    Call,
     Declare,
     Evaluate,
-    Expression,
-    Function,
     If,
     Leave,
     Loop,
@@ -27,41 +23,12 @@ from clusterviz.spmd.ir import (
     Statement,
     Variable,
 )
-from clusterviz.spmd.variables import Binding, Cell, Key, Parts, elements_of
+from clusterviz.spmd.variables import Parts
 
 CHEAP = 80  # operations that are done without asking if a lane needs them
 
 
-@dataclass(slots=True)
-class Frame:
-    """Call of a function: its variables, where its returns go, and the ends of the branches and loops that are open.
-
-    Lanes that have left skip to the innermost end, since others may go on behind it.
-    """
-
-    function: Function
-    path: int
-    mask: int
-    exit: str
-    result: list[Cell]
-    returned: str
-    loops: list[Lap] = field(default_factory=list)
-    ends: list[str] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Lap:
-    """Loop that is being generated; `live` and `passed` are masks in memory, "" while all lanes stay together."""
-
-    go_on: str
-    exit: str
-    mask: int
-    live: str
-    passed: str
-    key: Key
-
-
-class Generator(Expressions):
+class Generator(Calls):
     """Code of the function `main` of a program.
 
     Parameters
@@ -78,9 +45,7 @@ class Generator(Expressions):
     def __init__(
         self, program: Program, lanes: int, intrinsics: dict[str, Callable[[Generator, list[Parts]], Parts]]
     ) -> None:
-        super().__init__(program, lanes, Facts(intrinsics))
-        self._intrinsics = intrinsics
-        self._paths: dict[Key, int] = {}
+        super().__init__(program, lanes, Facts(intrinsics), intrinsics)
         self._used = used_by(program)
 
     def text(self, name: str) -> str:
@@ -96,7 +61,7 @@ class Generator(Expressions):
                 known = len(self._varying)
                 self._pass(name)
                 if len(self._varying) == known:
-                    return self.emit.module()
+                    return self.emit.module(self._functions)
         except RecursionError:
             where = self._frames[-1].function.at if self._frames else 0
             raise self._program.places.error("nested too deeply", where) from None
@@ -110,78 +75,6 @@ class Generator(Expressions):
                 self._declare(declaration)
         self._frames.pop()
         self._inline(main, [], main.at)
-
-    @property
-    def _path(self) -> int:
-        return self._frames[-1].path if self._frames else 0
-
-    def _declare(self, declaration: Declare) -> None:
-        variable, value = declaration.variable, declaration.value
-        if value is not None and not variable.is_assigned:
-            self._bindings[id(variable)] = self.value(value)
-            return
-        parts = self.value(value) if value is not None else []
-        first = "shared" if variable.kind == "shared" else self._path
-        cells = self._cells(variable, (first, id(variable)))
-        self._bindings[id(variable)] = cells
-        for cell, part in zip(cells, parts, strict=False):
-            self._store(cell, part)
-
-    # Calls
-
-    def _inline(self, function: Function, bindings: Sequence[Binding], at: int) -> Parts:
-        """Generate a function's body in place of a call."""
-        assert function.body is not None
-        path = self._paths.setdefault((self._path, at, id(function)), len(self._paths) + 1)
-        emit, last = self.emit, function.body.statements[-1] if function.body.statements else None
-        simple = self._facts.returns_last(function.body)
-        frame = Frame(function, path, self._mask_id, "" if simple else emit.label(), [], "")
-        if not simple:
-            frame.result = self._room(elements_of(function.result), (path, "result"))
-            frame.returned = emit.room(emit.kind("b", True))
-            self._store_mask(constant("b", False), frame.returned)
-        for parameter, binding in zip(function.parameters, bindings, strict=True):
-            self._bindings[id(parameter)] = binding
-        before = self.mask, self._mask_id
-        self._frames.append(frame)
-        found: Parts = []
-        for statement in function.body.statements:
-            if simple and statement is last and isinstance(last, Leave):
-                found = self.value(last.value) if last.value is not None else []
-            else:
-                self._statement(statement)
-        self._frames.pop()
-        self.mask, self._mask_id = before
-        if not simple:
-            emit.begin(frame.exit)
-            found = [self._load(cell) for cell in frame.result]
-        return found
-
-    def _call(self, call: Call) -> Parts:
-        function = call.function
-        if function.name in self._intrinsics:
-            return self._intrinsics[function.name](self, [self.value(one) for one in call.arguments])
-        path = self._paths.setdefault((self._path, call.at, id(function)), len(self._paths) + 1)
-        bindings: list[Binding] = []
-        results: list[tuple[Expression, list[Cell]]] = []
-        for argument, parameter in zip(call.arguments, function.parameters, strict=True):
-            if parameter.kind == "in" and not parameter.is_assigned:
-                bindings.append(self.value(argument))
-                continue
-            given = self.value(argument) if parameter.kind != "out" else []
-            cells = self._cells(parameter, (path, id(parameter)))
-            for cell, part in zip(cells, given, strict=False):
-                self._store(cell, part)
-            bindings.append(cells)
-            if parameter.kind != "in":
-                results.append((argument, cells))
-        # A function that is called by itself in an argument would overwrite the bindings, but there is no recursion.
-        found = self._inline(function, bindings, call.at)
-        for argument, cells in results:
-            self._assign_to(argument, [self._load(cell) for cell in cells])
-        return found
-
-    # Statements
 
     def _statement(self, node: Statement) -> None:
         if not self.emit.is_open:

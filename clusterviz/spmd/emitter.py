@@ -48,22 +48,45 @@ class Emitter:
     Parameters
     ----------
     lanes : of its vectors
+    caller : function that calls it
     """
 
-    def __init__(self, name: str, lanes: int) -> None:
+    def __init__(self, name: str, lanes: int, caller: Emitter | None = None) -> None:
         self.lanes, self._name = lanes, name
         self._entry, self._lines = list[str](), list[str]()
-        self._declared: dict[str, str] = {}
+        self._declared: dict[str, str] = caller._declared if caller else {}
+        self._parameters = ["ptr noalias %blocks"]
         self._count = 0
         self.is_open = True
 
-    def module(self) -> str:
-        """Finish the function, and return the module's text."""
-        if self.is_open:
-            self._lines.append("  ret void")
+    def module(self, functions: Sequence[str] = ()) -> str:
+        """Finish the function, and return the module's text with other functions."""
+        self.line("ret void")
+        text = self._text("define void", "nounwind")
+        return "\n".join([*self._declared.values(), *functions, text, "!0 = !{}", ""])
+
+    def function(self, results: Sequence[Part]) -> str:
+        """Finish a function that others call, and return its text."""
+        kind = self.struct([(part.element, part.varying) for part in results])
+        whole = "poison"
+        for number, part in enumerate(results):
+            whole = self.new(f"insertvalue {kind} {whole}, {self.of(part)}, {number}")
+        self.line(f"ret {kind} {whole}")
+        return self._text(f"define internal fastcc {kind}", "noinline nounwind")
+
+    def _text(self, begin: str, end: str) -> str:
         body = ["entry:", *self._entry, "  br label %begin", "begin:", *self._lines]
-        text = "\n".join([f"define void @{self._name}(ptr noalias %blocks) nounwind {{", *body, "}"])
-        return "\n".join([*self._declared.values(), text, "!0 = !{}", ""])
+        return "\n".join([f"{begin} @{self._name}({', '.join(self._parameters)}) {end} {{", *body, "}"])
+
+    def struct(self, kinds: Sequence[tuple[str, bool]]) -> str:
+        """Return the LLVM type of several values."""
+        return "{" + ", ".join(self.kind(*kind) for kind in kinds) + "}"
+
+    def parameter(self, element: str, varying: bool) -> Part:
+        """Return a further parameter of the function."""
+        part = Part(f"%p{len(self._parameters)}", element, varying)
+        self._parameters.append(self.of(part))
+        return part
 
     def kind(self, element: str, varying: bool) -> str:
         """Return an LLVM type."""

@@ -38,6 +38,10 @@ class Blocks(Variables):
 
     def _begin(self, name: str) -> None:
         super()._begin(name)
+        self._load_addresses()
+
+    def _load_addresses(self) -> None:
+        """Load the addresses of all blocks at the begin of a function."""
         self._addresses: dict[int, str] = {}
         for block in self._program.blocks:
             number = block.binding + TABLE[block.kind]

@@ -11,6 +11,8 @@ import pytest
 
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import CPU_VARIABLE, machine
+from clusterviz.spmd import calls
+from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.machine_code import addresses, function_of, object_code, texture_block
 from clusterviz.spmd.parser import parse
@@ -204,6 +206,27 @@ def test_any_cpu_of_a_kind_draws(monkeypatch: pytest.MonkeyPatch) -> None:
             assert run(text, np.arange(64)).tolist() == [expected(x) for x in range(64)]
     finally:
         machine.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        FUNCTIONS["global variable"][0],
+        FUNCTIONS["choice with calls"][0],
+        "int a[3]; int g(int x, inout int s, out int t) { for (int k = 0; k < 3; ++k) { a[k] += x; "
+        "if (x > 9) return k; ++counted; } s += a[x % 3]; t = counted; return x; } "
+        "int f(int x) { for (int k = 0; k < 3; ++k) a[k] = k; "
+        "counted = 0; int s = 1, t = 2; int r = g(x, s, t); if (x % 2 != 0) r += g(3, t, s); "
+        "return r + 10 * s + 100 * t; }",
+    ],
+)
+def test_functions_that_are_called_do_what_inlined_ones_do(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    inlined = run(text, np.arange(64))
+    monkeypatch.setattr(calls, "LARGE_PROGRAM", 0)
+    monkeypatch.setattr(calls, "LARGE_FUNCTION", 0)
+    program = parse(ShaderSource(PROGRAM.format(functions=text), ("test",)))
+    assert "call fastcc" in Generator(program, 16, {}).text("f")
+    assert run(text, np.arange(64)).tolist() == inlined.tolist()
 
 
 @pytest.mark.parametrize("lanes", [16, 1])
