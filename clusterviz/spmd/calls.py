@@ -15,7 +15,7 @@ from clusterviz.spmd.expressions import Expressions
 from clusterviz.spmd.ir import Call, Declare, Expression, Function, Leave, Program, Statement, Variable
 from clusterviz.spmd.variables import Binding, Cell, Key, Parts, elements_of
 
-LARGE_PROGRAM, LARGE_FUNCTION = 140_000, 6_000
+LARGE_PROGRAM, LARGE_FUNCTION = 60_000, 6_000
 """Cost from which a program calls functions, and cost of these: compiling each once takes less time then."""
 
 
@@ -49,7 +49,14 @@ class Lap:
 
 
 class Calls(Expressions):
-    """Declarations, and calls of functions."""
+    """Declarations, and calls of functions.
+
+    Attributes
+    ----------
+    separates : large functions of large programs are not inlined
+    """
+
+    separates = True
 
     def __init__(self, program: Program, lanes: int, facts: Facts, intrinsics: dict[str, Callable[..., Parts]]) -> None:
         super().__init__(program, lanes, facts)
@@ -60,7 +67,6 @@ class Calls(Expressions):
         self._functions: list[str] = []
         every = [called for named in program.functions.values() for one in named for called, _ in one.calls]
         self._repeated = {id(called) for called, count in Counter(every).items() if count > 1}
-        self.separates = facts.cost(program.functions["main"][0].body) > LARGE_PROGRAM  # type: ignore[arg-type]
 
     @abstractmethod
     def _statement(self, node: Statement) -> None:
@@ -152,8 +158,10 @@ class Calls(Expressions):
     # Functions that are compiled once
 
     def _is_separate(self, function: Function) -> bool:
-        large = self.separates and id(function) in self._repeated and function.body is not None
-        return large and self._facts.cost(function.body) > LARGE_FUNCTION  # type: ignore[arg-type]
+        whole, body = self._program.functions["main"][0].body, function.body
+        if not (self.separates and whole and body and id(function) in self._repeated):
+            return False
+        return self._facts.cost(whole) > LARGE_PROGRAM and self._facts.cost(body) > LARGE_FUNCTION
 
     def _call_separate(self, call: Call) -> Parts:
         """Call a function that takes the active lanes, its parameters and all globals that it uses, by value.

@@ -68,9 +68,10 @@ class ProfilingGenerator(Generator):
     mode : what is measured; counters of the others stay 0
     """
 
+    separates = False
+
     def __init__(self, program: Program, lanes: int, intrinsics: dict[str, Any], mode: Mode) -> None:
         super().__init__(program, lanes, intrinsics)
-        self.separates = False
         self._mode: Mode = mode
         self._numbers: dict[tuple[str, int], int] = {("", 0): 0}
         self._current, self._untimed = 0, 0
