@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import moderngl
 import numpy as np
 import pytest
 from render.looks import PATHS
@@ -22,7 +21,7 @@ GRID = Grid(SHAPE, (0.05, 0.07, 0.06), (-0.61, -0.83, -0.55), TURNED)
 SURFACES = {"isosurfaces": ((0.6, 0.3),)}
 
 
-@pytest.mark.gl
+@pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
 @pytest.mark.parametrize(
     ("look", "dtype", "bound", "keys"),
     [
@@ -35,8 +34,9 @@ SURFACES = {"isosurfaces": ((0.6, 0.3),)}
     ],
 )
 def test_pictures_are_the_reference(
-    context: moderngl.Context, look: str, dtype: str, bound: float, keys: dict[str, object]
+    request: pytest.FixtureRequest, caster: str, look: str, dtype: str, bound: float, keys: dict[str, object]
 ) -> None:
+    where = request.getfixturevalue("context") if caster == "gl" else None
     voxels = smooth(dtype=dtype)
     opacity = {"opacity": 1.0} | keys
     scene = scene_of(
@@ -49,7 +49,7 @@ def test_pictures_are_the_reference(
     )
     expected = render_reference(scene, GRID, voxels)
     for parts in (1, 3):
-        found = drawn(context, prepare(scene, voxels, GRID), parts)[0]
+        found = drawn(where, prepare(scene, voxels, GRID), parts)[0]
         assert np.ptp(expected[..., :3]) > 0.2
         assert np.abs(found - expected).max() < bound
 
