@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,9 @@ from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
-from clusterviz.spmd.look import Look, read_look
+
+if TYPE_CHECKING:
+    from clusterviz.spmd.look import Look
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -281,6 +283,9 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
 
     look, rows = None, None
     if volume.shader is not None:
+        # The compiler takes a while to import, and few scenes need it.
+        from clusterviz.spmd.look import read_look
+
         look, rows = read_look(volume.shader), _look_units(clim, grid)
     if volume.transfer_2d is None:
         magnitudes, factors = np.array(volume.gradient_opacity or [(0.0, 1.0)], np.float64).T

@@ -7,6 +7,7 @@ which the compiler folds into the addresses of every fetch. Data that change fro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
@@ -34,7 +35,9 @@ from clusterviz.render.volume_layers import (
     voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
-from clusterviz.spmd.look import Look
+
+if TYPE_CHECKING:
+    from clusterviz.spmd.look import Look
 
 PART_BYTES = 16  # a vec4
 USUAL_BRICK = 64  # cells along its side

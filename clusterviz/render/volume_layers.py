@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from clusterviz.plan.segments import BUCKETS
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import Slot
-from clusterviz.spmd.look import Look
+
+if TYPE_CHECKING:
+    from clusterviz.spmd.look import Look
 
 EXACT: dict[Filter, Filter] = {"hardware": "linear", "cubic-hardware": "cubic"}
 """Filters of the texture unit, and what they approximate."""
