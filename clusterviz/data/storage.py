@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_size
@@ -185,6 +186,23 @@ class LoadedBytes:
         return memoryview(self._bytes)[offset : offset + count]
 
 
+MAX_WORD = 400  # characters of a number
+
+
+def numbers_of_words(words: Sequence[bytes], dtype: type[np.float64] | type[np.int64]) -> NDArray[Any]:
+    """Return words as numbers.
+
+    Raises
+    ------
+    ValueError
+        A word is no number.
+    """
+    longest = max(map(len, words), default=0)
+    if longest > MAX_WORD:  # each word takes the memory of the longest
+        raise ValueError(f"a word of {longest} characters")
+    return np.array(words, "S").astype(dtype)
+
+
 def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str) -> bytes:
     """Return the bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`.
 
@@ -198,7 +216,7 @@ def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str)
         raise DataError("the header lies about its size", where=where, found=f"{len(words)} numbers", allowed=count)
     try:
         if dtype.kind == "f":
-            return np.array(words).astype(np.float64).astype(dtype).tobytes()
+            return numbers_of_words(words, np.float64).astype(dtype).tobytes()
         return np.array([int(word) for word in words], dtype).tobytes()
     except (ValueError, OverflowError) as error:
         raise DataError(f"not a number of type {dtype}: {error}", where=where) from error

@@ -73,6 +73,7 @@ FOUND: dict[str, tuple[str, Callable[[bytes], bytes], str]] = {
         lambda content: content.replace(b"\x01\x01\x04\0\x01\0\0\0\x05\0\0\0", b"\x01\x01\x04\0\x01\0\0\0\x05\0\0\x70"),
         "missing|lies about",
     ),
+    "obj-long-word": ("mesh-obj", swap(b"v 0.0", b"v " + b"(" * 100_000), "a word of 10000[0-9] characters"),
     "vti-no-blocks": (
         "vti-appended",
         lambda content: content.replace(b"_\3\0\0\0\x64", b"_\3\0\0\0\0"),

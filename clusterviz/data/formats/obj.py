@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate
+from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
 
 FEWEST = {b"f": 3, b"l": 2, b"p": 1}  # corners of an element
@@ -48,7 +49,8 @@ def read_obj(path: Path) -> Geometry:
     if {len(row) for row in rows} - {3, 4, 6, 7}:
         raise DataError("truncated or damaged: a vertex is not 3, 4, 6 or 7 numbers", where=where)
     width = min(len(row) for row in rows)
-    numbers = np.array([row[:width] for row in rows], "S").astype(np.float64)
+    words = [word for row in rows for word in row[:width]]
+    numbers = numbers_of_words(words, np.float64).reshape(-1, width)
     vertices, colours = numbers[:, :3], {"RGB": numbers[:, -3:]} if width > 4 else {}
     (polygons, corners), (lines, along), (_, dots) = (
         found[key].joined(fewest, len(rows), where) for key, fewest in FEWEST.items()
@@ -80,7 +82,7 @@ class _Elements:
         text = b" ".join(self.words)
         if b"/" in text:  # texture coordinates and normals
             text = re.sub(rb"/\S*", b"", text)
-        stated = np.array(text.split(), "S").astype(np.int64)
+        stated = numbers_of_words(text.split(), np.int64)
         if len(stated) != len(self.words) or min(self.lengths, default=fewest) < fewest or not stated.all():
             allowed = f"at least {fewest} indices from 1, or from −1 backwards"
             raise DataError("truncated or damaged: an element lacks indices", where=where, allowed=allowed)

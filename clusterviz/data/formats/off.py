@@ -18,6 +18,7 @@ import numpy as np
 from clusterviz.data.files import kind_of, readable, require_file
 from clusterviz.data.geometry import Geometry, Mesh, Points, triangulate
 from clusterviz.data.header import check_packed
+from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
 
 NORMALS, COLOURS = {"N": 3}, {3: "RGB", 4: "RGBA"}
@@ -53,7 +54,10 @@ def read_off(path: Path) -> Geometry:
         allowed = f"{vertex_count} vertices and {polygon_count} polygons"
         what = "truncated, or the header lies about its size"
         raise DataError(what, where=where, found=f"{len(lines) - 1} lines", allowed=allowed)
-    rows = np.array([line.split() for line in lines[1 : 1 + vertex_count]], "S").astype(np.float64)
+    words = [line.split() for line in lines[1 : 1 + vertex_count]]
+    if len({len(row) for row in words}) > 1:
+        raise DataError("rows of different lengths", where=where)
+    rows = numbers_of_words(list(chain.from_iterable(words)), np.float64)
     rows = rows.reshape(vertex_count, -1) if vertex_count else np.empty((0, 3))
     vertices, rest, attributes = rows[:, :3], rows[:, 3:], {}
     if start[2]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Mesh, Points, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
+from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
@@ -134,7 +135,7 @@ def _numbers(data: memoryview, elements: list[_Element], where: str) -> memoryvi
     """Return text as float64 numbers, so that it is read as binary data is."""
     check_packed(len(data), sum(each.count * len(each.properties) for each in elements), "text", where)
     try:
-        return memoryview(np.array(bytes(data).split(), "S").astype(np.float64).tobytes())
+        return memoryview(numbers_of_words(bytes(data).split(), np.float64).tobytes())
     except ValueError as error:
         raise DataError(f"not a number: {error}", where=where) from error
 

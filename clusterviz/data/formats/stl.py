@@ -11,12 +11,14 @@ M. Burns: Automated Fabrication, 1993, section 6.5 (the StL format).
 from __future__ import annotations
 
 import re
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Mesh, merge_equal
+from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
 
 HEADER = 84  # bytes, the last four of which are the number of triangles
@@ -61,6 +63,6 @@ def _ascii(content: bytes, where: str) -> np.ndarray:
         found = f"{facets} endfacet, {len(words)} vertices, {'an' if is_ended else 'no'} endsolid at the end"
         raise DataError("truncated or damaged", where=where, found=found, allowed="three vertices in each facet")
     try:
-        return np.array(words, "S").astype(np.float64).astype(np.float32).reshape(-1, 3)
+        return numbers_of_words(list(chain.from_iterable(words)), np.float64).astype(np.float32).reshape(-1, 3)
     except ValueError as error:
         raise DataError(f"not a number: {error}", where=where) from error
