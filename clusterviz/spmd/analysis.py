@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 from clusterviz.spmd.ir import (
@@ -34,12 +35,16 @@ SEPARATE = 1000  # cost from which a value that no lane needs is not computed
 ATOMIC = "atomicAdd", "atomicMin"
 
 
+@cache
+def _parts_of(kind: type) -> tuple[str, ...]:
+    skipped = "type", "at", "function", "variable", "block"
+    return tuple(one.name for one in fields(kind) if one.name not in skipped)
+
+
 def children(node: Any) -> Iterator[Any]:
     """Return the parts of a node of the typed program, but not what it refers to."""
-    for one in fields(node):
-        if one.name in ("type", "at", "function", "variable", "block"):
-            continue
-        value = getattr(node, one.name)
+    for name in _parts_of(type(node)):  # type: ignore[arg-type]
+        value = getattr(node, name)
         for item in value if isinstance(value, (tuple, list)) else (value,):
             item = item[0] if isinstance(item, tuple) else item
             if isinstance(item, (Expression, Statement)):
@@ -60,23 +65,6 @@ def returns(node: Any) -> Iterator[Leave]:
     for child in children(node):
         if isinstance(child, Statement):
             yield from returns(child)
-
-
-def used_in(function: Function) -> set[int]:
-    """Return the ids of the variables that a function, and what it calls, may use."""
-    return {id(node.variable) for node in _nodes_of(function) if isinstance(node, Name)}
-
-
-def assigned_by(function: Function) -> set[int]:
-    """Return the ids of the variables that a function, and what it calls, may assign."""
-    found = set[int]()
-    for node in _nodes_of(function):
-        targets = [node.target] if isinstance(node, Assign) else []
-        if isinstance(node, Call):
-            pairs = zip(node.arguments, node.function.parameters, strict=True)
-            targets = [argument for argument, parameter in pairs if parameter.kind != "in"]
-        found |= {id(root(target)) for target in targets}
-    return found
 
 
 def _nodes_of(function: Function) -> Iterator[Any]:
@@ -199,6 +187,29 @@ class Facts:
             return self._fact("effects", body, find)  # type: ignore[no-any-return]
 
         return isinstance(node, Call) and node.function.body is not None and inside(node.function.body)
+
+    def used_in(self, function: Function) -> frozenset[int]:
+        """Return the ids of the variables that a function, and what it calls, may use."""
+
+        def find(function: Function) -> frozenset[int]:
+            return frozenset(id(node.variable) for node in _nodes_of(function) if isinstance(node, Name))
+
+        return self._fact("used", function, find)  # type: ignore[no-any-return]
+
+    def assigned_by(self, function: Function) -> frozenset[int]:
+        """Return the ids of the variables that a function, and what it calls, may assign."""
+
+        def find(function: Function) -> frozenset[int]:
+            targets = list[Expression]()
+            for node in _nodes_of(function):
+                if isinstance(node, Assign):
+                    targets.append(node.target)
+                if isinstance(node, Call):
+                    pairs = zip(node.arguments, node.function.parameters, strict=True)
+                    targets += [argument for argument, parameter in pairs if parameter.kind != "in"]
+            return frozenset(id(root(target)) for target in targets)
+
+        return self._fact("assigned", function, find)  # type: ignore[no-any-return]
 
     def unrolled(self, node: Loop) -> tuple[Variable, range] | None:
         """Return the variable of a loop that is counted from constant to constant in few steps, and its values."""

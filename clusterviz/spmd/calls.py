@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
-from clusterviz.spmd.analysis import Facts, assigned_by, used_in
+from clusterviz.spmd.analysis import Facts
 from clusterviz.spmd.emitter import Emitter, Part, constant
 from clusterviz.spmd.expressions import Expressions
 from clusterviz.spmd.ir import Call, Declare, Expression, Function, Leave, Program, Statement, Variable
@@ -174,7 +174,7 @@ class Calls(Expressions):
             [emit.spread(part) for part in self.value(argument)] if parameter.kind != "out" else []
             for argument, parameter in zip(call.arguments, function.parameters, strict=True)
         ]
-        known = used_in(function) & self._bindings.keys()
+        known = self._facts.used_in(function) & self._bindings.keys()
         used = [one.variable for one in self._program.globals if id(one.variable) in known]
         if id(function) not in self._separate:
             self._separate[id(function)] = self._function(function, used)
@@ -202,7 +202,7 @@ class Calls(Expressions):
 
     def _assigned_cells(self, function: Function, used: Sequence[Variable]) -> list[Cell]:
         """Return the globals that a function may assign."""
-        assigned = assigned_by(function)
+        assigned = self._facts.assigned_by(function)
         cells = [each for variable in used if id(variable) in assigned for each in self._bindings[id(variable)]]
         return [each for each in cells if isinstance(each, Cell) and _pointer(each) is None]
 
