@@ -6,7 +6,7 @@ shader and all that is bound, so that a debugger or a profiler executes it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.spmd.interpreter import Dispatch, Texture
 from clusterviz.spmd.parser import parse
@@ -35,7 +36,12 @@ TEXELS = {"f1": ("u1", 255.0), "nu2": ("<u2", 65535.0), "f4": ("<f4", 1.0)}
 """By moderngl's name of a type of texels NumPy's, and the divisor that makes them 0 … 1."""
 
 
-def recorded(plan: Plan, bricks: MutableMapping[Index, Any], pieces: Iterable[Piece]) -> Iterator[Dispatch]:
+def recorded(
+    plan: Plan,
+    bricks: MutableMapping[Index, Any],
+    pieces: Iterable[Piece],
+    crossings: Sequence[Crossing] = (),
+) -> Iterator[Dispatch]:
     """Yield the dispatches that draw pieces, one after the other.
 
     Each has to be executed on its own arrays before the next is asked for, as that depends on its outcome.
@@ -44,6 +50,7 @@ def recorded(plan: Plan, bricks: MutableMapping[Index, Any], pieces: Iterable[Pi
     ----------
     plan : of the frame
     bricks : by index, as for `Raycaster.load`; they are removed from the mapping
+    crossings : as in `Raycaster.draw`
     """
     context: Any = _Context()
     caster = Raycaster(context, plan, band_pixels=1 << 62)
@@ -53,7 +60,7 @@ def recorded(plan: Plan, bricks: MutableMapping[Index, Any], pieces: Iterable[Pi
     while True:
         context.number = 0
         try:
-            caster.draw(plan, pieces)
+            caster.draw(plan, pieces, crossings=crossings)
         except _Reached as reached:
             buffers = {n: data.copy() if n in written else data for n, data in reached.dispatch.buffers.items()}
             yield replace(reached.dispatch, buffers=buffers)

@@ -19,6 +19,7 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.shader import shader_folder
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.recording import recorded, run_on
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
@@ -44,7 +45,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "lit, clipped": (
         "uint8",
         LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
-        "cells clip gradient kept lights lights_near linear_u8 units unjittered voxel_u8",
+        "ambient cells clip gradient kept lights lights_near linear_u8 units unjittered voxel_u8",
     ),
     "maximum of float32": ("float32", {"blending": "maximum"}, "extreme voxel_f32"),
     "average": ("uint8", {"blending": "average"}, "sum"),
@@ -69,6 +70,10 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "gradient opacity": ("uint8", STEEP, "faded magnitude"),
     "table": ("uint8", {"transfer_2d": {}}, "composite_2d table"),
     "user's look": ("uint8", {"shader": "examples/looks/octants.glsl"}, "look"),
+    "occluded": ("uint8", LIT | {"ambient_occlusion": {"radius": 1.5}}, "ambient_occlusion density"),
+    "occluded, pre-integrated": ("uint8", LIT | INTEGRATED | {"ambient_occlusion": {"radius": 1.5}}, "density_ramp"),
+    "opacity of one half": ("uint8", {}, "crossing slope"),
+    "opacity of one half, two volumes": ("uint8", {}, "slope_mixed"),
     "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
@@ -77,8 +82,6 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
 WITHOUT_CODE = "buffers densest met_none no_prefetch raycast sums"
-OCCLUSION = "ambient ambient_occlusion density density_ramp"
-OF_LAYERS = "crossing slope slope_mixed"  # drawn by a pass of their own, which is not recorded
 ON_CPUS = """cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words words_wide
 packets packets_crossing packets_starts pitch pitches"""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
@@ -98,11 +101,13 @@ def dispatches(look: str, folder: Path) -> tuple[Plan, tuple[Piece, ...], dict[A
     if "two volumes" in look:
         other = scene_of(noise(SHAPE), scene.camera, cmap=((0.0, 1, 0, 0), (1.0, 0, 1, 1))).volumes[0]
         scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
+    if "one half" in look:
+        scene = scene.model_copy(update={"image": scene.image.model_copy(update={"layers": ("depth", "normal")})})
     cluster = scene.cluster.model_copy(update={"brick": 8})
     scene = scene.model_copy(update={"cluster": cluster, "automatic": False})
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(each, GRID) for each in voxels])
     assert share.plan is not None
-    return share.plan, share.pieces, bricks
+    return share.plan.crossing if "one half" in look else share.plan, share.pieces, bricks
 
 
 def copies(buffers: Mapping[int, np.ndarray]) -> Iterator[tuple[int, np.ndarray]]:
@@ -137,13 +142,14 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
     plan, pieces, bricks = dispatches(look, tmp_path)
     caster = Raycaster(context, plan)
     caster.load(plan, dict(bricks))
-    drawn = caster.draw(plan, pieces)[0].partial.rgba
+    rays, again = ([Crossing.behind(np.zeros(SIZE[::-1], np.float32))] * plan.march.crossing for _ in range(2))
+    drawn = caster.draw(plan, pieces, crossings=rays)[0].partial.rgba
     caster.release()
     bound, reached = LOOSE.get(look, 2e-6), dict[str, str]()
-    for dispatch in recorded(plan, dict(bricks), pieces):
+    for dispatch in recorded(plan, dict(bricks), pieces, again):
         begun = dict(copies(dispatch.buffers))
         reached |= executed(dispatch)
-    assert drawn.max() > 0.1
+    assert drawn.max() > 0.1 or rays
     rgba = dispatch.buffers[1].view(np.float32)[: drawn.size].reshape(drawn.shape)
     assert np.abs(rgba - drawn).max() <= bound * drawn.max()
 
@@ -165,5 +171,6 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, OCCLUSION, OF_LAYERS, ON_CPUS]).split()
+    """A new file needs a look in the table, in which a pixel comes to it."""
+    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, ON_CPUS]).split()
     assert sorted(files) == sorted(path.stem for path in shader_folder().glob("*.glsl"))
