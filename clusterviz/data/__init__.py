@@ -219,19 +219,17 @@ def _by_extension(path: Path, table: dict[str, Format]) -> Format | None:
 def mesh_format_of(path: Path) -> Format | None:
     """Return the format of a file of meshes, lines or points; None if it is unknown, or a volume.
 
-    Raises
-    ------
-    DataError
-        A file that may be either is missing, unreadable or damaged.
+    A file that cannot be read counts as a volume where one may have its extension: the reader of volumes says what is
+    wrong.
     """
     found = _by_extension(path, MESH_EXTENSIONS)
-    if found is None:
-        is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
-        return MESH_EXTENSIONS[".pial"] if is_surface else None
-    with guard(DataError, path):
-        if found.recognises:
-            require_file(path, found.magic)
+    try:
+        if found is None:
+            is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
+            return MESH_EXTENSIONS[".pial"] if is_surface else None
         return found if not found.recognises or _function(found.recognises)(path) else None
+    except Exception:  # libraries raise many kinds
+        return None
 
 
 def read_geometry(path: str | Path) -> Geometry:

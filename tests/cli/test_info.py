@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from data import mesh_writers
+from data import mesh_writers, writers
 
 from clusterviz.cli.info import format_name, sparkline
 
@@ -118,6 +119,16 @@ def test_columns_of_an_array_are_points_when_asked(cli: Callable[..., Any], tmp_
     path = str(mesh_writers.npy(tmp_path / "a.npy", structured=False))
     assert json.loads(cli("info", path, "--json").out)["shape_zyx"] == [1, 5, 4]
     assert json.loads(cli("info", path, "--points", "--json").out)["points"]["points"] == 5
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.vtk"])
+def test_a_damaged_file_that_may_hold_a_volume_is_one(name: str, cli: Callable[..., Any], tmp_path: Path) -> None:
+    path = writers.write(tmp_path / name)
+    path.write_bytes(path.read_bytes()[: 200 if name == "a.npz" else -40])
+    outcome = cli("info", str(path))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert re.search(f"{name}: .*(truncated|ends early)", outcome.err)
+    assert "no such file" in cli("info", str(tmp_path / f"gone-{name}")).err
 
 
 @pytest.mark.parametrize(
