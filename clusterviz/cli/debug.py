@@ -156,7 +156,7 @@ def _print(report: dict[str, Any], histogram: bool) -> None:
     for title, watches in (("", report["watches"]), ("difference of ", report.get("difference", ()))):
         for each in watches:
             print(f"{title}{each['type']} {each['expression']}: {each['pixels']} pixels")
-            for scalar in each["scalars"] if each["pixels"] else ():
+            for scalar in each["scalars"] if each["pixels"] > len(each["at"]) else ():
                 low, high, mean = (f"{scalar[key]:.7g}" for key in ("min", "max", "mean"))
                 print(f"  {scalar['name'] or 'value':10} {low} to {high}, mean {mean}")
                 if histogram and "counts" in scalar:

@@ -42,6 +42,7 @@ from clusterviz.spmd.types import (
 )
 
 MOST_PARTS = 1 << 16  # of a value
+SHOWN = 16  # names in a message
 COORDINATES = ("xyzw", "rgba", "stpq")
 SYSTEM = {
     "gl_LocalInvocationIndex": UINT,
@@ -121,8 +122,9 @@ class Checker:
                 if found.constant is not None:
                     return Constant(found.type, token.at, found.constant)
                 return Name(found.type, token.at, found)
-        known = ", ".join(name for scope in self.scopes for name in reversed(scope)) if self.only_reads else None
-        raise self.error(f"{token.text} is not declared", token.at, None, known)
+        known = [name for scope in self.scopes for name in reversed(scope)]
+        shown = ", ".join(known[:SHOWN]) + ", …" * (len(known) > SHOWN)
+        raise self.error(f"{token.text} is not declared", token.at, None, shown if self.only_reads else None)
 
     def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:
         """Return a value as one of another type, where GLSL converts without being told."""
