@@ -141,7 +141,8 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             if (place.brick != GAP) break;
             k = min(k + place.slabs, last);
             ++iterations;
-            if (k == last || has_done_share(iterations, k)) break;
+            // The place is that of an earlier slab now, which only the end of the dispatch may leave behind.
+            if (k == last || (has_done_share(iterations, k) && (k & -slabs_in_batch) != first)) break;
         }
         int begin = k & -slabs_in_batch;
         if (begin != first || brick_begin != brick) {

@@ -12,9 +12,10 @@ import pytest
 from render.scenes import LIT, Prepared, camera_at, draw, drawn, prepare, scene_of
 
 from clusterviz.data.source import Grid
+from clusterviz.gl.shader import ShaderSource
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.reference import render_reference
-from clusterviz.render import brick_atlas
+from clusterviz.render import brick_atlas, raycast
 from clusterviz.render.cpu import caster
 from clusterviz.render.storage import Slot
 from clusterviz.scene.values import Cluster
@@ -114,6 +115,27 @@ def sheets() -> np.ndarray:
 
 def single_voxels() -> np.ndarray:
     return (np.random.default_rng(2).random((26, 41, 43)) > 0.998).astype(np.uint8) * 200
+
+
+@pytest.mark.parametrize("iterations", [5, 100])
+def test_dispatches_end_where_nothing_is_cut(
+    iterations: int, context: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dispatch may end in empty space, in the middle of a batch."""
+    voxels = blobs("uint8")
+    prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), opacity=SPARSE), voxels, brick=64)
+    at_once, samples = drawn(context, prepared)
+    right = raycast.compile_compute
+
+    def compiled(context: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:
+        text = source.text.replace("ITERATIONS = 3600", f"ITERATIONS = {iterations}")
+        assert text != source.text
+        return right(context, replace(source, text=text))
+
+    monkeypatch.setattr(raycast, "compile_compute", compiled)
+    in_shares, taken = drawn(context, prepared)
+    assert np.array_equal(in_shares, at_once)
+    assert taken == samples
 
 
 @pytest.mark.parametrize("brick", [5, 12, 33, 64])
