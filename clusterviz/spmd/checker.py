@@ -22,7 +22,7 @@ from clusterviz.spmd.ir import (
     Pick,
     Variable,
 )
-from clusterviz.spmd.tokens import Places, Token
+from clusterviz.spmd.tokens import WORDS, Places, Token
 from clusterviz.spmd.types import (
     BOOL,
     BUILT_IN,
@@ -94,14 +94,21 @@ class Checker:
 
     def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
         """Give a name its meaning in the innermost scope."""
-        if name.startswith("gl_"):
-            raise self.error("names that begin with gl_ are those of GLSL", at, name)
+        self.check_name(name, at)
         if name in self.scopes[-1] or (len(self.scopes) == 1 and name in self.functions):
             raise self.error(f"{name} is declared twice", at)
         self.scopes[-1][name] = meaning
 
+    def check_name(self, name: str, at: int) -> None:
+        """Refuse to declare a name that is a word of GLSL, or a type's."""
+        if name in WORDS or name.startswith("gl_"):
+            raise self.error("this word is GLSL's own", at, name)
+        if name in self.types:
+            raise self.error(f"{name} is declared twice", at)
+
     def function_of(self, name: str, result: Type, parameters: list[Variable], at: int) -> Function:
         """Return the function with these parameters, which may have been declared before."""
+        self.check_name(name, at)
         kinds = [one.type for one in parameters]
         for known in self.functions.get(name, []):
             if [one.type for one in known.parameters] == kinds:

@@ -202,8 +202,7 @@ class _Parser:
     def _struct(self) -> None:
         self._expect("struct")
         name = self._name()
-        if name.text in self._checker.types:
-            raise self._error(f"{name.text} is declared twice", name.at)
+        self._checker.check_name(name.text, name.at)
         self._checker.types[name.text] = self._checker.limited(Type(name.text, fields=self._members()), name.at)
         self._expect(";")
 
@@ -214,6 +213,7 @@ class _Parser:
             kind = self._type()
             while True:
                 name = self._name()
+                self._checker.check_name(name.text, name.at)
                 found.append((name.text, self._array(kind)))
                 if not self._accept(","):
                     break
@@ -239,18 +239,20 @@ class _Parser:
     def _function(self, result: Type, name: Token) -> None:
         checker, parameters = self._checker, list[Variable]()
         self._expect("(")
-        while not self._accept(")"):
+        more = not self._accept(")")
+        if more and self._accept("void"):
+            more = False
+            self._expect(")")
+        while more:
             words = list[str]()
             while self._token.text in DIRECTIONS:
                 words.append(self._take().text)
-            if self._accept("void"):
-                continue
             kind, parameter = self._type(), self._name()
             if self._token.text == "[":
                 raise self.error_here("an array as a parameter is outside of the subset")
             direction = next((word for word in words if word in ("in", "out", "inout")), "in")
             parameters.append(Variable(parameter.text, kind, direction, parameter.at))
-            if self._token.text != ")":
+            if more := not self._accept(")"):
                 self._expect(",")
         function = checker.function_of(name.text, result, parameters, name.at)
         if self._accept(";"):
@@ -462,9 +464,10 @@ class _Parser:
             return self._checker.value_of(token)
         self._take()
         arguments: list[Expression] = []
-        while not self._accept(")"):
+        more = not self._accept(")")
+        while more:
             arguments.append(self._expression())
-            if self._token.text != ")":
+            if more := not self._accept(")"):
                 self._expect(",")
         return self._checker.call(token, arguments)
 

@@ -23,6 +23,11 @@ filter sizeof cast namespace using common partition active
 """
 OUTSIDE = frozenset(_OUTSIDE.split())
 """Words of GLSL that the subset does not have, and those that GLSL keeps for later."""
+_WORDS = """
+if else for while return break continue true false struct layout uniform buffer shared const in out inout precise
+readonly writeonly
+"""
+WORDS = frozenset(_WORDS.split())
 DEFINE = re.compile(r"\s*#\s*define\s+(\w+)(\([^)]*\))?(.*)")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from clusterviz.reference import render_reference
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import variant_of
 from clusterviz.spmd.look import SIGNATURE, make_look, read_look
+from clusterviz.spmd.tokens import WORD
 
 GRID = Grid(SHAPE, (0.05, 0.07, 0.06), (-0.61, -0.83, -0.55), TURNED)
 SURFACES = {"isosurfaces": ((0.6, 0.3),)}
@@ -103,3 +106,19 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for name, what in (("a.glsl", "not a text"), ("b.glsl", "too long"), ("c.glsl", "cannot read the shader: No such")):
         with pytest.raises(InputError, match=f"{name}: {what}"):
             read_look(str(tmp_path / name))
+
+
+def test_no_change_of_a_look_ends_in_another_error() -> None:
+    """Words of looks that are left out, doubled, exchanged or replaced."""
+    texts = [Path(path).read_text() for path in PATHS.values()]
+    words = [found[0] for text in texts for found in WORD.finditer(text)]
+    draw, accepted = random.Random(2), 0
+    for _ in range(400):
+        changed = [found[0] for found in WORD.finditer(draw.choice(texts))]
+        for _ in range(draw.randrange(1, 4)):
+            at = draw.randrange(len(changed))
+            changed[at : at + 1] = draw.choice([[], [changed[at]] * 2, [draw.choice(words)]])
+        with suppress(InputError):
+            make_look("".join(changed), "look.glsl")
+            accepted += 1
+    assert 10 < accepted < 200

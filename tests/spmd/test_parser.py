@@ -81,6 +81,9 @@ MISTAKES = {
     "#line 7 1\nint x = y;": "part.glsl:7:9: y is not declared",
     "void main() { break; }": "break outside of a loop",
     "int a, a;": "a is declared twice",
+    "void f(float return) {}": "look.glsl:1:14: this word is GLSL's own; found return",
+    "float f(float vec2) { return 1.0; }": "look.glsl:1:15: vec2 is declared twice",
+    "void f() { float a = max(1.0, 2.0,); }": "look.glsl:1:35: expected an expression; found )",
 }
 
 
