@@ -1,18 +1,13 @@
 // Transfer function of few pieces, for whole slabs, whose opacity is a polynomial on each piece (render/cpu/pieces.py).
-layout(std430, binding = 9) readonly buffer PiecesBlock { float piece_table[]; }; // rows of 16 pieces
-const int FIRST_OPACITY = 2, FIRST_COLOUR = 8, FIRST_CHANGE = 11;
-
-float piece_row(int row, int piece) {
-    return piece_table[16 * row + piece];
-}
+const int START_ROW = PIECE_ROWS * PIECES_BEFORE, FIRST_OPACITY = START_ROW + 2, FIRST_COLOUR = START_ROW + 8, FIRST_CHANGE = START_ROW + 11;
 
 Segment slab_at(float s) {
     int piece = 0;
-    if (PIECES > 8) piece = s >= piece_row(0, 8) ? 8 : 0;
-    if (PIECES > 4) piece = s >= piece_row(0, piece + 4) ? piece + 4 : piece;
-    piece = s >= piece_row(0, piece + 2) ? piece + 2 : piece;
-    piece = s >= piece_row(0, piece + 1) ? piece + 1 : piece;
-    float x = (s - piece_row(0, piece)) * piece_row(1, piece), opacity = piece_row(FIRST_COLOUR - 1, piece);
+    if (PIECES > 8) piece = s >= piece_row(START_ROW, 8) ? 8 : 0;
+    if (PIECES > 4) piece = s >= piece_row(START_ROW, piece + 4) ? piece + 4 : piece;
+    piece = s >= piece_row(START_ROW, piece + 2) ? piece + 2 : piece;
+    piece = s >= piece_row(START_ROW, piece + 1) ? piece + 1 : piece;
+    float x = (s - piece_row(START_ROW, piece)) * piece_row(START_ROW + 1, piece), opacity = piece_row(FIRST_COLOUR - 1, piece);
     if (FITTED) {
         opacity = fma(opacity, x, piece_row(FIRST_OPACITY + 4, piece));
         opacity = fma(opacity, x, piece_row(FIRST_OPACITY + 3, piece));

@@ -62,6 +62,7 @@ class Lanes:
     ----------
     lanes : of a vector
     pieces : most pieces of the transfer function in registers; 0: it is in memory
+    volumes : the same of each of several volumes, whose pieces are all fitted
     fitted : a slab's opacity is a polynomial on each piece
     wide : 32 bits do not address all words of bricks
     pitched : bricks have several sizes
@@ -72,6 +73,7 @@ class Lanes:
     fitted: bool = False
     wide: bool = False
     pitched: bool = False
+    volumes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,7 @@ class Variant:
             if self.surfaces and self.slot.kind == "u8":
                 found["CELL"] = ("extremes_u8.glsl", *cell_files(self.filter)[1:])
         if self.cpu.pieces:
-            found["SEGMENT"] = ("segment.glsl", "pieces.glsl")
+            found["SEGMENT"] = ("segment.glsl", "piece_rows.glsl", "pieces.glsl")
         return found
 
     @property
@@ -234,7 +236,7 @@ class Variant:
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
-        files = multi_volume_files(self.volumes, self.crossing, self.cpu is not None)
+        files = multi_volume_files(self.volumes, self.crossing, self.cpu.volumes if self.cpu else None)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property
@@ -280,7 +282,7 @@ class Variant:
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
-            lines.append(f"const int PIECES = {self.cpu.pieces};")
+            lines.append(f"const int PIECES = {self.cpu.pieces}, PIECES_BEFORE = 0;")
             lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))

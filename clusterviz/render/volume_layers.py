@@ -6,7 +6,7 @@ loop, and every name that belongs to one volume is a macro that ends in its numb
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -83,6 +83,7 @@ VOLUME = np.dtype(
     ]
 )
 _NAMES = """
+slab_at START_ROW FIRST_OPACITY FIRST_COLOUR FIRST_CHANGE
 Segment segment_of segment_at third stored_at in_units voxel_at row_at pair_at cell_at rows_at scalar_at invalid
 derivative is_missing along gradient_at spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
 spline_slope slope_layer slope_layers words_to word_of cell_away prefetch bytes_of halves_of two_rows_at row_of
@@ -153,29 +154,33 @@ class VolumeVariant:
         """Most iterations of loops in a slab beyond those of one sample, except those of surfaces that are hit."""
         return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
-    def parts(self, number: int, crossing: bool, on_cpu: bool) -> tuple[str, ...]:
+    def parts(self, number: int, crossing: bool, on_cpu: bool, pieces: int) -> tuple[str, ...]:
         """Return the files that sample the volume, between the definitions of its macros.
 
         Parameters
         ----------
         number : number of the volume
         crossing : as in `Variant`
+        pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), _chain(number)
-        begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
-        end = _undefine([*macros, *(name for name in chain if "_before" in name)])
         graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
         source = "table.glsl" if self.table else "look.glsl" if self.look else "classified.glsl"
-        classified = ("segment.glsl", source, "absorbing.glsl")
+        classified: tuple[str, ...] = ("segment.glsl", source, "absorbing.glsl")
+        if pieces:
+            macros |= {"PIECES": str(pieces), "PIECES_BEFORE": str(number), "FITTED": "true"}
+            classified = ("segment.glsl", "pieces.glsl", "classified_pieces.glsl", "absorbing.glsl")
         absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
         density = density_files(self.preintegrated) if self.occlusion else ()
         voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
         files = (*voxel, spline_file(self.filter, gradient), field, gradient, *light)
+        begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
+        end = _undefine([*macros, *(name for name in chain if "_before" in name)])
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
@@ -272,11 +277,19 @@ def density_files(preintegrated: bool) -> tuple[str, ...]:
 
 
 def multi_volume_files(
-    volumes: tuple[VolumeVariant, ...], crossing: bool = False, on_cpu: bool = False
+    volumes: tuple[VolumeVariant, ...], crossing: bool = False, pieces: Sequence[int] | None = None
 ) -> tuple[str, ...]:
-    """Return the files that sample a slab of several volumes."""
+    """Return the files that sample a slab of several volumes.
+
+    Parameters
+    ----------
+    pieces : on CPUs, as `Lanes.volumes`
+    """
+    on_cpu, pieces = pieces is not None, pieces or [0] * len(volumes)
     looks = [volume.look.glsl(f"_{number}") for number, volume in enumerate(volumes) if volume.look]
-    each = [part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing, on_cpu)]
+    each = [
+        part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing, on_cpu, pieces[number])
+    ]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
     blocks = [glsl_rows("Rows", ROWS_BINDING, rows)] if rows else []
     if on_cpu:
@@ -285,7 +298,8 @@ def multi_volume_files(
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
     layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
     whole = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes))
-    return (whole, *blocks, *sums, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
+    rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
+    return (whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:

@@ -83,7 +83,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
 WITHOUT_CODE = "buffers densest met_none no_prefetch raycast sums"
 ON_CPUS = """cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words words_wide
-packets packets_crossing packets_starts pitch pitches"""
+classified_pieces piece_rows packets packets_crossing packets_starts pitch pitches"""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
 """Weights of the texture unit have about 8 bits."""
 

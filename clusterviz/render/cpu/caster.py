@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
@@ -90,7 +91,7 @@ class VectorCaster:
         self.slot = slot_of(plan)
         self.pool = Memory(self.slot)
         self._skips: dict[Any, NDArray[Any]] = {}
-        self._pieces: tuple[TransferFunction, float, Pieces | None] | None = None
+        self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
         self._last_frame = LastFrame()
         self.compile(plan)
@@ -180,17 +181,24 @@ class VectorCaster:
     def _variant_of(self, plan: Plan) -> Variant:
         return variant_for(plan, self._width.lanes, self._pieces_of(plan))
 
-    def _pieces_of(self, plan: Plan) -> Pieces | None:
-        """Return the transfer function's pieces, kept until it changes; None if registers do not hold it."""
-        march, mode = plan.march, plan.blend_mode
-        if self._width.lanes < MOST or plan.multi_volume or mode.blending != "composite" or mode.grading:
-            return None
-        if march.preintegrated:
-            return None
-        known = self._pieces
-        if known is None or known[0] is not plan.transfer or known[1] != march.slab_units:
-            known = self._pieces = plan.transfer, march.slab_units, pieces_of(plan.transfer, march.slab_units)
-        return known[2]
+    def _pieces_of(self, plan: Plan) -> list[Pieces | None]:
+        """Return the pieces of each volume's transfer function, kept while it is; None if registers do not hold it.
+
+        Of several volumes extinctions are added, so that pieces give the opacity of unit lengths.
+        """
+        if self._width.lanes < MOST:
+            return [None] * max(1, len(self.slot.parts))
+        mode, several = plan.blend_mode, plan.multi_volume
+        apart = plan.march.preintegrated or mode.grading is not None or mode.blending != "composite"
+        asked = [None if apart else (plan.transfer, plan.march.slab_units)]
+        if several:
+            asked = [None if _is_apart(layer) else (layer.transfer, 1.0) for layer in several.volume_layers]
+        known, self._pieces = self._pieces, {}
+        for one in filter(None, asked):
+            key = id(one[0]), one[1]
+            self._pieces[key] = known[key] if key in known else (one[0], pieces_of(*one))
+        found = [self._pieces[id(one[0]), one[1]][1] if one else None for one in asked]
+        return [one if one and one.fitted else None for one in found] if several else found
 
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
         """Return the bricks of a piece, as its windows show them."""
@@ -279,15 +287,24 @@ class VectorCaster:
         return found
 
 
-def variant_for(plan: Plan, lanes: int, pieces: Pieces | None) -> Variant:
+def _is_apart(layer: VolumeLayer) -> bool:
+    """Return whether pieces do not give the opacity of one of several volumes."""
+    grading = layer.blend_mode.grading
+    return layer.preintegrated or bool(grading and (grading.table is not None or grading.look))
+
+
+def variant_for(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> Variant:
     """Return the program of a plan; numbers that it reads from memory do not matter.
 
     Parameters
     ----------
-    pieces : the transfer function's, if registers hold it
+    pieces : of each volume's transfer function, if registers hold it
     """
-    held = (pieces.capacity, pieces.fitted) if pieces else (0, False)
-    return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, *held, pitched=plan.layout.edges_zyx is not None))
+    capacities, pitched = [one.capacity if one else 0 for one in pieces], plan.layout.edges_zyx is not None
+    if plan.multi_volume:
+        return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, volumes=tuple(capacities)))
+    fitted = bool(pieces[0] and pieces[0].fitted)
+    return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, capacities[0], fitted, pitched=pitched))
 
 
 @cache

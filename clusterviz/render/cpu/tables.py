@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.render.cpu.memory import BrickTable
-from clusterviz.render.cpu.pieces import Pieces
+from clusterviz.render.cpu.pieces import MOST, ROWS, Pieces
 from clusterviz.render.frame_block import ONLY, WIDEST_BATCH, frame_block, slabs_in_batch, voxels_a_slab
 from clusterviz.render.sizes import SIZES_BINDING, sizes_block
 from clusterviz.render.storage import Slot
@@ -50,20 +51,21 @@ def uniform_blocks(plan: Plan, slot: Slot, voxel_bytes: int) -> Blocks:
     return found | ({5: grading.block()} if grading else {})
 
 
-def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: Pieces | None) -> Blocks:
+def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: Sequence[Pieces | None]) -> Blocks:
     """Return the storage buffers that all windows of the same bricks share.
 
     Parameters
     ----------
     groups : how far rays may skip, or the bits of groups of cells, as the shader reads them
-    pieces : the transfer function's, if registers hold it
+    pieces : of each volume's transfer function, if registers hold it
     """
     segments = plan.segments.buckets, plan.segments.records, plan.segments.sums
     buckets, records, sums = joined_segments(plan.multi_volume) if plan.multi_volume else segments
     found = {3: table.offsets, 4: buckets, 5: records, 6: groups, 7: table.voxels}
     found |= {} if sums is None else {0: sums}
     found |= {} if table.pitches is None else {8: table.pitches}
-    found |= {} if pieces is None else {9: pieces.table}
+    if any(pieces):
+        found[9] = np.concatenate([one.table if one else np.zeros((ROWS, MOST), np.float32) for one in pieces])
     found |= {} if table.bases is None else {10: table.bases}
     return {binding: np.ascontiguousarray(buffer) for binding, buffer in found.items()}
 

@@ -12,6 +12,7 @@ from render.scenes import LIT, SHAPE, camera_at, draw, noise, prepare, scene_of,
 from clusterviz.data.source import Grid
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece, build_tree
+from clusterviz.render import sizes, variant
 from clusterviz.render.cpu import memory
 from clusterviz.render.cpu.caster import VectorCaster
 
@@ -106,6 +107,20 @@ def test_numbers_of_64_bits_change_nothing(dtype: str, keys: Any, monkeypatch: p
     wide = draw(None, prepared)
     assert np.array_equal(wide.partial.rgba, narrow.partial.rgba)
     assert wide.samples == narrow.samples > 0
+
+
+def test_neither_sizes_as_constants_nor_prefetching_change_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A volume that fills bricks of the usual size has them as constants; voxels far apart are fetched ahead."""
+    grid = Grid((65, 66, 67))
+    voxels = smooth(grid.shape_zyx, "uint8")
+    prepared = prepare(scene_of(voxels, camera_at("outside", grid), step=2.0), voxels, grid, brick=64)
+    usual = draw(None, prepared)
+    monkeypatch.setattr(sizes, "CACHED", 0)
+    ahead = draw(None, prepared)
+    monkeypatch.setattr(variant, "USUAL_BRICK", 0)
+    for other in (ahead, draw(None, prepared)):
+        assert other.samples == usual.samples > 0
+        assert np.array_equal(other.partial.rgba, usual.partial.rgba)
 
 
 def test_bricks_that_are_read_back_outlast_their_slots() -> None:
