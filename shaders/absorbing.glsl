@@ -7,5 +7,5 @@ vec4 absorbing(int k, int at, dvec2 span) {
     vec3 gradient = gradient_at(here.brick, here.cell, beyond);
     vec4 entry = classified(s, gradient, here, beyond);
     float depth = frame.optics.x * float(span.y - span.x) * optical_depth(entry.a) * faded(gradient);
-    return depth * vec4(lit(entry.rgb, gradient, here, beyond, true), 1.0);
+    return depth * lit(vec4(entry.rgb, 1.0), gradient, here, beyond, true);
 }

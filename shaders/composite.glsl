@@ -8,7 +8,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     Segment segment = segment_at(s);
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     float opacity = slab_opacity(segment.unit_opacity, frame.optics.x * share * faded(gradient));
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(segment.colour, gradient, place, beyond, true), 1.0);
+    sum += ((1.0 - sum.a) * opacity) * lit(vec4(segment.colour, 1.0), gradient, place, beyond, true);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
@@ -18,6 +18,6 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
         Segment segment = slab_at(s);
         vec3 gradient = gradient_at(place.brick, place.cell, beyond);
         float weight = (1.0 - sum.a) * doubled(segment.opacity);
-        sum = fma(vec4(weight), vec4(lit(segment.colour, gradient, place, beyond, true), 1.0), sum);
+        sum = fma(vec4(weight), lit(vec4(segment.colour, 1.0), gradient, place, beyond, true), sum);
     }
 }

@@ -8,7 +8,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     vec4 entry = classified(s, gradient, place, beyond);
     float opacity = slab_opacity(entry.a, frame.optics.x * share * faded(gradient));
-    sum += ((1.0 - sum.a) * opacity) * vec4(lit(entry.rgb, gradient, place, beyond, true), 1.0);
+    sum += ((1.0 - sum.a) * opacity) * lit(vec4(entry.rgb, 1.0), gradient, place, beyond, true);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

@@ -2,20 +2,35 @@
 // They are central differences. Where a neighbour lies outside of the volume, or is invalid, they are one-sided ones of three voxels, as exact
 // as the others: of the two derivatives at the ends of an edge, the mean is then the edge's own slope.
 bvec4 invalid(vec4 voxels) {
-    return MAY_BE_INVALID ? not(lessThanEqual(abs(voxels), vec4(3e38))) : bvec4(false);
+    return not(lessThanEqual(abs(voxels), vec4(3e38)));
+}
+
+// Derivatives at both ends of an edge, from its own and from central differences, all of two voxels' length.
+vec2 at_ends(float edge, float from, float to, bool none_before, bool none_after) {
+    float only_from = none_before ? edge : from, only_to = none_after ? edge : to;
+    return vec2(none_before ? 2.0 * edge - only_to : from, none_after ? 2.0 * edge - only_from : to);
+}
+
+float across(vec4 edges, vec2 aside) {
+    vec2 sides = edges.xz + (edges.yw - edges.xz) * aside.x;
+    return sides.x + (sides.y - sides.x) * aside.y;
 }
 
 // The derivative along an axis for four edges of a cell that run along it, interpolated between them: `low` and `high` are their ends, and
 // `before` and `after` the voxels beyond these, if the volume goes on there.
 float derivative(vec4 before, vec4 low, vec4 high, vec4 after, bool begins, bool ends, float along, vec2 aside) {
-    bvec4 none_before = begins ? bvec4(true) : invalid(before), none_after = ends ? bvec4(true) : invalid(after);
     vec4 edge = 2.0 * (high - low), from = high - before, to = after - low;
-    vec4 only_from = mix(from, edge, none_before), only_to = mix(to, edge, none_after);
-    from = mix(only_from, 2.0 * edge - only_to, none_before);
-    to = mix(only_to, 2.0 * edge - only_from, none_after);
-    vec4 edges = from + (to - from) * along;
-    vec2 sides = edges.xz + (edges.yw - edges.xz) * aside.x;
-    return 0.5 * (sides.x + (sides.y - sides.x) * aside.y);
+    bvec4 none_before = invalid(before), none_after = invalid(after);
+    if (MAY_BE_INVALID) {
+        for (int n = 0; n < 4; ++n) {
+            vec2 both = at_ends(edge[n], from[n], to[n], begins || none_before[n], ends || none_after[n]);
+            from[n] = both.x;
+            to[n] = both.y;
+        }
+    }
+    vec2 both = vec2(across(from, aside), across(to, aside));
+    if (!MAY_BE_INVALID) both = at_ends(across(edge, aside), both.x, both.y, begins, ends);
+    return 0.5 * (both.x + (both.y - both.x) * along);
 }
 
 vec3 gradient_at(int brick, ivec3 cell, vec3 beyond) {

@@ -29,17 +29,16 @@ vec2 reflected(vec3 normal, vec3 light) {
     return vec2(abs(facing), facing != 0.0 ? power(mirrored, material.w) : 0.0);
 }
 
-// `capped`: the normal of a cut face is blended in, with a weight that falls with the depth behind the face and with the gradient.
-vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
+// Premultiplied colour under the lights. `capped`: the normal of a cut face is blended in, with a weight that falls with the depth behind the face and with the gradient.
+vec4 lit(vec4 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
     vec3 normal = normal_from_gradient * gradient;
-    // Scaled first, as the square of a steep gradient would overflow float32.
-    float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z));
-    bool has_normal = largest > 0.0;
-    normal /= has_normal ? largest : 1.0;
-    float length = has_normal ? sqrt(dot(normal, normal)) : 1.0;
-    normal /= length;
+    // Scaled first, as the square of a steep gradient would overflow float32; by no more than has a normal reciprocal.
+    float largest = max(max(abs(normal.x), abs(normal.y)), abs(normal.z)), scale = clamp(largest, 1e-37, 1e37);
+    normal *= 1.0 / scale;
+    float length = largest > 0.0 ? sqrt(dot(normal, normal)) : 1.0;
+    normal *= 1.0 / length;
     // lighting[3].w is the least factor of gradients.
-    float steep = largest * length, share = 0.0;
+    float steep = scale * length, share = 0.0;
     vec3 cap = vec3(0.0);
     for (int k = 0; capped && steep * lighting[3].w < 1.0 && k < CAPS; ++k) {
         int row = 7 + LIGHT_ROWS * LIGHTS + 2 * k;
@@ -61,5 +60,5 @@ vec3 lit(vec3 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
         diffuse += shares.x * strength;
         specular += shares.y * strength;
     }
-    return min(colour * (ambient_at(place, beyond) + material.y * diffuse) + material.z * specular, 1.0);
+    return vec4(min(colour.rgb * (ambient_at(place, beyond) + material.y * diffuse) + colour.a * material.z * specular, colour.a), colour.a);
 }

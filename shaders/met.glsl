@@ -15,8 +15,8 @@ void meet_surfaces(int at, dvec2 span) {
             // Surfaces in front of the slab, and behind it, belong to other slabs.
             if (found < part.x || found >= part.y || middle + found < uncut.x || middle + found > uncut.y) continue;
             vec4 look = surface[2 * number + 1];
-            vec3 light = lit(look.rgb, gradient_in(course, walk, t), here, here.beyond + along * stride, false);
-            meet(found, look.a * vec4(light, 1.0), NUMBER + SURFACE_OBJECTS * (1 + number));
+            vec4 light = lit(vec4(look.a * look.rgb, look.a), gradient_in(course, walk, t), here, here.beyond + along * stride, false);
+            meet(found, light, NUMBER + SURFACE_OBJECTS * (1 + number));
             run_iterations += MOST_SURFACES + LIGHTS;
         }
     }

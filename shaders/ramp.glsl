@@ -47,14 +47,12 @@ void absorb_between(inout vec4 sum, int low, int high, bool rises, float per_sca
 // Slab from its front to its back, `units` opacity unit distances long.
 vec4 integrated(Class front, Class back, float units) {
     vec4 sum = vec4(0.0);
-    if (front.segment == back.segment) {
-        absorb_within(sum, front, front.s, back.s, units);
-        return sum;
-    }
-    bool rises = back.s > front.s;
+    bool is_one = front.segment == back.segment, rises = back.s > front.s;
     float per_scalar = units / abs(back.s - front.s);
     float leaves = rises ? front.end : front.start, enters = rises ? back.start : back.end;
-    absorb_within(sum, front, front.s, leaves, per_scalar * abs(leaves - front.s));
+    if (is_one) leaves = back.s;
+    absorb_within(sum, front, front.s, leaves, is_one ? units : per_scalar * abs(leaves - front.s));
+    if (is_one) return sum;
     int low = min(front.segment, back.segment) + 1, high = max(front.segment, back.segment);
     if (low < high) absorb_between(sum, low, high, rises, per_scalar);
     absorb_within(sum, back, enters, back.s, per_scalar * abs(back.s - enters));
@@ -75,5 +73,5 @@ void take_slab(inout vec4 sum, Class front, Class back, float units, Place place
     // Between two valid ends, the midpoint's cell may still have an invalid corner: there is no gradient.
     if (MAY_BE_INVALID && !(abs(gradient.x) + abs(gradient.y) + abs(gradient.z) <= 3e38)) gradient = vec3(0.0);
     vec4 slab = integrated(front, back, units * faded(gradient));
-    if (slab.a > 0.0) sum += ((1.0 - sum.a) * slab.a) * vec4(lit(slab.rgb / slab.a, gradient, place, beyond, true), 1.0);
+    sum += (1.0 - sum.a) * lit(slab, gradient, place, beyond, true);
 }
