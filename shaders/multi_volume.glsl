@@ -16,18 +16,22 @@ void mix_in(inout vec4 sum, int k, int at, dvec2 span) {
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
     begin_all(on_lattice(ray, origin), place.brick);
     for (int at = from; at < to; ++at) {
-        double along = double(origin + at);
-        mix_in(sum, origin + at, at, dvec2(along - 0.5LF, along + 0.5LF));
+        int k = origin + at, behind = at;
+        double begin = double(k) - 0.5LF, end = begin + 1.0LF;
+        if (k == ray.slabs - 1) { // its midpoint is not on the lattice
+            begin_all(midpoint(ray, k), place.brick);
+            behind = 0;
+            end = begin + double(ray.last_share);
+        }
+        mix_in(sum, k, behind, dvec2(begin, end));
     }
     run_iterations += (to - from) * SAMPLE_ITERATIONS;
 }
 
-// The last slab, or a first one cut by the entry.
+// A first slab, cut by the entry.
 vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     begin_all(midpoint(ray, k), place.brick);
-    double begin = double(k) - 0.5LF, end = begin + 1.0LF;
-    if (JITTERED && k == 0) begin += 1.0LF - double(ray.first_share);
-    if (k == ray.slabs - 1) end = begin + double(share);
+    double begin = 0.5LF - double(share), end = k == ray.slabs - 1 ? begin + double(ray.last_share) : 0.5LF;
     vec4 sum = vec4(0.0);
     mix_in(sum, k, 0, dvec2(begin, end));
     return sum;

@@ -85,7 +85,8 @@ VOLUME = np.dtype(
 _NAMES = """
 slab_at START_ROW FIRST_OPACITY FIRST_COLOUR FIRST_CHANGE
 Segment segment_of segment_at third stored_at in_units voxel_at row_at pair_at cell_at rows_at scalar_at invalid
-at_ends across derivative is_missing along gradient_at spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
+at_ends across derivative is_missing along gradient_at
+spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
 spline_slope slope_layer slope_layers words_to word_of cell_away prefetch bytes_of halves_of two_rows_at row_of
 lighting toward_eye normal_from_gradient material power face lit reflected grading world_from_gradient magnitude_of
 faded transfer_table entry_at classified users_look within_limit Class is_valid class_at absorb absorb_within
