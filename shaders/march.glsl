@@ -86,6 +86,12 @@ int origin_of(int first) {
     return first == 0 ? 0 : first + (slabs_in_batch >> 1);
 }
 
+// Profile (profile_counts.glsl): the first slab of a ray in this box, from slab k on, and the one behind its last; a gap that is
+// skipped; and a run of slabs that are sampled.
+ivec2 slabs_in_box(Ray ray, int k);
+void count_gap(int from, int to);
+void count_run(Ray ray, int k, int slabs);
+
 int run_iterations; // iterations of loops that a run has counted
 
 // Frame coherence (starts.glsl) and layers (crossing.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and
@@ -126,7 +132,10 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             vec4 share = last_of(ray, 0, place, slab, ray.first_share);
             note(0, vec2(0.5 - ray.first_share, 0.5), share.a, 0);
             put_behind(sum, share);
+            count_run(ray, 0, 1);
             ++samples;
+        } else if (place.brick == GAP) {
+            count_gap(0, 1);
         }
         k = 1;
     }
@@ -139,7 +148,9 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         for (;;) {
             place = place_of(ray, k, slab);
             if (place.brick != GAP) break;
-            k = min(k + place.slabs, last);
+            int next = min(k + place.slabs, last);
+            count_gap(k, next);
+            k = next;
             ++iterations;
             // The place is that of an earlier slab now, which only the end of the dispatch may leave behind.
             if (k == last || (has_done_share(iterations, k) && (k & -slabs_in_batch) != first)) break;
@@ -163,6 +174,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         int origin = origin_of(first);
         take_run(batch, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
         samples += uint(slabs >> doublings);
+        count_run(ray, k, slabs);
         if (is_late()) return;
         k += slabs;
         iterations += run_iterations;
@@ -176,8 +188,11 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             float begin = k > 0 ? -0.5 : 0.5 - ray.first_share;
             note(k, vec2(begin, begin + ray.last_share), share.a, 0);
             put_behind(sum, share);
+            count_run(ray, k, 1);
             ++samples;
         }
+        if (!LAST_IN_RUN && place.brick == GAP && k == last && ray.end == ray.slabs)
+            count_gap(k, k + 1);
         k = ray.slabs;
     }
 }

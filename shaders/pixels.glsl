@@ -35,7 +35,10 @@ void main() {
         if (frame.first_dispatch == 2) {
             if (is_done(sum)) slab = ray.slabs;
         } else {
+            if (begins) count_ray(pixel, ray, slab);
+            begin_share(pixel);
             go_on(ray, sum, slab, samples);
+            end_share();
             end_at(ray, pixel, sum, slab);
             pixels[pixel] = sum.high;
             // The rounding error of finished rays matters only if another box adds to them.

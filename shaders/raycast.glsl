@@ -2,9 +2,9 @@
 // Single-pass ray casting of a box of bricks: one invocation a pixel, front to back, adding behind what the pixel already holds.
 // The lattice of slabs belongs to the whole volume; which slabs this box owns is decided in double precision by the same expression
 // in every box, and positions inside a brick are brick-local, so neither bricks nor ranks leave a seam.
+#include <CONSTANTS>
 layout(local_size_x = 8, local_size_y = 8) in;
 
-#include <CONSTANTS>
 #include <FRAME>
 #include "buffers.glsl"
 #include <WORDS>
@@ -43,5 +43,6 @@ int slabs_in_batch = frame.cells.w;
 #include <BEHIND>
 #include <BORDERS>
 
+#include <PROFILE>
 #include <PACKETS>
 #include <MAIN>

@@ -62,6 +62,12 @@ double begin_in_box(Ray ray, int k, dvec2 box) {
     return max(max(double(k), JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
 }
 
+// A slab belongs to the box in which it begins.
+ivec2 slabs_in_box(Ray ray, int k) {
+    dvec2 box = in_box(ray);
+    return ivec2(int(ceil(max(double(k), box.x))), min(ray.end, int(ceil(min(box.y, double(ray.slabs))))));
+}
+
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
@@ -92,6 +98,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
         int start = any(lessThan(at, ivec3(0))) || any(greaterThanEqual(at, bricks_count)) ? GAP : brick_offset[brick];
         if (start < 0) {
+            count_gap(int(ceil(s)), int(ceil(leave)));
             s = leave;
             continue;
         }
@@ -104,6 +111,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         }
         gap = gap < leave ? floor(gap) : leave;
         if (gap > s) {
+            count_gap(int(ceil(s)), int(ceil(gap)));
             s = gap;
             continue;
         }
@@ -119,6 +127,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
             note(int(s), WHOLE_SLAB, batch.a, 0);
             front = back;
+            count_run(ray, int(s), int(ceil(to)) - int(ceil(s)));
             s = to;
             ++samples;
             iterations += 1 + SAMPLE_ITERATIONS;

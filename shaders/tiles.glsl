@@ -56,6 +56,7 @@ void begin_packet(ivec2 pixel, out Packet packet) {
         int slab = first_slab(packet.ray);
         start_at(packet.ray, number_of(pixel), true, slab);
         packet.slab = slab;
+        count_ray(number_of(pixel), packet.ray, slab);
     }
 }
 
@@ -74,7 +75,9 @@ void draw(ivec2 corner) {
                 Packet packet = packets[n];
                 take_start(n);
                 face(packet.ray);
+                begin_share(number_of(pixel_of(corner, n)));
                 go_on(packet.ray, packet.sum, packet.slab, packet.samples);
+                end_share();
                 if (is_late()) packet.slab = packet.ray.slabs;
                 packets[n].sum = packet.sum;
                 packets[n].slab = packet.slab;

@@ -68,6 +68,11 @@ COMMANDS: dict[str, Command] = {
         "Measure how a scene scales, and predict up to 65,536 ranks, as a page.",
         "clusterviz scale scene.yaml --ranks 1,2,4 -o scaling",
     ),
+    "profile": Command(
+        "clusterviz.cli.profile",
+        "Show what each pixel, and each line of the shader, costs, as a page.",
+        "clusterviz profile scene.yaml -o profile",
+    ),
     "bench": Command(
         "clusterviz.cli.bench",
         "Measure one part: compositing, ray casting, kernels, the network.",

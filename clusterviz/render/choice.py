@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
-from clusterviz.errors import DeviceError
+from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.devices import ENVIRONMENT, egl_devices
 from clusterviz.plan.plan import Plan
 
@@ -47,6 +47,23 @@ def has_gpu() -> bool:
 def egl_device(device: Device) -> int | None:
     """Return the EGL device of a setting; EGL's default if the CPU was asked for but cannot draw the scene."""
     return None if device == "cpu" else device
+
+
+def check_one_size(plan: Plan) -> None:
+    """Check that OpenGL can draw the bricks of a plan.
+
+    Raises
+    ------
+    InputError
+        They have several sizes.
+    """
+    if plan.layout.edges_zyx is not None:
+        raise InputError(
+            "OpenGL draws bricks of one size only",
+            where="cluster.largest_brick",
+            found="bricks of several sizes",
+            allowed="null; or the CPU (--device cpu)",
+        )
 
 
 def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Raycaster | VectorCaster:

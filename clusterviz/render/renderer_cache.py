@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import Device, egl_device, prefers_cpu
+from clusterviz.render.choice import Device, check_one_size, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
@@ -133,13 +132,7 @@ class RendererCache:
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
         if self._prefers_cpu:
             return VectorCaster(plan)
-        if plan.layout.edges_zyx is not None:
-            raise InputError(
-                "OpenGL draws bricks of one size only",
-                where="cluster.largest_brick",
-                found="bricks of several sizes",
-                allowed="null; or the CPU (--device cpu)",
-            )
+        check_one_size(plan)
         if self._context is None:
             raise ValueError("there is no context yet")
         from clusterviz.render.raycast import Raycaster

@@ -7,7 +7,7 @@ which the compiler folds into the addresses of every fetch. Data that change fro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
@@ -49,6 +49,9 @@ SURFACES_FILES = ("root.glsl", "surfaces.glsl")
 PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
 """Files that sample runs of slabs, where samples.glsl does not."""
 
+
+Profile = Literal["", "counts", "clock"]
+CLOCK = "#extension GL_ARB_shader_clock : require"
 
 PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2), 1: (1, 1)}
 """Lanes of a vector: the pixels of a packet across and down."""
@@ -105,6 +108,7 @@ class Variant:
     crossing : only where the opacity of a pixel passes one half is found
     occlusion : rows of ambient occlusion; 0: there is none
     cpu : how a CPU draws it; None: a GPU draws
+    profile : what is found out about each pixel, besides its colour
     """
 
     filter: Filter
@@ -130,6 +134,7 @@ class Variant:
     look: Look | None = None
     occlusion: int = 0
     cpu: Lanes | None = None
+    profile: Profile = ""
 
     @property
     def name(self) -> str:
@@ -174,6 +179,7 @@ class Variant:
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
             "GROUPS": "groups.glsl",
+            "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
             "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
             "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
@@ -306,7 +312,8 @@ class Variant:
             count = 7 + rows * self.lights + 2 * self.caps + self.occlusion
             lines.append(glsl_rows("Lights", 2, {"lighting": self._rows(count)}))
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
-        return "\n".join((*lines, *self._traits.constants)) + "\n"
+        clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
+        return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
 
     def _rows(self, count: int) -> int:
         """Return the number of rows of a block, which CPUs do not know when they compile."""

@@ -294,8 +294,8 @@ class Checker:
         elif name.text in ("texture", "texelFetch", "textureSize"):
             if (texel := self._texture(name.text, given)) is not None:
                 return BuiltIn(texel, name.at, name.text, tuple(arguments))
-        elif name.text == "barrier":
-            return BuiltIn(VOID, name.at, name.text, ())
+        elif name.text in ("barrier", "clock2x32ARB") and not given:
+            return BuiltIn(VOID if name.text == "barrier" else NUMBERS["u", 2], name.at, name.text, ())
         elif name.text in ("atomicAdd", "atomicMin"):
             if len(given) == 2 and given[0] is given[1] and given[0] in (INT, UINT):
                 self.target(arguments[0])

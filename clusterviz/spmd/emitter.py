@@ -263,6 +263,13 @@ class Emitter:
             word = "zext" if given in "bu" else "sext"
         return self.part(f"{word} {self.of(part)} to {self.kind(element, part.varying)}", element, part.varying)
 
+    def clock(self) -> list[Part]:
+        """Return the low and the high word of the CPU's cycle counter."""
+        self.declare("llvm.readcyclecounter", "i64", [])
+        now = self.part("call i64 @llvm.readcyclecounter()", "l", False)
+        high = self.new(f"lshr i64 {now.text}, 32")
+        return [self.part(f"trunc i64 {word} to i32", "u", False) for word in (now.text, high)]
+
     def bits(self, part: Part, element: str) -> Part:
         """Return the same bits as another element."""
         return self.part(f"bitcast {self.of(part)} to {self.kind(element, part.varying)}", element, part.varying)

@@ -235,6 +235,8 @@ class Expressions(Blocks):
         given = [self.value(one) for one in node.arguments]
         if node.name == "barrier":
             return []
+        if node.name == "clock2x32ARB":
+            return self.emit.clock()
         if node.name in ATOMIC:
             return self._atomic(node.name == "atomicAdd", node.arguments[0], given[1][0])
         return BUILT_INS[node.name](self.emit, given)

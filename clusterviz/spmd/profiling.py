@@ -7,7 +7,7 @@ their callers, since reading the counter would take longer than they do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -19,11 +19,13 @@ from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import CHEAP, Generator
 from clusterviz.spmd.ir import Block, Expression, Function, Leave, Loop, Program, Statement, Variable
 from clusterviz.spmd.machine_code import function_of, object_code
+from clusterviz.spmd.parser import parse
 from clusterviz.spmd.tokens import tokens_of
 from clusterviz.spmd.variables import Binding, Parts
 
-PROFILE_BLOCK = 47  # counters in the table of addresses: int64 (sites, len(COUNTERS))
+PROFILE_BLOCK = 51  # counters in the table of addresses: int64 (sites, len(COUNTERS))
 COUNTERS = "executions", "lanes", "cycles", "switches"
+INTERRUPTED = 1 << 16  # cycles between switches in which another process has had the core
 Mode = Literal["counts", "functions", "lines"]
 
 
@@ -34,12 +36,13 @@ class Site:
     Attributes
     ----------
     function : that it is in
-    file, line : 0 for a function
+    file, line, column : "" and 0 for a function
     """
 
     function: str
     file: str = ""
     line: int = 0
+    column: int = 0
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,9 @@ class ProfilingGenerator(Generator):
         emit, self._current = self.emit, number
         now, last = emit.new("call i64 @llvm.readcyclecounter()"), emit.new(f"load i64, ptr {self._last}")
         site = emit.new(f"load i64, ptr {self._site}")
-        self._add(site, 2, emit.new(f"sub i64 {now}, {last}"))
+        passed = emit.new(f"sub i64 {now}, {last}")
+        own = emit.new(f"icmp ult i64 {passed}, {INTERRUPTED}")
+        self._add(site, 2, emit.new(f"select i1 {own}, i64 {passed}, i64 0"))
         self._add(site, 3, "1")
         emit.line(f"store i64 {now}, ptr {self._last}")
         emit.line(f"store i64 {number}, ptr {self._site}")
@@ -177,6 +182,18 @@ def _marked(program: Program, facts: Facts) -> Iterator[tuple[int, int]]:
             yield id(node.condition), node.at
 
 
+def reached(source: ShaderSource, names: Collection[str]) -> frozenset[str]:
+    """Return the functions of a shader with these names, and all that they call."""
+    waiting = [each for name, named in parse(source).functions.items() if name in names for each in named]
+    found = set[str]()
+    while waiting:
+        function = waiting.pop()
+        if function.name not in found:
+            found.add(function.name)
+            waiting += [called for called, _ in function.calls]
+    return frozenset(found)
+
+
 def instrument(source: ShaderSource, name: str, lanes: int, mode: Mode) -> Instrumented:
     """Return the instrumented code of a shader's `main`; see `object_code`."""
     made: list[ProfilingGenerator] = []
@@ -188,6 +205,6 @@ def instrument(source: ShaderSource, name: str, lanes: int, mode: Mode) -> Instr
     code, (_, places) = object_code(source, name, lanes, make=make), tokens_of(source)
     sites = []
     for function, at in made[0].keys:
-        file, line = places.where(at).split(":")[:2] if at else ("", "0")
-        sites.append(Site(function, file, int(line)))
+        file, line, column = places.where(at).split(":") if at else ("", "0", "0")
+        sites.append(Site(function, file, int(line), int(column)))
     return Instrumented(function_of(code, name), tuple(sites))

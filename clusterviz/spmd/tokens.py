@@ -129,7 +129,7 @@ def _expanded(macro: Macro, at: int, macros: dict[str, Macro], hidden: set[str])
 
 def _direct(line: str, at: int, places: Places, macros: dict[str, Macro]) -> None:
     words = line.replace("#", " ").split()
-    if words[0] == "version":
+    if words[0] in ("version", "extension"):
         return
     if words[0] == "line" and len(words) == 3:
         places.go_on(at + len(line) + 1, int(words[1]), int(words[2]))
@@ -142,5 +142,5 @@ def _direct(line: str, at: int, places: Places, macros: dict[str, Macro]) -> Non
         macros[match[1]] = Macro(body, bool(match[2]))
     else:
         raise places.error(
-            "a preprocessor directive outside of the subset", at, words[0], "define, undef, line, version"
+            "a preprocessor directive outside of the subset", at, words[0], "define, extension, undef, line, version"
         )

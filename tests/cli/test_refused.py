@@ -76,6 +76,12 @@ COMMANDS = [
     (f"tradeoff {FIELD} -o out --size 0x3", "--size: too small"),
     (f"tradeoff {FIELD} -o out -D volumes=[]", "nothing to trade"),
     (f"tradeoff {FIELD} -o images", "would overwrite other files"),
+    (f"profile {FIELD} -o out --by vulkan", "--by: nothing that draws; found vulkan; allowed cpu or gl"),
+    ("profile none.npy -o out", "no such file"),
+    (f"profile {FIELD} -o out -D volumes=[]", "nothing to draw"),
+    (f"profile {FIELD} -o images", "would overwrite other files"),
+    (f"profile {FIELD} -o file", "cannot be a folder"),
+    (f"profile {FIELD} -o out --size 9x9 --by cpu -D volumes.0.opacity=[[0,0],[1,0]]", "nothing to draw"),
     (f"verify {FIELD} --ranks 1,x", "--ranks: not a count; found x"),
     (f"verify {FIELD} --ranks 0", "--ranks: not a count; found 0"),
     (f"verify {FIELD} --algorithms tree,magic", "--algorithms: unknown name; found magic"),
@@ -183,17 +189,20 @@ def test_bad_input(
     assert {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")} == before
 
 
-@pytest.mark.parametrize("command", ["scale", "tradeoff", "verify"])
-def test_commands_that_start_mpirun_are_not_run_by_it(
-    command: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("command", "does"),
+    [*((name, "starts mpirun") for name in ("scale", "tradeoff", "verify")), ("profile", "draws all ranks")],
+)
+def test_commands_that_need_no_mpirun_are_not_run_by_it(
+    command: str, does: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
     outcome = cli(command, FIELD, *(() if command == "verify" else ("-o", "out")))
-    assert (outcome.status, "starts mpirun by itself" in outcome.err) == (2, True)
+    assert (outcome.status, f"{does} by itself" in outcome.err) == (2, True)
 
 
-@pytest.mark.parametrize("command", ["scale", "tradeoff"])
+@pytest.mark.parametrize("command", ["scale", "tradeoff", "profile"])
 @pytest.mark.parametrize("library", ["jinja2", "matplotlib"])
 def test_a_missing_library_is_named(
     command: str, library: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

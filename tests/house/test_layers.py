@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-# Packages on one line do not import each other. `report` holds values; its pages are report.scale and report.tradeoff.
+# Packages on one line do not import each other. `report` holds values; its pages are in folders of their own.
 LEVELS = (
     ("errors",),
     ("image",),
@@ -31,6 +31,7 @@ LEVELS = (
     ("frame",),
     ("report.output",),
     ("report.scale", "report.tradeoff", "viewer", "debugger"),
+    ("report.profile",),
     ("cli",),
     ("__main__",),
 )

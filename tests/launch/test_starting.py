@@ -130,7 +130,7 @@ def test_slurm_shows_each_rank_all_gpus_and_hands_on_its_cores(desk: Desk) -> No
     assert desk.called("srun") == [*options, str(desk.clusterviz), "doctor"]
 
 
-@pytest.mark.parametrize("command", ["scale", "verify", "tradeoff"])
+@pytest.mark.parametrize("command", ["scale", "verify", "tradeoff", "profile"])
 @pytest.mark.parametrize(("launcher", "job"), [("slurm", "SLURM_JOB_ID"), ("pbs", "PBS_JOBID")])
 def test_commands_that_start_mpirun_run_once(launcher: str, job: str, command: str, desk: Desk) -> None:
     desk.program("srun", srun_that_lists("pmi2"))

@@ -66,6 +66,9 @@ def _rays() -> Iterator[tuple[str, Variant]]:
         yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
     adaptive = Slot(CELLS, "u8", False, adaptive=True)
     yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
+    for profile, split in product(("counts", "clock"), (False, True)):
+        ways = {"split": split, "preintegrated": split, "profile": profile}
+        yield f"profile of {profile}, split {split}", Variant("linear", slot, 33, 0, 0, **ways)
     for name, ways in (("", {}), (", pre-integrated", {"preintegrated": True}), (", surfaces", {"surfaces": 2})):
         yield f"layers{name}", Variant("linear", slot, 33, 0, 0, crossing=True, **ways)
         yield f"occlusion{name}", Variant("linear", slot, 33, 0, 0, lights=1, planes=1, occlusion=5, **ways)
@@ -91,6 +94,8 @@ def _on_cpu() -> Iterator[tuple[str, Variant]]:
     slot = Slot(CELLS, "u8", False, 2, 1, 2)
     for name, own in (("wide", Lanes(8, wide=True)), ("pitched", Lanes(4, pitched=True)), ("any size", cpu)):
         yield f"CPU, {name}", Variant("linear", slot, 0 if name == "any size" else 33, 0, 0, cpu=own)
+    for profile in ("counts", "clock"):
+        yield f"CPU, profile of {profile}", Variant("linear", slot, 33, 0, 0, cpu=cpu, profile=profile)
     yield "CPU, coherent", Variant("linear", slot, 33, 0, 0, frame_coherence=True, cpu=cpu)
     volumes = VolumeVariant("linear", slot, 1, lights=2, surfaces=1), VolumeVariant("cubic", slot, 0, table="opacity")
     whole = Slot(CELLS, "f32", False, parts=(slot, slot))

@@ -26,7 +26,7 @@ def thumbnail_url(rgba: NDArray[Any], background: RGB | None) -> str:
     picture = Image.fromarray(finish(np.asarray(rgba, np.float32), background))
     if picture.width > WIDTH:
         picture = picture.resize((WIDTH, max(1, round(picture.height * WIDTH / picture.width))), Image.Resampling.BOX)
-    return _data_url(picture)
+    return data_url(picture)
 
 
 def error_map_url(difference: NDArray[Any]) -> tuple[str, float]:
@@ -47,7 +47,7 @@ def error_map_url(difference: NDArray[Any]) -> tuple[str, float]:
     error = _largest_of_blocks(np.abs(difference).max(axis=2))
     wrong = error[error > 0]
     factor = _round_below(1 / float(np.percentile(wrong, 98))) if wrong.size else 1.0
-    return _data_url(Image.fromarray(_heat(np.clip(error * factor, 0, 1)))), factor
+    return data_url(Image.fromarray(heat(np.clip(error * factor, 0, 1)))), factor
 
 
 def _round_below(value: float) -> float:
@@ -58,7 +58,7 @@ def _round_below(value: float) -> float:
     return power * max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-9))
 
 
-def _heat(values: NDArray[np.float64]) -> Bytes:
+def heat(values: NDArray[np.float64]) -> Bytes:
     """Map (h, w) in [0, 1] to colours (h, w, 3) from black over red and yellow to white."""
     rising = 3 * values[..., None] - np.arange(3)
     colours: Bytes = np.rint(255 * np.clip(rising, 0, 1)).astype(np.uint8)
@@ -75,7 +75,7 @@ def _largest_of_blocks(error: NDArray[Any]) -> NDArray[np.float64]:
     return blocks
 
 
-def _data_url(picture: Any) -> str:
+def data_url(picture: Any) -> str:
     data = io.BytesIO()
     picture.save(data, format="png", optimize=True)
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()

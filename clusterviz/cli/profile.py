@@ -1,0 +1,76 @@
+"""`clusterviz profile`: measure what each pixel and each line of the shader costs, and write a page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.errors import InputError, SceneError
+from clusterviz.render.choice import prefers_cpu
+from clusterviz.report.output import check_folder, replacing_folder
+from clusterviz.report.profile.measure import Report, measure
+from clusterviz.report.profile.page import NUMBERS, PAGE, as_json, write_report
+from clusterviz.report.tradeoff.page import check_libraries
+from clusterviz.scene import open_scene
+
+BY = "cpu", "gl"
+
+
+def command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    ranks: Annotated[
+        int, typer.Option(min=1, max=1024, help="Number of ranks among which bricks are divided; drawn in turn.")
+    ] = 1,
+    by: Annotated[
+        str | None, typer.Option(metavar="cpu|gl", help="What draws; default: OpenGL if there is a GPU.")
+    ] = None,
+    define: Define = None,
+    size: Size = None,
+    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+) -> None:
+    """Show what each pixel costs, and on CPUs each line of the shader."""
+    refuse_launcher("profile", "draws all ranks by itself")
+    check_libraries()
+    if by not in (None, *BY):
+        raise InputError("nothing that draws", where="--by", found=by, allowed=" or ".join(BY))
+    opened = open_scene(scene, overrides_of(define, size))
+    if not opened.volumes:
+        raise SceneError("nothing to draw", where=f"{scene}: volumes", allowed="a scene with a volume")
+    check_folder(output, NUMBERS)
+    steps = ("read", "compile", *(f"rank {rank}" for rank in range(ranks)), "write")
+    with show_progress(steps) as progress:
+        report = measure(opened, ranks, prefers_cpu() if by is None else by == "cpu", progress)
+        progress("write")
+        with replacing_folder(output, NUMBERS) as temporary:
+            write_report(temporary, Path(scene).name, report)
+    if as_numbers:
+        print(json.dumps(as_json(report), indent=2))
+        return
+    print_info(summary(report))
+    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+
+
+def summary(report: Report) -> str:
+    """Return the profile in a few lines."""
+    totals, memory = report.whole.totals, report.whole.memory
+    lines = [
+        f"slabs      {totals['slabs']:,}: {totals['covered']:,} sampled, {totals['skipped']:,} skipped, "
+        f"{totals['left_out']:,} left out behind what is opaque",
+        f"samples    {totals['samples']:,} in {totals['runs']:,} runs",
+        f"memory     {memory['bricks_sampled']:,} of {report.whole.bricks:,} bricks, "
+        f"{memory['bytes_sampled'] / 2**20:.2f} MiB, each fetched {memory['times_fetched']:.1f} times",
+    ]
+    if report.code:
+        lines += [
+            f"time       {1e3 * report.code.seconds:.1f} ms of one thread, {report.code.idle:.1%} of the lanes idle, "
+            f"{report.code.ideal:.1%} of it for samples without idle lanes",
+            *(f"           {one.share:6.1%}  {one.name}" for one in report.code.lines[:3]),
+        ]
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Profile of a scene: where the time of its pixels and of its shader goes."""
