@@ -6,6 +6,7 @@ import ctypes
 import struct
 from collections.abc import Sequence
 
+from clusterviz.kernels.objects import cpu, has_features
 from clusterviz.spmd.ir import Number
 from clusterviz.spmd.types import whole
 
@@ -75,6 +76,9 @@ class Emitter:
         return self._text(f"define internal fastcc {kind}", "noinline nounwind")
 
     def _text(self, begin: str, end: str) -> str:
+        # LLVM 22 fails to compile masks of one lane for AVX-512.
+        if self.lanes == 1 and has_features("avx512f"):
+            end += f' "target-features"="{cpu()[1]},-avx512f"'
         body = ["entry:", *self._entry, "  br label %begin", "begin:", *self._lines]
         return "\n".join([f"{begin} @{self._name}({', '.join(self._parameters)}) {end} {{", *body, "}"])
 
