@@ -28,26 +28,28 @@ def scene(radius: float, **keys: Any) -> Scene:
     return with_settings(found, {"brick": 8})
 
 
-def draw(shown: Scene, ranks: int = 1, grids: tuple[Grid, ...] = (OBLIQUE,)) -> np.ndarray:
+def draw(shown: Scene, ranks: int, grids: tuple[Grid, ...], device: Any) -> np.ndarray:
     sources = [ArraySource(smooth(grid.shape_zyx), grid) for grid in grids]
-    image = run_loopback(ranks, lambda channel: render_frame(shown, channel, sources, Options(0)))[0].image
+    image = run_loopback(ranks, lambda channel: render_frame(shown, channel, sources, Options(device)))[0].image
     assert image is not None
     return image
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("grids", [(OBLIQUE,), (OBLIQUE, BESIDE)])
-def test_ranks_and_bricks_leave_no_trace(grids: tuple[Grid, ...]) -> None:
+@pytest.mark.parametrize(("device", "grids"), [(0, (OBLIQUE,)), (0, (OBLIQUE, BESIDE)), ("cpu", (OBLIQUE, BESIDE))])
+def test_ranks_and_bricks_leave_no_trace(device: Any, grids: tuple[Grid, ...]) -> None:
     cut = (tuple(OBLIQUE.corners.mean(axis=0).tolist()), (1, 0.3, 0))
     shown = scene(3.0, clip=Clip(planes=(cut,)))
     shown = shown.model_copy(update={"volumes": shown.volumes * len(grids)})
-    alone = draw(shown, 1, grids)
+    alone = draw(shown, 1, grids, device)
     expected = render_reference(shown, grids, [smooth(grid.shape_zyx) for grid in grids])
     assert np.abs(alone - expected).max() < 4e-5
-    assert (draw(with_settings(shown, {"volumes.0.ambient_occlusion.strength": 0.0}), 1, grids) - alone).max() > 0.1
+    assert (
+        draw(with_settings(shown, {"volumes.0.ambient_occlusion.strength": 0.0}), 1, grids, device) - alone
+    ).max() > 0.1
     for ranks in (3, 5):
-        assert np.abs(draw(shown, ranks, grids) - alone).max() < 1e-5
-    assert np.abs(draw(with_settings(shown, {"brick": 64}), 1, grids) - alone).max() < 1e-5
+        assert np.abs(draw(shown, ranks, grids, device) - alone).max() < 1e-5
+    assert np.abs(draw(with_settings(shown, {"brick": 64}), 1, grids, device) - alone).max() < 1e-5
 
 
 def test_limits() -> None:

@@ -62,10 +62,12 @@ def case(name: str) -> tuple[Scene, list[np.ndarray], list[Grid]]:
     return with_settings(scene, LAYERS | {"brick": 8}), [voxels], [grid]
 
 
-def layers(scene: Scene, voxels: list[np.ndarray], grids: list[Grid], ranks: int = 1, **keys: Any) -> dict[str, Any]:
+def layers(
+    scene: Scene, voxels: list[np.ndarray], grids: list[Grid], ranks: int = 1, device: Any = 0, **keys: Any
+) -> dict[str, Any]:
     scene = with_settings(scene, keys)
     sources = [ArraySource(*each) for each in zip(voxels, grids, strict=True)]
-    rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, sources, Options(0)))[0]
+    rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, sources, Options(device)))[0]
     assert rendered.image is not None
     return dict(layers_of(rendered.image))
 
@@ -85,13 +87,16 @@ def check_equal(found: dict[str, Any], expected: dict[str, Any], few: int, bound
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", [*CASES, "two volumes"])
-def test_layers_are_those_of_the_reference_and_equal_on_any_ranks(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "device"),
+    [*((name, 0) for name in (*CASES, "two volumes")), *((name, "cpu") for name in ("surfaces within", "two volumes"))],
+)
+def test_layers_are_those_of_the_reference_and_equal_on_any_ranks(name: str, device: Any) -> None:
     made = case(name)
-    alone = layers(*made)
+    alone = layers(*made, device=device)
     check_equal(alone, reference_layers(made[0], made[2], made[1]), 3, 1e-4)
     for ranks in (3, 5):
-        check_equal(layers(*made, ranks), alone, 0, 2e-5)
+        check_equal(layers(*made, ranks, device), alone, 0, 2e-5)
 
 
 @pytest.mark.gl
