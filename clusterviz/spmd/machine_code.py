@@ -22,10 +22,13 @@ Blocks = Mapping[int, NDArray[Any]]
 Make = Callable[[Program, int, dict[str, Any]], "Generator"]
 
 
-def object_code(
-    source: ShaderSource, name: str, lanes: int, intrinsics: bool = True, make: Make | None = None
-) -> bytes:
-    """Return an object file with a shader's `main` under another name.
+def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> bytes:
+    """Return an object file with a shader's `main` under another name; see `code_of`."""
+    return optimized_object(code_of(source, name, lanes, intrinsics))
+
+
+def code_of(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True, make: Make | None = None) -> str:
+    """Return the LLVM code of a shader's `main` under another name.
 
     Parameters
     ----------
@@ -48,7 +51,8 @@ def object_code(
         used.pop("word_at", None)
     if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
-    return optimized_object((make or Generator)(parse(source), lanes, used).text(name))
+    text: str = (make or Generator)(parse(source), lanes, used).text(name)
+    return text
 
 
 @cache

@@ -7,6 +7,7 @@ their callers, since reading the counter would take longer than they do.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
+from clusterviz.kernels.objects import function_address, optimized_object
 from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import CHEAP, Generator
 from clusterviz.spmd.ir import Block, Expression, Function, Leave, Loop, Program, Statement, Variable
-from clusterviz.spmd.machine_code import function_of, object_code
+from clusterviz.spmd.machine_code import code_of
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.tokens import tokens_of
 from clusterviz.spmd.variables import Binding, Parts
@@ -202,9 +204,10 @@ def instrument(source: ShaderSource, name: str, lanes: int, mode: Mode) -> Instr
         made.append(ProfilingGenerator(program, lanes, intrinsics, mode))
         return made[0]
 
-    code, (_, places) = object_code(source, name, lanes, make=make), tokens_of(source)
+    text, (_, places) = code_of(source, name, lanes, make=make), tokens_of(source)
     sites = []
     for function, at in made[0].keys:
-        file, line, column = places.where(at).split(":") if at else ("", "0", "0")
+        file, line, column = places.where(at).rsplit(":", 2) if at else ("", "0", "0")
         sites.append(Site(function, file, int(line), int(column)))
-    return Instrumented(function_of(code, name), tuple(sites))
+    address = function_address(name, (text.encode(),), lambda: optimized_object(text))
+    return Instrumented(ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address), tuple(sites))

@@ -44,7 +44,7 @@ def sequence(x: int) -> list[int]:
 
 def profiled(given: np.ndarray, lanes: int, mode: Mode) -> tuple[dict[Site, np.ndarray], np.ndarray]:
     """Counters by site, and what was found."""
-    code = instrument(ShaderSource(SHADER, ("steps.glsl",)), "profiled", lanes, mode)
+    code = instrument(ShaderSource(SHADER, ("c:1/steps.glsl",)), "profiled", lanes, mode)
     counters, found, system = code.counters(), np.full(len(given), -1, np.int32), np.zeros(7, np.uint32)
     table = addresses({}, {0: given, 1: found}, system)
     table[PROFILE_BLOCK] = counters.ctypes.data
@@ -53,7 +53,7 @@ def profiled(given: np.ndarray, lanes: int, mode: Mode) -> tuple[dict[Site, np.n
     return dict(zip(code.sites, counters, strict=True)), found
 
 
-@pytest.mark.parametrize("lanes", [16, 4])
+@pytest.mark.parametrize("lanes", [16, 4, 1])
 def test_statements_are_counted_by_packet_and_by_lane(lanes: int) -> None:
     given = np.random.default_rng(5).permutation(100).astype(np.int32)[:96]
     each = [sequence(int(x)) if x > 50 else [] for x in given]
