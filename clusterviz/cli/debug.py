@@ -130,7 +130,7 @@ def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks:
         session.focus = pixels[0]
     console = Console(highlight=False)
     try:
-        Page(session, console, watches).run(lambda: console.input("(h for help) > "))
+        Page(session, console, watches).run(lambda: console.input("(help) > "))
     except OSError:
         # The terminal is gone; the interpreter must not flush to it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

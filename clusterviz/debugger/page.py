@@ -20,13 +20,23 @@ AROUND = 6
 """Lines of the source in front of and behind the next one."""
 CELLS = 48, 16
 """Largest picture, in characters."""
-HELP = """\
-s  step into        n  step over         o  step out          c  continue      t FILE:LINE  go to a line
-b FILE:LINE [#N] [if CONDITION]  break at the N-th visit of a pixel      b  list     b-  remove all
-w EXPRESSION  watch                      w- remove all        l  list variables in scope
-p X,Y  follow a pixel                    p- follow all        m  show which pixels are active, passive, ended
-i EXPRESSION  picture                    h EXPRESSION  histogram
-d  differences of the watches to the stop before              q  quit"""
+COMMANDS = {
+    "step": "step, into calls",
+    "next": "step over calls; so does an empty line",
+    "out": "step out of the function",
+    "continue": "continue to the next breakpoint",
+    "to FILE:LINE": "continue to a line",
+    "break FILE:LINE [#N] [if CONDITION]": "stop at a pixel's N-th visit; break lists, break- removes all",
+    "watch EXPRESSION": "show a value at every stop; watch- removes all",
+    "pixel X,Y": "follow a pixel; pixel- follows all",
+    "list": "variables in scope",
+    "map": "how many pixels are active, passive and ended",
+    "image EXPRESSION": "picture of a value",
+    "histogram EXPRESSION": "histogram of a value",
+    "differences": "how the watches changed since the stop before",
+    "quit": "end the session",
+}
+"""What a session understands; the beginning of a name is enough."""
 
 
 class Page:
@@ -52,7 +62,7 @@ class Page:
                 words = ask().strip()
             except EOFError:
                 return
-            if words == "q":
+            if words and "quit".startswith(words):
                 return
             try:
                 self._execute(words)
@@ -60,8 +70,10 @@ class Page:
                 self._console.print(f"[red]{error}[/red]", highlight=False)
 
     def _execute(self, words: str) -> None:
-        session, (command, _, rest) = self._session, words.partition(" ")
-        steps = {"s": session.step, "n": session.over, "o": session.out, "c": session.go, "": session.over}
+        session, (word, _, rest) = self._session, words.partition(" ")
+        found = [name[0] for name in COMMANDS if name.split()[0].startswith(word.removesuffix("-"))]
+        command = "".join(found[:1]) + "-" * word.endswith("-") if word else "n"
+        steps = {"s": session.step, "n": session.over, "o": session.out, "c": session.go}
         if command in steps or command == "t":
             steps[command]() if command in steps else session.go_to(rest)
             self._look()
@@ -73,13 +85,18 @@ class Page:
             self._console.print(self._states())
         elif command == "i":
             self._console.print(half_blocks(session.watch(rest).picture()))
-        elif command == "h":
+        elif command == "h" and rest:
             self._console.print(Group(*(histogram_of(rest, each) for each in session.watch(rest).histogram())))
         elif command == "d":
             differences = [now.minus(self._before[text]) for text, now in self._now.items() if text in self._before]
             self._console.print(self._table(differences))
+        elif word in ("h", "help", "?"):
+            table = Table.grid(padding=(0, 2))
+            for each, does in COMMANDS.items():
+                table.add_row(Text(each), does)
+            self._console.print(table)
         else:
-            self._console.print(HELP, highlight=False, markup=False)
+            raise InputError("no command", where="session", found=words, allowed="what help lists")
 
     def _set(self, command: str, rest: str) -> None:
         session = self._session

@@ -102,14 +102,16 @@ def test_a_mistake_is_one_message(
 
 def test_a_session_is_led_by_commands(cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     commands = iter(
-        f"""b {RUN} #2 if k > 0
-w k
+        f"""break {RUN} #2 if k > 0
+watch k
 w sum.high
-p 6,5
-c
+pixel 6,5
+continue
 d
-l
+li
 m
+help
+frob
 h k
 i sum.high
 w nothing
@@ -121,7 +123,18 @@ q""".split("\n")
     outcome = cli("debug", *SMALL)
     assert outcome.status == 0
     assert f"march.glsl:{RUN.rpartition(':')[2]} in march, dispatch 0" in outcome.out
-    for text in ("▶", "break at", "following (6, 5)", "iteration", "ended", "▀", "█", "nothing is not declared"):
+    for text in (
+        "▶",
+        "break at",
+        "following (6, 5)",
+        "iteration",
+        "ended",
+        "▀",
+        "█",
+        "nothing is not declared",
+        "found frob",
+        "next ",
+    ):
         assert text in outcome.out, text
 
 
