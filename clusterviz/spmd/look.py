@@ -41,7 +41,6 @@ class Look:
 
     Attributes
     ----------
-    path : its file
     text : GLSL that drivers and CPUs may compile
     names : that the file defines
     iterations : of loops, at most, for a sample
@@ -49,7 +48,6 @@ class Look:
     uses_gradient : it reads the gradient
     """
 
-    path: str
     text: str
     names: tuple[str, ...]
     iterations: int
@@ -137,7 +135,7 @@ def make_look(text: str, path: str) -> Look:
     uses_gradient = any(isinstance(node, Name) and node.variable is look.parameters[1] for node in nodes)
     guarded = _guarded(text, program, nodes, tokens, is_guarded)
     iterations = MOST_ITERATIONS if iterations is None else min(iterations, MOST_ITERATIONS)
-    found = Look(path, guarded, tuple(dict.fromkeys(names)), iterations, is_guarded, uses_gradient)
+    found = Look(guarded, tuple(dict.fromkeys(names)), iterations, is_guarded, uses_gradient)
     # The whole way, so that nothing is left to find when it is drawn.
     whole = ShaderSource(found.glsl() + MAIN, (path,))
     Generator(parse(whole), 4, {}).text("look")
