@@ -376,8 +376,9 @@ def run_all(
 
 
 def _render(scene: str, overrides: list[str], configuration: Configuration, folder: Path) -> tuple[Pixels, int]:
-    """Render one configuration; return the picture and the number of samples of all ranks."""
-    picture, stats = folder / "picture.npy", folder / "statistics.json"
+    """Render one configuration; return the picture, with depths if it has any, and the samples of all ranks."""
+    has_layers = bool(open_scene(scene, overrides).image.layers)
+    picture, stats = folder / ("picture.npz" if has_layers else "picture.npy"), folder / "statistics.json"
     settings = [
         *overrides,
         f"cluster.compositing={configuration.algorithm}",
@@ -394,7 +395,16 @@ def _render(scene: str, overrides: list[str], configuration: Configuration, fold
     arguments = ["render", scene, "-o", str(picture), "--stats", str(stats), *defines]
     run_job(configuration.ranks, arguments, environment=environment)
     frame = json_text.loads(stats.read_text())["frames"][0]
-    return read_image(picture), sum(r["samples"] - r["samples_estimate"] for r in frame["per_rank"])
+    pixels = _with_depth(picture) if has_layers else read_image(picture)
+    return pixels, sum(r["samples"] - r["samples_estimate"] for r in frame["per_rank"])
+
+
+def _with_depth(picture: Path) -> Pixels:
+    """Return the colours of a picture and, if it has that layer, depth as a share of the largest, 0 where infinite."""
+    with np.load(picture) as arrays:
+        depth = arrays.get("depth", np.zeros(arrays["rgba"].shape[:2], np.float32))
+        depth = np.where(np.isfinite(depth), depth, np.float32(0))
+        return np.dstack([arrays["rgba"], depth / max(float(depth.max()), 1e-30)])
 
 
 def _judge_picture(

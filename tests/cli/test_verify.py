@@ -14,6 +14,7 @@ import pytest
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
+from clusterviz.image import write_image
 from clusterviz.scene import scene_of_data
 
 SCENE = ("field:marschner-lobb:20", "--size", "32x24")
@@ -175,6 +176,20 @@ def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkey
     ways = [Configuration(ranks, "tree", brick) for brick in made for ranks in (1, 2)]
     assert not any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0, splits=True))
     assert any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0))
+
+
+def test_depth_is_compared_with_the_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a share of the largest, where it is finite."""
+
+    def job(ranks: int, arguments: list[str], **_: Any) -> None:
+        depth = np.array([[20.0, 10.0 * ranks, np.inf]], np.float32)
+        write_image(arguments[3], np.zeros((1, 3, 4), np.float32), None, layers={"depth": depth})
+        Path(arguments[5]).write_text(json.dumps({"frames": [{"per_rank": [{"samples": 1, "samples_estimate": 0}]}]}))
+
+    monkeypatch.setattr(verify, "run_job", job)
+    ways, layers = [Configuration(ranks, "tree", 8) for ranks in (1, 2)], ["image.layers=[depth]"]
+    same, other = verify.run_all("field:gaussian:8", layers, ways, 1e-5, 0)
+    assert (same.problem, other.max, other.first_wrong_pixel) == ("", 0.5, (0, 1))
 
 
 def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() -> None:
