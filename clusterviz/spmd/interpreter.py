@@ -409,7 +409,7 @@ class Interpreter:
         else:
             assert isinstance(target, Element), "the checker has seen to that"
             parts, index, size = yield from self._elements(target, mask)
-            for n in range(size):
+            for n in range(size) if len(index) > 1 else index.tolist():
                 for begin, part in zip(range(0, len(parts), size), value, strict=True):
                     parts[begin + n] = np.where(index == n, part, parts[begin + n])
             yield from self._store(target.base, [part for n in range(size) for part in parts[n::size]], mask)

@@ -19,12 +19,15 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.shader import shader_folder
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.cpu import caster as casters
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.recording import recorded, run_on
+from clusterviz.render.variant import Variant
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.ir import Declare, Variable
-from clusterviz.spmd.probe import Shader, probe_bytes, taken_by, taken_of_words
+from clusterviz.spmd.machine_code import function_of, object_code
+from clusterviz.spmd.probe import Probe, Shader, Taken, probe_bytes, taken_by, taken_of_words
 
 SHAPE = (9, 11, 12)
 GRID = Grid(SHAPE)
@@ -81,14 +84,23 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers densest met_none no_prefetch raycast sums"
-ON_CPUS = """cells_f32 cells_in_words cells_u16 cells_u8 extremes_u8 linear_cells pieces skips tiles words words_wide
-classified_pieces piece_rows packets packets_crossing packets_starts pitch pitches"""
+WITHOUT_CODE = "buffers densest met_none no_prefetch no_profile raycast sums"
+ON_CPUS = {
+    "jittered uint16": "cells_in_words cells_u16 linear_cells packets skips tiles words",
+    "maximum of float32": "cells_f32",
+    "surfaces": "cells_u8 extremes_u8",
+    "coherent": "packets_starts",
+}
+"""Looks that machine code draws, too, and the files of CPUs in which a probe looks."""
+OF_16_LANES = "classified_pieces piece_rows pieces"
+"""Files of CPUs whose vectors have 16 numbers."""
+NOT_PROBED = "packets_crossing pitch pitches profile_clock profile_counts words_wide"
+"""Of layers on CPUs, bricks of several sizes, large memory, and the profiler."""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
 """Weights of the texture unit have about 8 bits."""
 
 
-def dispatches(look: str, folder: Path) -> tuple[Plan, tuple[Piece, ...], dict[Any, Any]]:
+def dispatches(look: str, folder: Path, brick: int = 8) -> tuple[Plan, tuple[Piece, ...], dict[Any, Any]]:
     """The plan of a look, its pieces and its bricks."""
     dtype, keys, _ = LOOKS[look]
     if "transfer_2d" in keys:
@@ -103,7 +115,7 @@ def dispatches(look: str, folder: Path) -> tuple[Plan, tuple[Piece, ...], dict[A
         scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
     if "one half" in look:
         scene = scene.model_copy(update={"image": scene.image.model_copy(update={"layers": ("depth", "normal")})})
-    cluster = scene.cluster.model_copy(update={"brick": 8})
+    cluster = scene.cluster.model_copy(update={"brick": brick})
     scene = scene.model_copy(update={"cluster": cluster, "automatic": False})
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(each, GRID) for each in voxels])
     assert share.plan is not None
@@ -162,15 +174,64 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
     instrumented = replace(dispatch, source=shader.instrumented(probes, BINDING), buffers=begun)
     size = probe_bytes(probes) * 64 * int(np.prod(dispatch.groups))
     theirs = taken_of_words(run_on(context, instrumented, BINDING, size), probes)
+    check_taken(places, probes, mine, theirs, 50 * bound)
+
+
+def check_taken(places: list[str], probes: list[Probe], mine: list[Taken], theirs: list[Taken], bound: float) -> None:
+    """Probes of both ways come to the same lanes, and find the same numbers there."""
     for place, probe, a, b in zip(places, probes, mine, theirs, strict=True):
         assert np.array_equal(a.reached, b.reached), place
         for (name, _), x, y in zip(probe.scalars, a.values, b.values, strict=True):
-            close = np.isclose(x[a.reached], y[a.reached], rtol=50 * bound, atol=50 * bound, equal_nan=True)
+            close = np.isclose(x[a.reached], y[a.reached], rtol=bound, atol=bound, equal_nan=True)
             assert close.all(), f"{place}: {name}"
     assert any(each.reached.any() for each in mine)
 
 
+@pytest.mark.parametrize("look", ON_CPUS)
+def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
+    look: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, pieces, bricks = dispatches(look, tmp_path, 16)  # one brick, as others lie elsewhere
+    seen: dict[str, Any] = {}
+    compiled, table = casters.compiled_variant, casters.addresses
+
+    def recorded_table(uniforms: Any, buffers: Any, *others: Any) -> Any:
+        for name, blocks in (("uniforms", uniforms), ("buffers", buffers)):
+            seen[name] = {number: np.frombuffer(block.tobytes(), np.uint8).copy() for number, block in blocks.items()}
+        return table(uniforms, buffers, *others)
+
+    def recorded_variant(variant: Variant) -> Any:
+        seen["variant"] = variant
+        return compiled(variant)
+
+    monkeypatch.setattr(casters, "addresses", recorded_table)
+    monkeypatch.setattr(casters, "compiled_variant", recorded_variant)
+    caster = casters.VectorCaster(plan)
+    caster.load(plan, dict(bricks))
+    drawn, source, lanes = caster.draw(plan, pieces)[0].partial.rgba, seen["variant"].source, seen["variant"].cpu.lanes
+    text = source.text.replace("local_size_x = 8, local_size_y = 8", f"local_size_x = {lanes}")
+    dispatch = Dispatch(replace(source, text=text), (1, 1, 1), seen["uniforms"], dict(copies(seen["buffers"])))
+    reached = executed(dispatch)
+    assert drawn.max() > 0.1
+    rgba = dispatch.buffers[1].view(np.float32)[: drawn.size].reshape(drawn.shape)
+    assert np.abs(rgba - drawn).max() <= 2e-6 * drawn.max()
+
+    shader = Shader(dispatch.source)
+    places = [reached[file] for file in ON_CPUS[look].split()]
+    places += [reached[file] for file in OF_16_LANES.split() if file in reached]
+    probes = [shader.probe(place, watches_at(shader, place), "", 1 + n % 2) for n, place in enumerate(places)]
+    begun = replace(dispatch, buffers=dict(copies(seen["buffers"])))
+    mine = taken_by(Interpreter(shader.program, begun), probes, np.ones(lanes, bool))
+    words = np.zeros(probe_bytes(probes) * lanes, np.uint8)
+    blocks = table(seen["uniforms"], seen["buffers"] | {BINDING + 2: words}, casters.ONE_GROUP)
+    code = object_code(shader.instrumented(probes, BINDING + 2), "probed", lanes, intrinsics=False)
+    function_of(code, "probed")(blocks.ctypes.data)
+    check_taken(places, probes, mine, taken_of_words(words, probes), 1e-4)
+
+
 def test_probes_look_into_every_file_of_the_shaders() -> None:
     """A new file needs a look in the table, in which a pixel comes to it."""
-    files = " ".join([*(look[2] for look in LOOKS.values()), WITHOUT_CODE, ON_CPUS]).split()
+    files = " ".join(
+        [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
+    ).split()
     assert sorted(files) == sorted(path.stem for path in shader_folder().glob("*.glsl"))
