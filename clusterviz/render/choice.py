@@ -1,4 +1,4 @@
-"""Choice of the ray caster of a rank: OpenGL if there is a GPU, else the CPU ray caster, if it supports the scene.
+"""Choice of the ray caster of a rank: OpenGL if there is a GPU, else the CPU ray caster.
 
 OpenGL on a software device runs on the same cores as the CPU ray caster and is several times slower: it executes every
 branch and emulates every fetch.
@@ -45,7 +45,7 @@ def has_gpu() -> bool:
 
 
 def egl_device(device: Device) -> int | None:
-    """Return the EGL device of a setting; EGL's default if the CPU was asked for but cannot draw the scene."""
+    """Return the EGL device of a setting; EGL's default for the CPU."""
     return None if device == "cpu" else device
 
 

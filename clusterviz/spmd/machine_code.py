@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,7 +56,10 @@ def code_of(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True
     return text
 
 
-@cache
+_COMPILING = Lock()
+"""Threads that stand for ranks ask for the same code at once."""
+
+
 def compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], None]:
     """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
 
@@ -63,6 +67,12 @@ def compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], Non
     ----------
     name : of the function and, but for a hash, of the file
     """
+    with _COMPILING:
+        return _compiled(source, name, lanes)
+
+
+@cache
+def _compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], None]:
     address = function_address(name, code_sources(source, lanes), lambda: object_code(source, name, lanes))
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
 
