@@ -21,7 +21,7 @@ SIZES = np.dtype(
     [
         ("cells", "i4", 4),  # of a stored brick, x, y, z; the brick's side
         ("groups", "i4", 4),  # of cells in a brick, x, y, z; words of a brick's groups
-        ("words", "i4", 4),  # in a row, in a slice; of the visibility of a brick's groups; 1: samples are far apart
+        ("words", "i4", 4),  # in a row, in a slice; of the visibility of a brick's groups
         ("counts", "i4", 4),  # lights, planes that cut what is lit, clipping planes, surfaces
         ("transfer", "i4", 4),  # further starts of segments, pieces of gradient opacity, planes that cut occlusion
         ("first", "i4", 4),  # word of a brick's first cell, samples before it along every axis
@@ -39,19 +39,23 @@ COUNTS = {
 CACHED, NEAR = 1 << 22, 0.8  # bytes of bricks and voxels of a slab, above which voxels are fetched ahead
 
 
-def sizes_block(plan: Plan, slot: Slot, voxel_bytes: int) -> NDArray[np.void]:
-    """Return the block of a draw, `SIZES` (1 + volumes,): the first record is that of the domain, or of one volume.
+def is_far_apart(plan: Plan, voxel_bytes: int) -> bool:
+    """Return whether samples are so far apart, and bricks so large, that caches hold few of the voxels.
 
     Parameters
     ----------
     voxel_bytes : of the bricks that are drawn
     """
+    return voxel_bytes > CACHED and voxels_a_slab(plan) > NEAR
+
+
+def sizes_block(plan: Plan, slot: Slot) -> NDArray[np.void]:
+    """Return the block of a draw, `SIZES` (1 + volumes,): the first record is that of the domain, or of one volume."""
     layers = plan.multi_volume.volume_layers if plan.multi_volume else ()
     block, unit = np.zeros(1 + len(layers), SIZES), slot.unit
     _tell_volume(block[:1], unit, plan.segments, plan.blend_mode)
     block["cells"][0, 3], block["groups"][0] = plan.layout.brick, (*unit.groups_zyx[::-1], slot.unit.group_words)
-    far = voxel_bytes > CACHED and voxels_a_slab(plan) > NEAR
-    block["words"][0, 2:], block["counts"][0, 2] = (unit.visibility_words, far), len(plan.clip)
+    block["words"][0, 2], block["counts"][0, 2] = unit.visibility_words, len(plan.clip)
     for number, (layer, part) in enumerate(zip(layers, slot.parts, strict=True), 1):
         _tell_volume(block[number : number + 1], part, layer.segments, layer.blend_mode)
     return block

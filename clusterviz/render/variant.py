@@ -69,6 +69,7 @@ class Lanes:
     fitted : a slab's opacity is a polynomial on each piece
     wide : 32 bits do not address all words of bricks
     pitched : bricks have several sizes
+    far : samples are so far apart that voxels are fetched ahead
     """
 
     lanes: int
@@ -76,6 +77,7 @@ class Lanes:
     fitted: bool = False
     wide: bool = False
     pitched: bool = False
+    far: bool = False
     volumes: tuple[int, ...] = ()
 
 
@@ -141,6 +143,11 @@ class Variant:
         """Name of its function on a CPU; those of variants that differ little are the same."""
         volumes = f"{len(self.volumes)}_volumes" if self.volumes else f"{self.slot.kind}_{self.filter}_{self.blending}"
         return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
+
+    @property
+    def fetches_ahead(self) -> bool:
+        """Whether a program for CPUs brings voxels nearer before it samples them."""
+        return self.filter == "linear" and not (self.volumes or self.surfaces or self.preintegrated)
 
     @property
     def source(self) -> ShaderSource:
@@ -361,7 +368,7 @@ class Variant:
         assert self.cpu, "a GPU draws"
         lines = [
             glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
-            "bool FAR_APART = sizes[0].words.w != 0; // samples, so that caches hold few of them",
+            f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",

@@ -44,6 +44,7 @@ from clusterviz.render.render_result import (
     footprint,
     no_progress,
 )
+from clusterviz.render.sizes import is_far_apart
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
 from clusterviz.render.variant import Lanes, Variant, cpu_variant_of
@@ -208,10 +209,11 @@ class VectorCaster:
         box = bounding_box(bricks)
         table = self.pool.table(box, bricks)
         buffers = brick_buffers(plan, table, self._skips_of(plan, box, bricks), self._pieces_of(plan))
-        uniforms = uniform_blocks(plan, self.slot, table.bytes)
+        uniforms = uniform_blocks(plan, self.slot)
         variant = self._variant_of(plan)
         assert variant.cpu, "the variant is one of a CPU"
-        cast = compiled_variant(replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None)))
+        far = variant.fetches_ahead and is_far_apart(plan, table.bytes)
+        cast = compiled_variant(replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None, far=far)))
         return _Shown(piece, len(bricks), bricks.tobytes(), box, uniforms, buffers, textures(plan), cast)
 
     def _draw_piece(

@@ -32,14 +32,9 @@ EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 Blocks = dict[int, NDArray[Any]]
 
 
-def uniform_blocks(plan: Plan, slot: Slot, voxel_bytes: int) -> Blocks:
-    """Return the uniform blocks that all frames of the same bricks share.
-
-    Parameters
-    ----------
-    voxel_bytes : of the bricks
-    """
-    found: Blocks = {SIZES_BINDING: sizes_block(plan, slot, voxel_bytes)}
+def uniform_blocks(plan: Plan, slot: Slot) -> Blocks:
+    """Return the uniform blocks that all frames of the same bricks share."""
+    found: Blocks = {SIZES_BINDING: sizes_block(plan, slot)}
     if len(plan.clip):
         found[3] = np.ascontiguousarray(plan.clip)
     if plan.multi_volume is not None:
