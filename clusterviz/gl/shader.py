@@ -95,8 +95,20 @@ def _part(part: str, slot: str, where: str) -> tuple[str, str]:
     return part, text
 
 
+@cache
+def _folders(folder: Path) -> tuple[Path, ...]:
+    """Return the folders in which shader files lie."""
+    return folder, *sorted(path for path in folder.iterdir() if path.is_dir())
+
+
+def shader_file(name: str) -> Path:
+    """Return the path of a shader file, in whichever folder of `shader_folder` it lies; names are unique."""
+    folder = shader_folder()
+    return next((each / name for each in _folders(folder) if (each / name).is_file()), folder / name)
+
+
 def _read(name: str, where: str) -> str:
-    path = shader_folder() / name
+    path = shader_file(name)
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.gl.shader import shader_folder
+from clusterviz.gl.shader import shader_file
 from clusterviz.image import read_image
 
 SMALL = ("field:marschner-lobb:16", "--size", "12x10", "-D", "cluster.brick=8", "-D", "quality.step=2")
-LINES = (shader_folder() / "march.glsl").read_text().splitlines()
-RUN = f"shaders/march.glsl:{next(n for n, line in enumerate(LINES, 1) if 'take_run(batch' in line)}"
+LINES = shader_file("march.glsl").read_text().splitlines()
+RUN = f"shaders/march/march.glsl:{next(n for n, line in enumerate(LINES, 1) if 'take_run(batch' in line)}"
 LOOK = ("debug", *SMALL, "--break", RUN)
 
 

@@ -8,7 +8,7 @@ import pytest
 from clusterviz.debugger.draws import Frame, by_interpreter, look
 from clusterviz.debugger.session import Session, State
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource, shader_folder
+from clusterviz.gl.shader import ShaderSource, shader_file
 from clusterviz.scene import scene_of_data
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.probe import Shader, taken_by
@@ -20,7 +20,7 @@ CENTRE = (6, 5)
 
 def line_of(file: str, text: str) -> str:
     """FILE:LINE of the first line of a shader that begins with a text."""
-    lines = (shader_folder() / file).read_text().splitlines()
+    lines = shader_file(file).read_text().splitlines()
     return f"{file}:{next(n for n, line in enumerate(lines, 1) if line.strip().startswith(text))}"
 
 

@@ -66,4 +66,4 @@ def probe(context: moderngl.Context, shaders: Path) -> Probe:
 
 def text_of(*names: str) -> str:
     """The shader files of these names, one after another: what a slot takes."""
-    return "\n".join((shader.shader_folder() / name).read_text() for name in names) + "\n"
+    return "\n".join(shader.shader_file(name).read_text() for name in names) + "\n"

@@ -234,4 +234,4 @@ def test_probes_look_into_every_file_of_the_shaders() -> None:
     files = " ".join(
         [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
     ).split()
-    assert sorted(files) == sorted(path.stem for path in shader_folder().glob("*.glsl"))
+    assert sorted(files) == sorted(path.stem for path in shader_folder().rglob("*.glsl"))
