@@ -86,7 +86,7 @@ COMMANDS: dict[str, Command] = {
     "debug": Command(
         "clusterviz.cli.debug",
         "Look at the variables of the shader that draws a scene, for all pixels at once.",
-        "clusterviz debug scene.yaml --break march.glsl:146 --watch k,sum.high --pixel 320,200",
+        "clusterviz debug scene.yaml --break march.glsl:146 --watch k",
     ),
     "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command(
