@@ -77,6 +77,7 @@ def test_a_brick_that_waits_is_stored_when_another_view_reaches_it() -> None:
     plan, bricks = planned(OPAQUE)
     found, caster = drawn(plan, bricks)
     back, _ = planned(FAINT)
+    caster.compile(back)
     (again,) = caster.draw(back, [whole(back)])
     assert (again.bricks, again.occluded) == (len(bricks), 0)
     assert caster.pool.voxels > 2 * found.bricks
