@@ -62,7 +62,7 @@ class Raycaster:
     plan : the first plan to draw, which decides the variant, the slots and the encoding of bricks
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
-    band_pixels : larger pictures are drawn in bands
+    band_pixels : larger pictures are drawn in bands; None: `MOST_PIXELS_AT_ONCE`
 
     Attributes
     ----------
@@ -76,9 +76,9 @@ class Raycaster:
         plan: Plan,
         block_bytes: int | None = None,
         limit_bytes: int | None = None,
-        band_pixels: int = MOST_PIXELS_AT_ONCE,
+        band_pixels: int | None = None,
     ) -> None:
-        self._context, self._band_pixels = context, band_pixels
+        self._context, self._band_pixels = context, band_pixels or MOST_PIXELS_AT_ONCE
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
