@@ -1,11 +1,27 @@
-// Absorption of a slab in one of several volumes, from its midpoint: optical depth, and colour times optical depth.
-vec4 absorbing(int k, int at, dvec2 span) {
-    if (k < seen.x || k >= seen.y) return vec4(0.0);
-    vec3 beyond = here.beyond + float(at) * stride;
-    float s = scalar_at(here.brick, here.cell, beyond);
-    if (!(s >= buckets.w)) return vec4(0.0); // nothing is visible below, and NaN compares false
+// Absorption of slabs in one of several volumes, from their midpoints: optical depth, and colour times optical depth.
+bool is_inside(int k) {
+    return k >= seen.x && k < seen.y;
+}
+
+vec4 absorption(float s, vec3 beyond, float length) {
     vec3 gradient = gradient_at(here.brick, here.cell, beyond);
     vec4 entry = classified(s, gradient, here, beyond);
-    float depth = frame.optics.x * float(span.y - span.x) * optical_depth(entry.a) * faded(gradient);
+    float depth = frame.optics.x * length * optical_depth(entry.a) * faded(gradient);
     return depth * lit(vec4(entry.rgb, 1.0), gradient, here, beyond, true);
+}
+
+void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool first, bool second) {
+    first = first && is_inside(k);
+    second = second && is_inside(k + 1);
+    if (first || second) {
+        vec3 beyond = here.beyond + float(at) * stride, later = here.beyond + float(at + 1) * stride;
+        float s = scalar_at(here.brick, here.cell, beyond), t = ABREAST ? scalar_at(here.brick, here.cell, later) : 0.0;
+        // Nothing is visible below, and NaN compares false.
+        first = first && s >= buckets.w;
+        second = second && t >= buckets.w;
+        if (first || second) {
+            if (first) mix_in(mixed, absorption(s, beyond, float(span.y - span.x)), NUMBER);
+            if (second) mix_in(next, absorption(t, later, 1.0), NUMBER);
+        }
+    }
 }

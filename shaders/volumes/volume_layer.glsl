@@ -60,23 +60,19 @@ bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
     return true;
 }
 
-// Optical depth of a slab, its colour times that, and the surfaces in it.
-vec4 absorbing(int k, int at, dvec2 span);
+// Absorption of a slab, and of the next one, which is whole.
+void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool first, bool second);
 void meet_surfaces(int at, dvec2 span);
 
-void take_all(inout vec4 sum, int k, int at, dvec2 span) {
-    take_before(sum, k, at, span);
+bool is_uncut(double middle) {
+    return WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
+}
+
+void take_all(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool both) {
+    take_before(mixed, next, k, at, span, both);
     if (here.brick < 0) return;
     double middle = 0.5LF * (span.x + span.y);
-    bool is_kept_there = WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
-    if (IN_VOLUME && is_kept_there) {
-        vec4 own = absorbing(k, at, span);
-        sum += own;
-        if (LAYERS && own.a > densest) {
-            densest = own.a;
-            densest_volume = NUMBER;
-        }
-    }
+    if (IN_VOLUME) absorbing(mixed, next, k, at, span, is_uncut(middle), both && is_uncut(middle + 1.0LF));
     meet_surfaces(at, span);
 }
 

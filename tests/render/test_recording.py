@@ -80,11 +80,11 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
-    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp layers_none multi_volume volume_layer"),
+    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none multi_volume volume_layer"),
     "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers densest met_none no_prefetch no_profile raycast sums"
+WITHOUT_CODE = "buffers met_none no_prefetch no_profile raycast sums"
 ON_CPUS = {
     "jittered uint16": "cells_in_words cells_u16 linear_cells packets skips tiles words",
     "maximum of float32": "cells_f32",
