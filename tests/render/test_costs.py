@@ -27,7 +27,9 @@ BRICK = 16
 # Of every picture: pixels, progress and samples, the transfer function's buckets, records, where bricks begin, visible
 # groups, the frame.
 BUFFERS = 7
-ALWAYS = "raycast pixels buffers ray opacity transfer words pitch units records_uniform march groups no_prefetch"
+ALWAYS = (
+    "raycast pixels buffers ray opacity transfer words pitch units records_uniform march groups no_prefetch no_profile"
+)
 PLAIN = (
     "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
     "unsplit entries fixed_step voxel_u8"
