@@ -140,7 +140,10 @@ q""".split("\n")
 
 @pytest.mark.fresh
 def test_a_terminal_that_goes_away_ends_the_session() -> None:
-    ours, theirs = pty.openpty()
+    try:
+        ours, theirs = pty.openpty()
+    except OSError:
+        pytest.skip("this machine has no pseudo-terminals")
     command = [sys.executable, "-m", "clusterviz", "debug", *SMALL]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, start_new_session=True) as job:
         os.close(theirs)

@@ -16,9 +16,8 @@ NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_no_driver(ranks: int, tmp_path: Path) -> None:
-    """The texture unit is OpenGL's alone."""
-    unit = ("-D", "quality.filter=hardware")
-    ended = render(ranks, FIELD, "-o", str(tmp_path / "a.png"), *SMALL, *unit, environment=NO_DRIVER)
+    """A device of EGL was asked for."""
+    ended = render(ranks, FIELD, "-o", str(tmp_path / "a.png"), *SMALL, "--device", "0", environment=NO_DRIVER)
     check_failure(ended, 1, "apt-get install libegl1", tmp_path)
 
 
