@@ -52,7 +52,9 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     picture.save(path)
     if picture.layers:
         Image.fromarray(np.concatenate([np.asarray(Image.open(path)), *as_colours(picture.layers)], axis=1)).save(path)
-    Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    found = Image.open(path).convert("RGB")
+    # Normals have more colours than a palette.
+    (found if picture.layers else found.quantize(COLOURS, dither=Image.Dither.NONE)).save(path, optimize=True)
     return path
 
 
