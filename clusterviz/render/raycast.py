@@ -28,7 +28,7 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.brick_atlas import BrickPool, capacity
-from clusterviz.render.crossing import Crossing, Planes
+from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.multi_volume_bricks import store_as
@@ -136,22 +136,6 @@ class Raycaster:
         if bricks := set(bricks):
             self._last_frame.forget()
         self.pool.drop(bricks)
-
-    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
-        """Find where the opacity of pixels passes one half, in pieces that have been drawn.
-
-        Parameters
-        ----------
-        plan, pieces : as drawn
-        fronts : float32 (rows, columns), the opacity in front of each piece, in its footprint
-
-        Returns
-        -------
-        found : of each piece, see `Crossing.found`
-        """
-        crossings = [Crossing.behind(front) for front in fronts]
-        self.draw(plan.crossing, pieces, crossings=crossings)
-        return [one.found for one in crossings]
 
     def draw(
         self,

@@ -18,7 +18,7 @@ from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, check_one_size, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.crossing import Crossing
+from clusterviz.render.crossing import Crossing, Planes
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
@@ -105,13 +105,22 @@ class RendererCache:
             else self._caster.draw(plan, pieces, progress)
         )
 
-    def find_layers(
-        self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]
-    ) -> list[NDArray[np.float32]]:
-        """Find where the opacity of pixels passes one half. See `Raycaster.find_layers`."""
-        if self._caster is None:
-            return [Crossing.behind(front).found for front in fronts]
-        return self._caster.find_layers(plan, pieces, fronts)
+    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
+        """Find where the opacity of pixels passes one half, in pieces that have been drawn.
+
+        Parameters
+        ----------
+        plan, pieces : as drawn
+        fronts : float32 (rows, columns), the opacity in front of each piece, in its footprint
+
+        Returns
+        -------
+        found : float32 (5, rows, columns) of each piece, see `Crossing.found`
+        """
+        crossings = [Crossing.behind(front) for front in fronts]
+        if self._caster is not None:
+            self._caster.draw(plan.crossing, pieces, crossings=crossings)
+        return [one.found for one in crossings]
 
     @property
     def held(self) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
-from clusterviz.render.crossing import Crossing, Planes
+from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import (
@@ -136,12 +136,6 @@ class VectorCaster:
         if bricks := set(bricks):
             self._last_frame.forget()
         self.pool.drop(bricks)
-
-    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
-        """Find where the opacity of pixels passes one half. See `Raycaster.find_layers`."""
-        crossings = [Crossing.behind(front) for front in fronts]
-        self.draw(plan.crossing, pieces, crossings=crossings)
-        return [one.found for one in crossings]
 
     def draw(
         self,
