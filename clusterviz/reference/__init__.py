@@ -2,18 +2,16 @@
 
 - rays.py           rays of the camera, and their part in the volume
 - slabs.py          slabs of rays
-- sample.py         trilinear and nearest interpolation
-- spline.py         cubic B-splines
+- sample.py         trilinear and nearest interpolation, cubic B-splines
 - fields.py         interpolations by name
-- clipping.py       clipping by planes and a box
 - grading.py        gradient opacity and 2-D transfer functions
 - lighting.py       gradients and lights
 - projections.py    maximum, minimum, local maximum, average, sum
 - surfaces.py       isosurfaces
-- crossings.py      crossings of rays with isosurfaces
+- intersections.py  intersections with triangles, spheres and tubes
+- fragments.py      meshes, lines and points
 - preintegrated.py  pre-integrated classification
-- ingredients.py    one volume of a mixture
-- mixture.py        several volumes
+- multi_volume.py   several volumes, and surfaces
 - layers.py         layers beside the colours
 - raycast.py        picture of a scene
 - over.py           compositing of layers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,23 @@ from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Clip, Light, Scene, Volume
+
+
+class Material(Protocol):
+    """Shares of the light that a volume or a surface reflects."""
+
+    @property
+    def ambient(self) -> float: ...
+
+    @property
+    def diffuse(self) -> float: ...
+
+    @property
+    def specular(self) -> float: ...
+
+    @property
+    def specular_power(self) -> float: ...
+
 
 CAP_UNITS, CAP_STEEP, FACE_STEEP = 4.0, 1 / 4, 1 / 128
 
@@ -48,7 +65,7 @@ def lit(
     gradient: Floats,
     point: Floats,
     ray: Floats,
-    volume: Volume,
+    volume: Material,
     scene: Scene,
     grid: Grid,
     box: tuple[int, ...] = (),
@@ -81,7 +98,7 @@ def lit(
     toward_eye = -_unit(ray @ world_from_index.T)
     share, cap = (
         _cap(gradient, point, volume, scene.clip, grid, box)
-        if box and scene.clip.cap
+        if box and scene.clip.cap and isinstance(volume, Volume)
         else (np.zeros(len(point)), normal)
     )
     found = (volume.ambient if ambient is None else ambient) * colour

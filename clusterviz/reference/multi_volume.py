@@ -1,8 +1,11 @@
-"""Reference of several volumes in one scene: emission and absorption of their mixture, slab by slab.
+"""Reference of several volumes and surfaces in one scene: emission and absorption of their mixture, slab by slab.
 
-Rays are cut into slabs in the axis-aligned box around all volumes. A slab lies in every volume that contains its
+Rays are cut into slabs in the axis-aligned box around all content. A slab lies in every volume that contains its
 midpoint. The extinctions of these volumes add up, κ = Σ κ_i, and its colour is the mean Σ κ_i c_i / Σ κ_i. See
 `volume_layers.py` for pre-integrated classification and isosurfaces.
+
+A surface fragment at depth t belongs to the slab that holds t: the volumes are absorbed up to t, then the fragment,
+then the rest. See `fragments.py`.
 
 The midpoint of a slab decides whether the slab lies in a volume. For pre-integrated classification and isosurfaces, the
 part of the slab in the volume is used: the scalar changes linearly from one end of that part to the other, or crosses
@@ -29,6 +32,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.fragments import Fragments, PlacedSurface, find_fragments
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity
 from clusterviz.reference.lighting import lit
@@ -59,22 +63,32 @@ class PlacedVolume:
 
 
 @dataclass(frozen=True)
-class SurfaceHit:
-    """An isosurface in a slab of rays.
+class Layer:
+    """A surface in a slab of rays.
 
     Attributes
     ----------
     place : float64 (m,), world length along the ray
     opacity : float64 (m,), 0 where the slab has no surface
     colour : float64 (m, 3), straight
-    number : int (m,), of the object
-    volume : that it belongs to
-    inside : float64 (m, 3), points where the field has a gradient
     """
 
     place: Floats
     opacity: Floats
     colour: Floats
+
+
+@dataclass(frozen=True)
+class SurfaceHit(Layer):
+    """An isosurface in a slab of rays.
+
+    Attributes
+    ----------
+    number : int (m,), of the object
+    volume : that it belongs to
+    inside : float64 (m, 3), points where the field has a gradient
+    """
+
     number: NDArray[np.int64]
     volume: VolumeRays
     inside: Floats
@@ -231,7 +245,12 @@ LONGEST = 2.0
 
 
 def march_mixture(
-    rays: Rays, volumes: Sequence[PlacedVolume], step: float, scene: Scene, met: HalfOpacity | None = None
+    rays: Rays,
+    volumes: Sequence[PlacedVolume],
+    step: float,
+    scene: Scene,
+    met: HalfOpacity | None = None,
+    surfaces: Sequence[PlacedSurface] = (),
 ) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
 
@@ -241,9 +260,13 @@ def march_mixture(
     volumes : the volumes, in any order
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
-    met : written, if given; a slab is that of the volume that absorbs most in it
+    met : written, if given; a slab is that of the volume that absorbs most in it; surfaces are not met
+    surfaces : meshes, lines and points, in the order of the scene
     """
-    corners = np.concatenate([placed.grid.corners for placed in volumes])
+    fragments = FragmentQueue(find_fragments(rays, surfaces, scene))
+    if not volumes:
+        return fragments.composite_all()
+    corners = np.concatenate([placed.grid.corners for placed in volumes] + [surface.bounds for surface in surfaces])
     low, high = corners.min(axis=0), corners.max(axis=0)
     most = LONGEST if any(has_ends(placed.volume, scene) for placed in volumes) else step
     length = min(step, most) * min(min(placed.grid.spacing) for placed in volumes)
@@ -260,10 +283,54 @@ def march_mixture(
         for more, light in each:
             depth, glow = depth + more, glow + light
         colour = glow / np.where(depth > 0, depth, 1)[:, None]
-        surfaces = [one for passage in passages for one in passage.surfaces(slab)]
+        isosurfaces = [one for passage in passages for one in passage.surfaces(slab)]
         passed = _Passed(met, slab, passages, np.array([more for more, _ in each])) if met else None
-        _pass(rgba, transmittance, slab, depth, colour, surfaces, passed)
+        _pass(rgba, transmittance, slab, depth, colour, [*isosurfaces, *fragments.take(slab)], passed)
+    fragments.composite_rest(rgba, transmittance)
     return rgba
+
+
+class FragmentQueue:
+    """Fragments of rays, of which each slab takes those in front of its end; `next` is the first of each ray left."""
+
+    def __init__(self, fragments: Fragments) -> None:
+        self.fragments, self.next = fragments, fragments.begins[:-1].copy()
+
+    def take(self, slab: Slab) -> Iterator[Layer]:
+        """Yield the fragments of a slab, in order, one for each ray at a time."""
+        while True:
+            layer, here = self._layer(slab.rays, slab.end)
+            if not here.any():
+                return
+            self.next[slab.rays[here]] += 1
+            yield layer
+
+    def composite_rest(self, rgba: Floats, transmittance: Floats) -> None:
+        """Composite what is left behind the pixels: what rounding puts beyond the last slab, and rays without slabs."""
+        rays = np.arange(len(rgba))
+        while True:
+            layer, here = self._layer(rays, np.full(len(rays), np.inf))
+            if not here.any():
+                return
+            self.next[here] += 1
+            weight = transmittance * layer.opacity
+            rgba += weight[:, None] * np.column_stack([layer.colour, np.ones(len(rays))])
+            transmittance *= 1 - layer.opacity
+
+    def composite_all(self) -> Floats:
+        """Return the picture of the fragments alone, float64 (n, 4)."""
+        rgba, transmittance = np.zeros((len(self.next), 4)), np.ones(len(self.next))
+        self.composite_rest(rgba, transmittance)
+        return rgba
+
+    def _layer(self, rays: NDArray[np.int64], end: Floats) -> tuple[Layer, Flags]:
+        """Return the next fragment of each ray in front of `end`, and where there is one."""
+        left = self.next[rays] < self.fragments.begins[rays + 1]
+        t, rgba = np.full(len(rays), np.inf), np.zeros((len(rays), 4))
+        t[left] = self.fragments.t[self.next[rays[left]]]
+        here = left & (t < end)
+        rgba[here] = self.fragments.rgba[self.next[rays[here]]]
+        return Layer(np.where(here, t, np.inf), rgba[:, 3], rgba[:, :3]), here
 
 
 def _pass(
@@ -272,7 +339,7 @@ def _pass(
     slab: Slab,
     depth: Floats,
     colour: Floats,
-    met: Sequence[SurfaceHit],
+    met: Sequence[Layer],
     passed: _Passed | None,
 ) -> None:
     """Composite a slab behind the pixels: its surfaces at their positions, and between them its uniform absorption.
@@ -280,7 +347,7 @@ def _pass(
     Parameters
     ----------
     depth, colour : float64 (m,), (m, 3), optical depth and colour of the whole slab
-    met : surfaces of the slab
+    met : surfaces of the slab, isosurfaces first; equal places keep this order
     passed : takes all parts, if given
     """
     places = np.array([one.place for one in met]).reshape(-1, len(depth))
@@ -296,7 +363,7 @@ def _pass(
         _absorb(rgba, transmittance, slab.rays, part, colour)
         alpha = alphas[which, pixel]
         if passed:
-            passed.take_surfaces(transmittance, alpha, place, which, met)
+            passed.take_surfaces(transmittance, alpha, place, which, [m for m in met if isinstance(m, SurfaceHit)])
         weight = transmittance[slab.rays] * alpha
         rgba[slab.rays] += weight[:, None] * np.column_stack([colours[which, pixel], np.ones(len(depth))])
         transmittance[slab.rays] *= 1 - alpha

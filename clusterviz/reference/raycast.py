@@ -20,6 +20,7 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.fragments import Surface, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, layers_of
 from clusterviz.reference.lighting import lit
@@ -59,8 +60,9 @@ def render_reference(
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
     step: float | None = None,
     met: HalfOpacity | None = None,
+    surfaces: Sequence[Surface] = (),
 ) -> Floats:
-    """Ray cast the scene's volume; `multi_volume.py` handles several.
+    """Ray cast the scene's volume; `multi_volume.py` handles several, and surfaces.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. With jitter, t0 lies a fraction of h in front of the box, and the first slab is cut
@@ -75,7 +77,8 @@ def render_reference(
     grid : grid of the samples, with any invertible direction matrix; a sequence for several volumes
     voxels : (z, y, x), of the grid's shape, any integer or float type; a sequence for several volumes
     step : h in units of the smallest spacing; by default the scene's `quality.step`
-    met : written, if given, for the layers of the picture; not of projections
+    met : written, if given, for the layers of the picture; not of projections or surfaces
+    surfaces : meshes, lines and points with their sections, in the order of the scene
 
     Returns
     -------
@@ -92,9 +95,11 @@ def render_reference(
     ----------
     N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
+    if surfaces and isinstance(grid, Grid):
+        grid, voxels = [grid], [np.asarray(voxels)]
     if not isinstance(grid, Grid):
-        if len(scene.volumes) != 1:
-            return _render_mixture(scene, grid, list(voxels), step, met)
+        if len(scene.volumes) != 1 or surfaces:
+            return _render_mixture(scene, grid, list(voxels), step, met, surfaces)
         (grid,), (voxels,) = grid, voxels
     if not isinstance(voxels, np.ndarray):
         raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
@@ -132,8 +137,9 @@ def _render_mixture(
     voxels: Sequence[NDArray[Any]],
     step: float | None,
     met: HalfOpacity | None,
+    surfaces: Sequence[Surface],
 ) -> Floats:
-    """Return the picture of several volumes."""
+    """Return the picture of several volumes and surfaces."""
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
         raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))
@@ -149,11 +155,12 @@ def _render_mixture(
     rgba = np.zeros((width * height, 4))
     jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
     rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
-    for begin in range(0, len(rgba) if volumes else 0, RAYS_AT_ONCE):
+    placed_surfaces = [place(*surface) for surface in surfaces]
+    for begin in range(0, len(rgba) if volumes or placed_surfaces else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
         some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
         length = scene.quality.step if step is None else step
-        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part))
+        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part), placed_surfaces)
     return rgba.reshape(height, width, 4)
 
 

@@ -1,0 +1,236 @@
+"""Reference of meshes, lines and points: the fragments of every ray, in the order in which they are composited.
+
+A fragment is an intersection with its colour and opacity. Front to back, equal depths: the order of the scene, then the
+number of the primitive. Tubes and spheres have a fragment where a ray enters them and one where it leaves.
+
+References
+----------
+B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975 (interpolated normals).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.geometry import Attributes, Lines, Mesh, Points
+from clusterviz.data.source import Grid
+from clusterviz.errors import InputError
+from clusterviz.reference.intersections import Hits, Primitives, Segments, Spheres, Triangles, intersect
+from clusterviz.reference.lighting import lit
+from clusterviz.reference.rays import Floats, Rays, kept
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
+from clusterviz.scene.transfer import interpolate, opacity_points
+from clusterviz.scene.values import Scene
+
+Surface = tuple[MeshSection, Mesh] | tuple[LinesSection, Lines] | tuple[PointsSection, Points]
+WORLD = Grid((1, 1, 1))
+
+
+@dataclass(frozen=True)
+class Fragments:
+    """Fragments of n rays, sorted.
+
+    Attributes
+    ----------
+    begins : int64 (n + 1,); ray i has the fragments [begins[i], begins[i + 1])
+    t : float64 (k,), world length along the ray
+    rgba : float64 (k, 4), straight
+    """
+
+    begins: NDArray[np.int64]
+    t: Floats
+    rgba: Floats
+
+
+@dataclass(frozen=True)
+class PlacedSurface:
+    """Primitives of one entry of a scene, with what colours them.
+
+    Attributes
+    ----------
+    primitives : m of them
+    corners : int64 (m, c), vertices of each primitive
+    cells : int64 (m,), the triangle or line of the file that each belongs to
+    normals : float64 (n, 3), of vertices; None for those of the primitives
+    of_vertices, of_cells : arrays of the file by name
+    """
+
+    section: SurfaceSection
+    primitives: Primitives
+    corners: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    normals: Floats | None
+    of_vertices: Attributes
+    of_cells: Attributes
+
+    @property
+    def bounds(self) -> Floats:
+        """Corners of the box around all primitives, float64 (2, 3), or (0, 3)."""
+        low, high = self.primitives.low, self.primitives.high
+        return np.stack([low.min(axis=0), high.max(axis=0)]) if len(low) else np.empty((0, 3))
+
+    def rgba(self, hits: Hits) -> Floats:
+        """Return straight colours and opacities, float64 (k, 4), without light."""
+        section, count = self.section, len(hits.t)
+        rgba = np.tile([*(background_rgb(section.color) or ()), 1.0], (count, 1))
+        if isinstance(section.opacity, float):
+            rgba[:, 3] = section.opacity
+        if (
+            isinstance(section, LinesSection)
+            and section.color_by == "direction"
+            and isinstance(self.primitives, Segments)
+        ):
+            way = self.primitives.ends - self.primitives.begins
+            rgba[:, :3] = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True))[hits.primitive]
+        if section.scalars is None or (isinstance(section, LinesSection) and section.color_by != "scalars"):
+            return rgba
+        if section.scalars in self.of_vertices:
+            stored = np.asarray(self.of_vertices[section.scalars])
+            at = stored[self.corners[hits.primitive]].astype(np.float64)
+            values = (at * hits.weights.reshape(*hits.weights.shape, *[1] * (at.ndim - 2))).sum(axis=1)
+        elif section.scalars in self.of_cells:
+            stored = np.asarray(self.of_cells[section.scalars])
+            values = stored[self.cells[hits.primitive]].astype(np.float64)
+        else:
+            allowed = ", ".join([*self.of_vertices, *self.of_cells]) or "none: the file has no arrays"
+            raise InputError("no such array", where=section.path, found=section.scalars, allowed=allowed)
+        if values.ndim == 2:
+            if values.shape[1] not in (3, 4):
+                found = f"{values.shape[1]} components"
+                raise InputError("neither scalars nor colours", where=section.path, found=found, allowed="1, 3 or 4")
+            rgba[:, :3] = values[:, :3] / (255 if stored.dtype == np.uint8 else 1)
+            if values.shape[1] == 4:
+                rgba[:, 3] *= values[:, 3] / (255 if stored.dtype == np.uint8 else 1)
+            return rgba
+        finite = stored[np.isfinite(stored)]
+        clim = section.clim or ((float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0))
+        rgba[:, :3] = interpolate(values, *colour_points(section.cmap, clim))
+        places, opacities = opacity_points(section.opacity, clim)
+        rgba[:, 3] = interpolate(values, places, opacities[:, None])[:, 0]
+        return rgba
+
+
+def place(section: SurfaceSection, geometry: Mesh | Lines | Points) -> PlacedSurface:
+    """Return the primitives of an entry that can be drawn, in the world.
+
+    Raises
+    ------
+    InputError
+        The section is of another kind, or an array of radii is missing or not positive.
+    """
+    matrix = np.array(section.transform or np.eye(4), np.float64)
+    if isinstance(section, MeshSection) and isinstance(geometry, Mesh):
+        return _mesh(section, geometry, matrix)
+    if isinstance(section, LinesSection) and isinstance(geometry, Lines):
+        return _lines(section, geometry, matrix)
+    if isinstance(section, PointsSection) and isinstance(geometry, Points):
+        return _points(section, geometry, matrix)
+    found = f"{type(section).__name__} with {type(geometry).__name__}"
+    raise InputError("not what the section is for", where=section.path, found=found)
+
+
+def find_fragments(rays: Rays, surfaces: Sequence[PlacedSurface], scene: Scene) -> Fragments:
+    """Return the fragments of rays in the world that are not clipped.
+
+    Parameters
+    ----------
+    surfaces : in the order of the scene
+    scene : for its lights and clipping
+    """
+    parts = [_of_surface(rays, surface, number, scene) for number, surface in enumerate(surfaces)]
+    keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])
+    t, rgba = (
+        np.concatenate([np.empty(0), *(p[1] for p in parts)]),
+        np.concatenate([np.empty((0, 4)), *(p[2] for p in parts)]),
+    )
+    ray, number, primitive = keys.T
+    order = np.lexsort((primitive, number, t, ray))
+    begins = np.searchsorted(ray[order], np.arange(len(rays.direction) + 1))
+    return Fragments(begins, t[order], rgba[order])
+
+
+def _of_surface(
+    rays: Rays, surface: PlacedSurface, number: int, scene: Scene
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Return ray, number and primitive (k, 3), t (k,) and colours (k, 4) of one surface's fragments."""
+    section, hits = surface.section, intersect(rays, surface.primitives)
+    point = rays.start[hits.ray] + hits.t[:, None] * rays.direction[hits.ray]
+    seen = kept(point, scene.clip, WORLD)
+    if isinstance(section, MeshSection) and section.culling != "none":
+        is_front = (hits.normal * rays.direction[hits.ray]).sum(axis=1) < 0
+        seen &= is_front if section.culling == "back" else ~is_front
+    hits, point = hits.some(seen), point[seen]
+    rgba = surface.rgba(hits)
+    if section.shade:
+        normal = hits.normal
+        if surface.normals is not None:
+            normal = (surface.normals[surface.corners[hits.primitive]] * hits.weights[..., None]).sum(axis=1)
+        rgba[:, :3] = lit(rgba[:, :3], normal, point, rays.direction[hits.ray], section, scene, WORLD)
+    return np.stack([hits.ray, np.full(len(hits.ray), number), hits.primitive], axis=1), hits.t, rgba
+
+
+def _moved(positions: NDArray[np.floating], matrix: Floats) -> Floats:
+    moved: Floats = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def _mesh(section: MeshSection, mesh: Mesh, matrix: Floats) -> PlacedSurface:
+    cells = np.flatnonzero(mesh.drawable)
+    vertices, corners = _moved(mesh.vertices, matrix), mesh.triangles[cells].astype(np.int64)
+    normals = None
+    stored = mesh.vertex_attributes.get("Normals")
+    if section.shading == "smooth" and stored is not None and stored.shape == vertices.shape:
+        a, b, c = matrix[:3, :3].T
+        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        normals = stored.astype(np.float64) @ cofactors.T
+    elif section.shading == "smooth":
+        # As VTK: the sum of the unit normals of the triangles around a vertex.
+        edges = vertices[corners[:, 1:]] - vertices[corners[:, :1]]
+        edges /= np.abs(edges).max(axis=(1, 2), initial=0, keepdims=True)
+        across = np.cross(edges[:, 0], edges[:, 1])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        normals = np.zeros(vertices.shape)
+        for corner in corners.T:
+            np.add.at(normals, corner, across)
+    primitives = Triangles(vertices, corners)
+    return PlacedSurface(section, primitives, corners, cells, normals, mesh.vertex_attributes, mesh.triangle_attributes)
+
+
+def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedSurface:
+    """Return the segments between different finite points; a line of one point has none."""
+    points = _moved(lines.points, matrix)
+    line = np.repeat(np.arange(len(lines.offsets) - 1), np.diff(lines.offsets))
+    is_new = np.ones(len(points), bool)
+    is_new[1:] = (points[1:] != points[:-1]).any(axis=1) | (line[1:] != line[:-1])
+    chosen = np.flatnonzero(is_new)
+    joined = (line[chosen][1:] == line[chosen][:-1]) & np.isfinite(points[chosen][1:] + points[chosen][:-1]).all(axis=1)
+    begin = np.flatnonzero(joined)
+    corners = np.stack([chosen[begin], chosen[begin + 1]], axis=1)
+    number = np.arange(len(corners))
+    follows = np.zeros(len(corners), bool)
+    follows[1:] = corners[1:, 0] == corners[:-1, 1]
+    before = np.where(follows, number - 1, -1)
+    after = np.where(np.append(follows[1:], False)[: len(number)], number + 1, -1)
+    primitives = Segments(points[corners[:, 0]], points[corners[:, 1]], section.radius, before, after)
+    cells = line[corners[:, 0]]
+    return PlacedSurface(section, primitives, corners, cells, None, lines.point_attributes, lines.line_attributes)
+
+
+def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedSurface:
+    centres = _moved(points.positions, matrix)
+    if isinstance(section.radius, str):
+        if section.radius not in points.attributes:
+            allowed = ", ".join([*points.attributes, "a number"])
+            raise InputError("no such array of radii", where=section.path, found=section.radius, allowed=allowed)
+        radii = points.attributes[section.radius].astype(np.float64)
+    else:
+        radii = np.full(len(centres), section.radius)
+    drawn = np.flatnonzero(np.isfinite(centres).all(axis=1) & (radii > 0) & np.isfinite(radii))
+    primitives = Spheres(centres[drawn], radii[drawn])
+    return PlacedSurface(section, primitives, drawn[:, None], drawn, None, points.attributes, {})
