@@ -83,7 +83,7 @@ class WireFormat:
         """Return a brick as bytes, uint8 (stream_bytes,)."""
         found = np.zeros(self.stream_bytes, np.uint8)
         samples = self._samples(found)
-        if self.slot.parts:
+        if self.slot.mixed:
             samples[:] = stored.samples
         else:
             z, y, x = stored.samples.shape
@@ -133,14 +133,14 @@ class WireFormat:
 
     def _samples(self, stream: Bytes) -> NDArray[Any]:
         """Return the samples in a stream, (z, y, x), or for several volumes the words of the slot."""
-        if self.slot.parts:
+        if self.slot.mixed:
             return stream[: self.slot.sample_bytes].view(np.uint32)
         return stream[: self.slot.sample_bytes].view(STORED_TYPE[self.slot.kind]).reshape(self.slot.samples_zyx)
 
     @property
     def _range_shape(self) -> tuple[int, ...]:
         """Shape of the lows, and of the highs."""
-        volumes = (len(self.slot.parts),) if self.slot.parts else ()
+        volumes = (len(self.slot.parts),) if self.slot.mixed else ()
         return (*volumes, *self.slot.groups_zyx)
 
     @property

@@ -24,6 +24,7 @@ from clusterviz.plan.blend_mode import (
 )
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
@@ -42,11 +43,13 @@ class MultiVolumeBrick:
     index_zyx : index of the brick in the domain
     samples : samples (z, y, x) of each volume, in the box of its `Cut`; None if the volume is invisible there
     around : margin and reach of each volume's cut, with which they were read
+    primitives : those of each layer of geometry that come within half a slab; None where there are none, () for all
     """
 
     index_zyx: Index
     samples: tuple[NDArray[Any] | None, ...]
     around: tuple[tuple[int, int], ...] = ()
+    primitives: tuple[Primitives | None, ...] = ()
 
     @property
     def size(self) -> int:
@@ -105,10 +108,12 @@ class MultiVolume:
     ----------
     domain : the box around them
     volume_layers : the volumes, in the order of the scene
+    geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
     """
 
     domain: Domain
     volume_layers: tuple[VolumeLayer, ...]
+    geometry: tuple[GeometryLayer, ...] = ()
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:

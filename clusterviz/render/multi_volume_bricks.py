@@ -36,7 +36,8 @@ def store_as(plan: Plan, slot: Slot) -> Callable[[Index, Any], Stored]:
 def store_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Stored:
     """Return a brick of several volumes as it is stored."""
     low, high = multi_volume_ranges(portions, multi_volume, slot)
-    return Stored(pack_multi_volume(portions, multi_volume, slot), low, high, portions.size)
+    words = pack_multi_volume(portions, multi_volume, slot)
+    return Stored(words, low, high, portions.size, primitives=portions.primitives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,8 @@ def multi_volume_ranges(portions: MultiVolumeBrick, multi_volume: MultiVolume, s
         _ranges_of_part(samples, volume_layer, part, portions.index_zyx, slot)
         for samples, volume_layer, part in zip(portions.samples, multi_volume.volume_layers, slot.parts, strict=True)
     ]
-    return np.stack([low for low, _ in pairs]), np.stack([high for _, high in pairs])
+    found: NDArray[Any] = np.array(pairs).reshape(-1, 2, *slot.groups_zyx)
+    return found[:, 0], found[:, 1]
 
 
 def _ranges_of_part(

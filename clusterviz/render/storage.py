@@ -38,6 +38,7 @@ class Slot:
     reach : cells beyond its own in which the brick samples the field
     spread : samples beyond a cell's corners on which its pixels depend
     parts : slots of several volumes, one after the other behind a header; cells are then those of the domain
+    mixed : a brick of the domain of several volumes, which with geometry may be one or none
     adaptive : slabs may be longer in some groups of its cells
     layout : layout with bricks of several sizes, of which this is the largest slot; None: all bricks have this slot
     """
@@ -51,6 +52,7 @@ class Slot:
     parts: tuple[Slot, ...] = ()
     adaptive: bool = False
     layout: BrickLayout | None = None
+    mixed: bool = False
 
     def at(self, index_zyx: Index) -> Slot:
         """Return the slot of a brick."""
@@ -96,8 +98,8 @@ class Slot:
     @property
     def words(self) -> int:
         """Words in the slot."""
-        if self.parts:
-            return sum(HEADER_WORDS + part.words for part in self.parts)
+        if self.mixed:
+            return max(1, sum(HEADER_WORDS + part.words for part in self.parts))
         return self.slice_words * self.samples_zyx[0]
 
     @property
@@ -108,7 +110,7 @@ class Slot:
     @property
     def sample_bytes(self) -> int:
         """Bytes of a brick's samples as ranks send them; those of the slot with several volumes."""
-        if self.parts:
+        if self.mixed:
             return self.bytes
         return int(np.prod(self.samples_zyx)) * {"u8": 1, "u16": 2, "f32": 4}[self.kind]
 
@@ -138,7 +140,7 @@ class Slot:
 
         The last samples of a brick that is smaller than the slot are repeated. Several volumes are packed already.
         """
-        if self.parts:
+        if self.mixed:
             return stored
         z, y, x = self.samples_zyx
         row = x if self.textured else {"u8": 3 * self.row_words + 1, "u16": 2 * self.row_words, "f32": x}[self.kind]
@@ -156,7 +158,7 @@ class Slot:
 
     def unpack(self, words: NDArray[Any]) -> NDArray[Any]:
         """Return all samples of a slot (z, y, x), the inverse of `pack`; unchanged words with several volumes."""
-        if self.parts:
+        if self.mixed:
             return words
         z, y, x = self.samples_zyx
         if self.textured or self.kind == "f32":
@@ -178,7 +180,7 @@ def slot_of(plan: Plan) -> Slot:
         Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
         for part in plan.multi_volume.volume_layers
     )
-    return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts))
+    return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts), mixed=True)
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:

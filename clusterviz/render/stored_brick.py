@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.encoding import Encoding
+from clusterviz.plan.geometry import Primitives
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, Slot, slot_of
 from clusterviz.scene.transfer import TransferFunction
@@ -38,6 +39,7 @@ class Stored:
     low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
     voxels : number of samples before encoding
     bend : result of `group_curvature`; None without an adaptive step
+    primitives : as in `MultiVolumeBrick`
     """
 
     samples: NDArray[Any]
@@ -45,6 +47,7 @@ class Stored:
     high: NDArray[Any]
     voxels: int
     bend: NDArray[np.float32] | None = None
+    primitives: tuple[Primitives | None, ...] = ()
 
 
 def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
@@ -97,7 +100,8 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
         return _visible(low, high, plan.blend_mode, plan.transfer)
     each = enumerate(plan.multi_volume.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
-    return np.asarray(np.any(visible, axis=0))
+    shape = len(low), *low.shape[2:]
+    return np.asarray(np.any([np.zeros(shape, bool), *visible], axis=0))
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:

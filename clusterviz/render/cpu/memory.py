@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
+from clusterviz.plan.geometry import Primitives
 from clusterviz.render.multi_volume_bricks import Part, pack_parts, parts_of
 from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored
@@ -138,6 +139,7 @@ class Kept:
     slot : memory of its voxels
     low, high, voxels, bend : as in `Stored`
     firsts : with several volumes, first cell (x, y, z) of each one that has voxels here, by its number
+    primitives : as in `Stored`
     """
 
     slot: Taken
@@ -146,6 +148,7 @@ class Kept:
     voxels: int
     bend: NDArray[np.float32] | None = None
     firsts: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    primitives: tuple[Primitives | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,27 +206,27 @@ class Memory:
         self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
         for index in list(bricks):
             brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
-            parts = parts_of(brick.samples, own) if own.parts else []
+            parts = parts_of(brick.samples, own) if own.mixed else []
             firsts = {number: part.first_xyz for number, part in enumerate(parts) if part is not None}
             slot = self._slots.take(words_of(own, firsts))
-            if own.parts:
+            if own.mixed:
                 _lay_out_parts(parts, own, slot.words)
             else:
                 lay_out(brick.samples, own, slot.words)
-            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, firsts)
+            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, firsts, brick.primitives)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Yield bricks as every ray caster can store them; copies, since slots are used again."""
         for index in bricks:
             kept, own = self._kept[index], self._slot.at(index)
-            if own.parts:
+            if own.mixed:
                 begins = _begins(own, kept.firsts)
                 read = {n: _samples(kept.slot.words[begin:], own.parts[n]) for n, begin in begins.items()}
                 parts = [Part(read[n], kept.firsts[n]) if n in read else None for n in range(len(own.parts))]
                 samples = pack_parts(parts, own)
             else:
                 samples = _samples(kept.slot.words, own).copy()
-            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend)
+            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.primitives)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
@@ -308,9 +311,9 @@ def words_of(slot: Slot, volumes: Container[int] | None = None) -> int:
     ----------
     volumes : with several volumes, the numbers of those that have voxels in the brick; by default all
     """
-    if slot.parts:
+    if slot.mixed:
         here = [part for number, part in enumerate(slot.parts) if volumes is None or number in volumes]
-        return HEADER_WORDS * len(slot.parts) + sum(words_of(part) for part in here)
+        return max(1, HEADER_WORDS * len(slot.parts) + sum(words_of(part) for part in here))
     return int(np.prod(slot.samples_zyx)) + 1
 
 
