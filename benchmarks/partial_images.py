@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_size
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data import open_scene
 from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
@@ -29,7 +30,7 @@ from clusterviz.image import write_image
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.reference.over import over
 from clusterviz.render.raycast import Raycaster
-from clusterviz.scene import Scene, Volume, open_scene
+from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Cluster, ImageSettings
 
 HEAD = Path(__file__).parents[1] / "examples" / "head.yaml"

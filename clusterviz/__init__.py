@@ -131,9 +131,10 @@ def render(
 
 def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Source] | None]:
     """Return the scene of an argument of `render`, and the data source if it is not a file."""
+    from clusterviz.data import open_scene
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
-    from clusterviz.scene import Scene, Volume, open_scene
+    from clusterviz.scene import Scene, Volume
 
     if isinstance(given, (list, tuple)):
         return _several(given, grid)

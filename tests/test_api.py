@@ -28,6 +28,7 @@ from clusterviz.image.finish import finish
 from clusterviz.scene import cluster, values
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.overrides import Settings, with_settings
+from clusterviz.scene.surfaces import SURFACES
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Light
@@ -217,7 +218,7 @@ def _words(kind: Any) -> list[str]:
 
 def test_the_types_of_settings_are_those_of_the_scene() -> None:
     expected: dict[str, str] = {}
-    for section in (*(section for _, section in SECTIONS), Light, Transfer2d, clusterviz.Scene):
+    for section in (*(section for _, section in SECTIONS), *SURFACES.values(), Light, Transfer2d, clusterviz.Scene):
         for name, kind in get_type_hints(section, include_extras=True).items():
             if name in section.model_fields:
                 expected.setdefault(name, " | ".join(dict.fromkeys(_words(kind))))
@@ -227,6 +228,9 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
         "volumes": "Sequence[Volume | Mapping[str, Any]]",
         "lights": "Sequence[Light | Mapping[str, Any]]",
         "layers": "Sequence[Layer]",
+        "color": "str | Numbers",  # of a light: numbers only
+        "radius": "float | str | None",
+        **dict.fromkeys(("meshes", "lines", "points"), "Sequence[Any]"),  # sections, or geometry in memory
     }
     found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
     assert found == expected

@@ -34,6 +34,7 @@ from clusterviz.cli.arguments import (
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
+from clusterviz.data import open_scene
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.image.files import LAYERED, check_writable, read_image, write_image
@@ -43,7 +44,7 @@ from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
-from clusterviz.scene import background_rgb, open_scene
+from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
 from clusterviz.scene.diff import differences
 from clusterviz.scene.values import Scene

@@ -17,6 +17,7 @@ import typer
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.data import open_scene
 from clusterviz.debugger.draws import Frame, Pixel, Way, by_interpreter, by_opengl, look
 from clusterviz.debugger.watches import COLOUR_MAP, Watched
 from clusterviz.errors import InputError
@@ -25,7 +26,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import replacing
 from clusterviz.render.choice import egl_device
-from clusterviz.scene import Scene, open_scene
+from clusterviz.scene import Scene
 from clusterviz.spmd.probe import Probe, Shader
 
 WAYS = ("cpu", "gl", "both")

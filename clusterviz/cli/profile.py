@@ -11,13 +11,13 @@ import typer
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.data import open_scene
 from clusterviz.errors import InputError, SceneError
 from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.profile.measure import Report, measure
 from clusterviz.report.profile.page import NUMBERS, PAGE, as_json, write_report
 from clusterviz.report.tradeoff.page import check_libraries
-from clusterviz.scene import open_scene
 
 BY = "cpu", "gl"
 

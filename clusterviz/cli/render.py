@@ -27,10 +27,11 @@ from clusterviz.cli.instrumentation import (
     write_statistics,
 )
 from clusterviz.comm import agree
+from clusterviz.data import open_scene
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.picture import layers_of
-from clusterviz.scene import background_rgb, open_scene
+from clusterviz.scene import background_rgb
 from clusterviz.scene.text import picture_metadata, scene_summary
 from clusterviz.scene.values import Scene
 

@@ -24,6 +24,7 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
+from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
@@ -32,7 +33,7 @@ from clusterviz.report.scale.page import NUMBERS, PAGE, TABLE, Report, write_rep
 from clusterviz.report.scale.points import DEGREES, FRAMES
 from clusterviz.report.scale.survey import SurveyResult, run_survey, steps_of
 from clusterviz.report.tradeoff.page import check_libraries
-from clusterviz.scene import Cluster, Scene, open_scene
+from clusterviz.scene import Cluster, Scene
 
 PICTURE, RESULT = "picture.npy", "result.json"
 

@@ -9,11 +9,13 @@ import typer
 from clusterviz.cli.arguments import Define, Size, overrides_of
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
+from clusterviz.data import open_scene
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
 from clusterviz.image.files import read_text
-from clusterviz.scene import Scene, open_scene
+from clusterviz.scene import Scene
 from clusterviz.scene.automatic import classify_values
+from clusterviz.scene.complete import divided_infos
 from clusterviz.scene.text import commented_scene
 
 
@@ -31,7 +33,8 @@ def command(
         opened_scene = open_scene(scene, overrides_of(define, size))
     completed, opened, _ = open_volumes(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
-        kinds = [classify_values(info) for info in opened.infos] if opened and opened_scene.automatic else []
+        infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
+        kinds = [classify_values(info) for info in infos]
         print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
 
 

@@ -19,13 +19,14 @@ from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import agree, limit_threads, open_channel
+from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.tradeoff.knobs import parse_knobs, settings_of
 from clusterviz.report.tradeoff.measure import Measured, cost_from_json, measure
 from clusterviz.report.tradeoff.page import NUMBERS, PAGE, check_libraries, write_report
 from clusterviz.report.tradeoff.survey import Survey
-from clusterviz.scene import Scene, open_scene
+from clusterviz.scene import Scene
 
 PICTURE, RESULT = "picture.npy", "result.json"
 

@@ -28,14 +28,14 @@ from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
-from clusterviz.data import open_volume
+from clusterviz.data import open_scene, open_volume
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
 from clusterviz.reference import render_reference
-from clusterviz.scene import Cluster, Scene, open_scene
+from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 
 WIDTH = 128

@@ -14,8 +14,10 @@ code.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +30,8 @@ from clusterviz.data.files import PICTURES, kind_of, readable, require_file, sta
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
-from clusterviz.scene.values import Volume
+from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
+from clusterviz.scene.values import Scene, Volume
 
 if TYPE_CHECKING:
     from clusterviz.data.geometry import Geometry
@@ -47,6 +50,7 @@ class Format:
     magic : possible first bytes; empty if they vary
     opener : module in clusterviz.data.formats and its function, imported on first use
     recognises : function that tells these files from volumes with the same extension; empty if there are none
+    section : of a scene for its content; empty if the files of a format differ
     """
 
     name: str
@@ -54,6 +58,7 @@ class Format:
     magic: tuple[bytes, ...]
     opener: str
     recognises: str = ""
+    section: str = ""
 
     def open(self, path: Path, subset: Subset) -> Source:
         """Open a volume."""
@@ -86,23 +91,29 @@ FORMATS = (
 )
 MESH_FORMATS = (
     Format("ply", (".ply",), (b"ply",), "ply.read_ply"),
-    Format("stl", (".stl",), (), "stl.read_stl"),
+    Format("stl", (".stl",), (), "stl.read_stl", section="meshes"),
     Format("obj", (".obj",), (), "obj.read_obj"),
     Format("off", (".off",), (), "off.read_off"),
     Format("gltf", (".gltf", ".glb"), (), "gltf.read_gltf"),
     Format("vtp", (".vtp",), (), "vtp.read_vtp"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_polydata", "vtk.is_polydata"),
-    Format("gifti", (".gii",), (), "gifti.read_gifti"),
-    Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti"),
-    Format("freesurfer", (".pial", ".white", ".inflated", ".sphere", ".orig"), (), "freesurfer.read_freesurfer"),
-    Format("trk", (".trk",), (b"TRACK",), "streamlines.read_streamlines"),
-    Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_streamlines"),
+    Format("gifti", (".gii",), (), "gifti.read_gifti", section="meshes"),
+    Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti", section="meshes"),
+    Format(
+        "freesurfer",
+        (".pial", ".white", ".inflated", ".sphere", ".orig"),
+        (),
+        "freesurfer.read_freesurfer",
+        section="meshes",
+    ),
+    Format("trk", (".trk",), (b"TRACK",), "streamlines.read_streamlines", section="lines"),
+    Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_streamlines", section="lines"),
     Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
     Format("npy", (".npy",), (b"\x93NUMPY",), "table.read_npy_table", "table.is_npy_table"),
     Format("npz", (".npz",), (b"PK",), "table.read_npz_mesh", "table.is_npz_mesh"),
-    Format("pdb", (".pdb", ".ent"), (), "molecule.read_molecule"),
-    Format("mmcif", (".cif", ".mmcif"), (), "molecule.read_molecule"),
-    Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule"),
+    Format("pdb", (".pdb", ".ent"), (), "molecule.read_molecule", section="points"),
+    Format("mmcif", (".cif", ".mmcif"), (), "molecule.read_molecule", section="points"),
+    Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule", section="points"),
 )
 """Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
 MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS for extension in each.extensions}
@@ -250,6 +261,29 @@ def read_geometry(path: str | Path) -> Geometry:
         require_file(file, found.magic)
         geometry: Geometry = _function(found.opener)(file)
         return geometry
+
+
+def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """Return the scene of a scene file, or a scene for a data file, depending on the suffix.
+
+    Raises
+    ------
+    SceneError, DataError
+        The file cannot be read, or an override does not suit it.
+    """
+    if Path(path).suffix.lower() in SUFFIXES:
+        return load_scene(path, overrides)
+    found = mesh_format_of(Path(path))
+    return scene_of_data(path, overrides, _sections_of(Path(path), found) if found else ("volumes",))
+
+
+def _sections_of(path: Path, found: Format) -> tuple[str, ...]:
+    """Return the sections of a scene for a file's geometry; the file is read if its format does not tell."""
+    if found.section:
+        return (found.section,)
+    geometry = read_geometry(path)
+    parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
+    return tuple(name for name, part in parts.items() if part) or ("meshes",)
 
 
 def open_volume(volume: Volume) -> Source:

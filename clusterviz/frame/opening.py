@@ -1,4 +1,4 @@
-"""Opening of volumes, completion of the scene, and reading of bricks.
+"""Opening of volumes and surfaces, completion of the scene, and reading of bricks.
 
 Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. What the summaries
 say completes the scene. Later frames read the bricks that they miss.
@@ -8,25 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data import open_volume, override_grid
+from clusterviz.data import open_volume, override_grid, read_geometry
 from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary, block_sides, summarise
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
-from clusterviz.plan.domain import make_domain
 from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
 from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
+from clusterviz.plan.surface_bricks import KnownSurface
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
-from clusterviz.scene.complete import VolumeInfo, complete_scene
+from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
+from clusterviz.scene.surfaces import SurfaceSection
 from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]
@@ -52,7 +55,7 @@ class OpenedVolume:
 
     @property
     def grid(self) -> Grid:
-        """Grid in whose index space plans are."""
+        """Grid of the voxels."""
         return self.source.grid
 
     @property
@@ -63,6 +66,10 @@ class OpenedVolume:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+
+    def grid_of(self, plan: Plan) -> Grid:
+        """Return the grid in whose index space a plan is."""
+        return self.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, Any]]:
         """Read bricks of a plan from the source."""
@@ -75,24 +82,22 @@ class OpenedVolume:
 
 @dataclass(frozen=True)
 class OpenedVolumes:
-    """Several opened volumes, with the interface of `OpenedVolume`.
+    """Several opened volumes, or any number and surfaces, with the interface of `OpenedVolume`.
 
     Attributes
     ----------
     volumes : in the order of the scene
+    surfaces : meshes, lines and points, in the order of the scene
     """
 
     volumes: tuple[OpenedVolume, ...]
+    surfaces: tuple[KnownSurface, ...] = ()
 
     @property
-    def grid(self) -> Grid:
-        """Grid of the domain, in whose index space plans are."""
-        return make_domain([volume.grid for volume in self.volumes]).grid
-
-    @property
-    def infos(self) -> tuple[VolumeInfo, ...]:
-        """Information on each volume, which completes a scene."""
-        return tuple(info for volume in self.volumes for info in volume.infos)
+    def infos(self) -> tuple[Info, ...]:
+        """Information on each volume, and then on each surface, which completes a scene."""
+        volumes: tuple[Info, ...] = tuple(info for volume in self.volumes for info in volume.infos)
+        return (*volumes, *(surface.info for surface in self.surfaces))
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -102,21 +107,28 @@ class OpenedVolumes:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
-        return make_multi_volume_plan(scene, known)
+        return make_multi_volume_plan(scene, known, self.surfaces)
+
+    def grid_of(self, plan: Plan) -> Grid:
+        """Return the grid of a plan's domain, in whose index space it is."""
+        assert plan.multi_volume is not None, "the plan is one of several volumes"
+        return plan.multi_volume.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, MultiVolumeBrick]]:
         """Read bricks of a plan from all sources, with one pass over each volume."""
-        if plan.multi_volume is None:
+        several = plan.multi_volume
+        if several is None:
             raise ValueError("the plan is not one of several volumes")
         each = []
-        for volume, part in zip(self.volumes, plan.multi_volume.volume_layers, strict=True):
+        for volume, part in zip(self.volumes, several.volume_layers, strict=True):
             met = part.cut.bricks_met()
             each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
+        pairs = zip(self.surfaces, several.geometry, strict=True)
+        geometry = [surface.read(layer, several.surface_grid, wanted) for surface, layer in pairs]
         for index in wanted:
-            yield (
-                index,
-                MultiVolumeBrick(index, tuple(samples.pop(index, None) for samples in each), plan.multi_volume.around),
-            )
+            samples = tuple(bricks.pop(index, None) for bricks in each)
+            primitives = tuple(bricks.pop(index, None) for bricks in geometry)
+            yield index, MultiVolumeBrick(index, samples, several.around, primitives)
 
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that were read with the margins of a plan."""
@@ -129,43 +141,46 @@ Opened = OpenedVolume | OpenedVolumes
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
-Given = Source | Sequence[Source] | None
-"""Data that replaces the files of a scene: one source, or one for each volume."""
+Given = Source | Sequence[Source | Geometry | None] | None
+"""Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points, in
+this order; None: the file is read."""
 
 
 def complete(opened: Opened | None, scene: Scene) -> Scene:
-    """Complete a scene by what is known of its volumes; None: the scene has no volume."""
+    """Complete a scene by what is known of its content; None: the scene has none."""
     return complete_scene(scene, opened.infos if opened else ())
 
 
 def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
-    """Read an equal share of each volume's bricks, summarise the volumes and complete the scene; collective.
+    """Read surfaces and an equal share of each volume's bricks, summarise the volumes, complete the scene; collective.
 
     Parameters
     ----------
-    source : of the volume, or one for each volume; replaces the files of the scene
+    source : replaces the files of the scene
 
     Returns
     -------
     scene : completed
-    opened : volumes; None if the scene has none
+    opened : volumes and surfaces; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
-    if not scene.volumes:
+    if not scene.volumes and not scene.surfaces:
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
     with run.local("open", "load"):
-        sources = _sources(scene, source)
+        given, geometries = _divided(scene, source)
+        sources = _sources(scene, given)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
+        surfaces = tuple(map(_surface, scene.surfaces, scene.surface_keys, geometries))
     summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(each, layout, summary, (_info(each, summary),))
             for each, layout, summary in zip(sources, layouts, summaries, strict=True)
         )
-        if len(opened) > 1:
-            several = OpenedVolumes(opened)
+        if len(opened) > 1 or surfaces:
+            several = OpenedVolumes(opened, surfaces)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
@@ -247,14 +262,26 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
         )
 
 
-def _sources(scene: Scene, given: Given) -> list[Source]:
+def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any]]:
+    """Return what is given for each volume and each surface; None: the file is read."""
+    volumes, count = len(scene.volumes), len(scene.volumes) + len(scene.surfaces)
+    each: list[Any] = [None] * count
+    if given is not None:
+        each = list(given) if isinstance(given, Sequence) else [given]
+        each += [None] * (len(scene.surfaces) if len(each) == volumes else 0)
+    if len(each) != count:
+        raise InputError("not one for each volume", where="sources", found=len(each), allowed=count)
+    return each[:volumes], each[volumes:]
+
+
+def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
     """Open the source of each volume."""
-    if given is None:
-        return [open_volume(volume) for volume in scene.volumes]
-    sources = list(given) if isinstance(given, Sequence) else [given]
-    if len(sources) != len(scene.volumes):
-        raise InputError("not one for each volume", where="sources", found=len(sources), allowed=len(scene.volumes))
-    return [override_grid(each, volume) for each, volume in zip(sources, scene.volumes, strict=True)]
+    pairs = zip(given, scene.volumes, strict=True)
+    return [open_volume(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
+
+
+def _surface(section: SurfaceSection, key: str, given: Geometry | None) -> KnownSurface:
+    return KnownSurface(section, key, (lambda: given) if given else partial(read_geometry, section.path))
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

@@ -83,7 +83,7 @@ class FramePlanner:
         if opened is None:
             return None
         if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid))
+            return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid_of(last.plan)))
         return opened.plan(scene)
 
     def _settled(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:

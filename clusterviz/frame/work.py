@@ -25,7 +25,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 from clusterviz.report.trace import Span
-from clusterviz.scene.complete import VolumeInfo
+from clusterviz.scene.complete import Info
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
@@ -76,7 +76,7 @@ class DrawnFrame:
     work : that was drawn
     partials : partial images of this rank, front to back
     counts : costs of drawing on this rank
-    infos : info of each volume
+    infos : info of each volume and surface
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
     """
@@ -85,7 +85,7 @@ class DrawnFrame:
     work: RankWork
     partials: list[PartialImage]
     counts: RankFrame
-    infos: tuple[VolumeInfo, ...] = ()
+    infos: tuple[Info, ...] = ()
     changes: tuple[Change, ...] = ()
     layers: Sequence[tuple[PartialImage, PartialImage]] = ()
 

@@ -1,8 +1,8 @@
-"""The domain of several volumes, and the voxels of each volume that a brick of the domain needs.
+"""The domain of several volumes and surfaces, and the voxels of each volume that a brick of the domain needs.
 
-The domain is the axis-aligned box around the volumes, with cells of their smallest spacing. Overlapping volumes are
-combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume. Rays, slabs, ownership
-and visibility order refer to the domain alone.
+The domain is the axis-aligned box around all content, with cells of the volumes' smallest spacing. Overlapping volumes
+are combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume. Rays, slabs,
+ownership and visibility order refer to the domain alone.
 
 A volume's axes and spacing may differ from the domain's. The image of a brick in the volume's index space is a
 parallelepiped; the box around it, clipped to the volume, is read and stored for that brick.
@@ -23,8 +23,17 @@ from clusterviz.errors import InputError
 
 MOST_BRICKS = 1 << 20
 """Every rank holds arrays over all bricks."""
+MOST_WITH_SURFACES = 1 << 16
+"""Bricks are larger than asked for if there would be more around surfaces, which may lie far apart."""
+CELLS_OF_SURFACES = 512
+"""Cells along the longest side of a domain without volumes, at least; at most twice as many."""
+GROWTH = 2.0**-10
+"""Cells by which the domain is larger than surfaces that lie beyond all volumes, or where it would be flat."""
+EMPTY = np.zeros((0, 3))
 ROUNDING = 1e-9
 """Part of a cell by which an extent may exceed a whole number of cells."""
+LARGEST_BRICK = 1 << 20
+"""Cells along the side of a brick up to which bricks grow by themselves: float32 holds a position to a 16th of one."""
 
 
 @dataclass(frozen=True)
@@ -49,32 +58,53 @@ class Domain:
         return Grid((z, y, x), (self.spacing,) * 3, self.origin)
 
 
-def make_domain(grids: Sequence[Grid]) -> Domain:
-    """Return the domain of one or more volumes."""
-    corners = np.concatenate([grid.corners for grid in grids])
+def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()) -> Domain:
+    """Return the domain of volumes and surfaces; around nothing at all, a small box.
+
+    Parameters
+    ----------
+    boxes : low and high corners of the boxes around meshes, lines and points, float64 (2, 3) or (0, 3)
+    """
+    volumes, surfaces = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
+    if not len(volumes) + len(surfaces):
+        surfaces = np.zeros((1, 3))
+    corners = np.concatenate([volumes, surfaces])
+    longest = float(np.ptp(corners, axis=0).max()) or float(np.abs(corners).max()) or 1.0
+    widest = 2.0 ** math.floor(math.log2(longest / CELLS_OF_SURFACES))
+    spacing = min((min(grid.spacing) for grid in grids), default=widest)
+    margin = GROWTH * spacing + 2.0**-48 * np.abs(surfaces).max(initial=0.0)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    spacing = min(min(grid.spacing) for grid in grids)
+    flat = (low == high) & bool(len(surfaces))
+    low = np.where(flat | (low < volumes.min(axis=0, initial=np.inf)), low - margin, low)
+    high = np.where(flat | (high > volumes.max(axis=0, initial=-np.inf)), high + margin, high)
     x, y, z = (float(length) for length in (high - low) / spacing)
     return Domain((float(low[0]), float(low[1]), float(low[2])), spacing, (x, y, z))
 
 
-def domain_layout(domain: Domain, brick: int) -> BrickLayout:
+def domain_layout(domain: Domain, brick: int, has_surfaces: bool = False) -> BrickLayout:
     """Return the brick layout of a domain.
 
     Parameters
     ----------
     brick : cells along the side of one
+    has_surfaces : bricks may be larger, by a power of two
 
     Raises
     ------
     InputError
         There would be too many bricks.
     """
-    if math.prod(max(1.0, length / brick) for length in domain.extent) > MOST_BRICKS:
+
+    def count() -> float:
+        return math.prod(max(1.0, length / brick) for length in domain.extent)
+
+    while has_surfaces and count() > MOST_WITH_SURFACES and brick < LARGEST_BRICK:
+        brick *= 2
+    if count() > MOST_BRICKS:
         size = " × ".join(f"{length:.3g}" for length in domain.extent)
         raise InputError(
             "the volumes lie too far apart for their smallest spacing",
-            where="volumes",
+            where="scene" if has_surfaces else "volumes",
             found=f"{size} cells of {domain.spacing:g} in bricks of {brick}",
             allowed=f"{MOST_BRICKS} bricks; cluster.brick makes them larger",
         )

@@ -8,16 +8,17 @@ half a slab of it, and each fragment counts once on any ranks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.primitives import Kind
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
+from clusterviz.scene.surfaces import SurfaceSection
 
-Kind = Literal["triangle", "tube", "sphere"]
 Floats = NDArray[np.float64]
 
 
@@ -70,6 +71,10 @@ class GeometryLayer:
     shading : lights and material, for normals in the world; None: not lit
     culling : side that is not drawn; vertices are counter-clockwise seen from the front
     opaque : every fragment hides all behind it
+    section : completed
+    position_type : float32 or float64
+    has_normals : vertices have normals
+    in_bricks : int64 (2, bz, by, bx), primitives and positions that each brick holds
     """
 
     kind: Kind
@@ -83,3 +88,32 @@ class GeometryLayer:
     shading: Shading | None
     culling: Literal["none", "front", "back"]
     opaque: bool
+    section: SurfaceSection | None = None
+    position_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))
+    has_normals: bool = False
+    in_bricks: NDArray[np.int64] = field(default_factory=lambda: np.zeros((2, 1, 1, 1), np.int64))
+
+    @property
+    def nbytes(self) -> NDArray[np.int64]:
+        """Bytes of the primitives of each brick, int64 (bz, by, bx)."""
+        primitives, positions = self.in_bricks
+        forms = self.forms(1, 0).values(), self.forms(0, 1).values()
+        each = [sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in some) for some in forms]
+        found: NDArray[np.int64] = primitives * each[0] + positions * each[1]
+        return found
+
+    def forms(self, primitives: int, positions: int) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+        """Return shape and type of each array of `Primitives`, by name, for given numbers of both."""
+        single, whole = np.dtype(np.float32), np.dtype(np.uint32)
+        coloured = {"": 0, "vertices": positions, "primitives": primitives}[self.colour_of]
+        return {
+            "numbers": ((primitives,), whole),
+            "positions": ((positions, 3), self.position_type),
+            "corners": ((primitives, CORNERS[self.kind]), whole),
+            "normals": ((positions if self.has_normals else 0, 3), single),
+            "radii": ((0 if self.kind == "triangle" else positions,), single),
+            "colours": ((coloured, self.channels), single),
+        }
+
+
+CORNERS: dict[Kind, int] = {"triangle": 3, "tube": 4, "sphere": 1}

@@ -1,7 +1,8 @@
-"""Several volumes in one scene as the renderer needs them: a common domain, and one layer for each volume."""
+"""Volumes and surfaces of one scene as the renderer needs them: a common domain, and one layer for each of them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -29,6 +30,7 @@ from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
+from clusterviz.plan.surface_bricks import BrickGrid, KnownSurface
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene, Volume
@@ -109,35 +111,55 @@ class MultiVolume:
     domain : the box around them
     volume_layers : the volumes, in the order of the scene
     geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
+    brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
+    reach : cells beyond its own in which a brick has primitives
     """
 
     domain: Domain
     volume_layers: tuple[VolumeLayer, ...]
     geometry: tuple[GeometryLayer, ...] = ()
+    brick: int = 0
+    reach: int = 0
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
-        """Margin and reach of each volume's cut; bricks that were read with others have to be read again."""
-        return tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
+        """Margin and reach of each volume's cut and of surfaces; bricks that were read with others are read again."""
+        volumes = tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
+        return (*volumes, (0, self.reach)) if self.geometry else volumes
+
+    @property
+    def surface_grid(self) -> BrickGrid:
+        """Bricks as surfaces need them."""
+        return BrickGrid(self.domain, self.layout, self.reach)
+
+    @property
+    def layout(self) -> BrickLayout:
+        """The domain's bricks."""
+        return BrickLayout(self.domain.grid.shape_zyx, self.brick)
+
+
+PRIMITIVE_COST = 4.0
+"""Cost of a primitive in a brick, in cells of a volume."""
 
 
 def make_multi_volume(
-    scene: Scene, volumes: Sequence[KnownVolume], step_world: float
+    scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface], step_world: float
 ) -> tuple[MultiVolume, NDArray[np.float64]]:
-    """Return the volumes of a completed scene, and the cost of drawing each brick of the domain.
+    """Return the volumes and surfaces of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
     volumes : metadata of the volumes, in the order of the scene
+    surfaces : meshes, lines and points, in the order of the scene
     step_world : length of a slab in world units
 
     Returns
     -------
-    multi_volume : the volumes in their domain
-    cost : float64 (bz, by, bx), cells of all volumes; 0 where all are hidden
+    multi_volume : all content in the domain
+    cost : float64 (bz, by, bx), cells of all volumes and `PRIMITIVE_COST` a primitive; 0 where all is hidden
     """
-    domain = make_domain([known.grid for known in volumes])
-    layout = domain_layout(domain, scene.cluster.brick)
+    domain = domain_of(scene, volumes, surfaces)
+    layout = domain_layout(domain, scene.cluster.brick, bool(surfaces))
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
@@ -149,7 +171,21 @@ def make_multi_volume(
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)
         volume_layers.append(part)
-    return MultiVolume(domain, tuple(volume_layers)), cost
+    # Fragments lie up to half a slab from the midpoint that a brick holds.
+    reach = max(1, math.ceil(step_world / domain.spacing / 2))
+    geometry: list[GeometryLayer] = []
+    for section, surface in zip(scene.surfaces, surfaces, strict=True):
+        first = sum(layer.count for layer in geometry)
+        layer = surface.layer(section, scene.lights, BrickGrid(domain, layout, reach), first)
+        cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0)
+        geometry.append(layer)
+    return MultiVolume(domain, tuple(volume_layers), tuple(geometry), layout.brick, reach), cost
+
+
+def domain_of(scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface]) -> Domain:
+    """Return the domain of a completed scene."""
+    pairs = zip(scene.surfaces, surfaces, strict=True)
+    return make_domain([known.grid for known in volumes], [known.info.grown_box(section) for section, known in pairs])
 
 
 def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> VolumeLayer:

@@ -32,14 +32,14 @@ from clusterviz.plan.blend_mode import (
     spread_of,
     step_of,
 )
-from clusterviz.plan.domain import make_domain
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.layers import LayeredVolume, make_layers
-from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, make_multi_volume
+from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, domain_of, make_multi_volume
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
+from clusterviz.plan.surface_bricks import KnownSurface
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -102,8 +102,8 @@ class Plan:
     segments : the transfer function as the shader reads it
     layout : the bricks of the volume
     cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
-    multi_volume : the volumes of a scene with several, else None. If given, index space and bricks are the domain's,
-        and encoding, transfer function and segments are the first volume's
+    multi_volume : the content of a scene with several volumes or with surfaces, else None. If given, index space and
+        bricks are the domain's, and encoding, transfer function and segments are the first volume's
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -218,29 +218,29 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan:
-    """Make the plan of a frame with several volumes.
+def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface] = ()) -> Plan:
+    """Make the plan of a frame with several volumes, or with surfaces.
 
     Parameters
     ----------
     scene : a completed scene
-    volumes : their metadata, in the order of the scene
+    volumes, surfaces : their metadata, in the order of the scene
 
     Raises
     ------
     InputError
-        The volumes' domain would have too many bricks, or a ray too many slabs.
+        The domain would have too many bricks, or a ray too many slabs.
     """
     quality = scene.quality
-    step = min(step_of(volume, quality.step, quality.classification) for volume in scene.volumes)
-    step_world = slab_length(step, make_domain([known.grid for known in volumes]).grid)
-    multi_volume, cost = make_multi_volume(scene, volumes, step_world)
-    first, grid, layout = (
-        multi_volume.volume_layers[0],
-        multi_volume.domain.grid,
-        multi_volume.volume_layers[0].cut.layout,
-    )
+    steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
+    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, surfaces).grid)
+    multi_volume, cost = make_multi_volume(scene, volumes, surfaces, step_world)
+    first = multi_volume.volume_layers[0] if volumes else _no_volume()
+    grid, layout = multi_volume.domain.grid, multi_volume.layout
     planes = clip_planes(scene.clip, grid)
+    # A slab's midpoint may be clipped where a fragment in the slab is not.
+    beyond = planes.copy()
+    beyond[:, 3] += (multi_volume.reach if surfaces else 0) * np.linalg.norm(planes[:, :3], axis=1)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -250,8 +250,10 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan
             scene.quality.early_termination,
             reach=0,
             spread=0,
-            jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes),
-            frame_coherence=make_frame_coherence(scene, [known.grid for known in volumes], step_world),
+            jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes) and bool(volumes),
+            frame_coherence=None
+            if surfaces
+            else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
         ),
         BlendMode(),
         planes,
@@ -259,10 +261,25 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume]) -> Plan
         first.transfer,
         first.segments,
         layout,
-        np.where(clipped_bricks(planes, layout), 0.0, cost),
+        np.where(clipped_bricks(beyond, layout), 0.0, cost),
         multi_volume,
         make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in multi_volume.volume_layers]),
     )
+
+
+@dataclass(frozen=True)
+class _NoVolume:
+    """What a plan without volumes has in place of the first volume's."""
+
+    encoding: Encoding
+    transfer: TransferFunction
+    segments: Segments
+    slab_units: float = 1.0
+
+
+def _no_volume() -> _NoVolume:
+    transfer = TransferFunction(np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(1), 1.0, (0.0, 1.0))
+    return _NoVolume(Encoding("f32", 0.0, 1.0), transfer, make_segments(transfer, 1.0))
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -287,7 +304,13 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     ranks : that draw
     on_cpu : the CPU ray caster draws
     """
-    found = [*_of_quality(scene), *_of_light(scene), *_of_cluster(scene, ranks)] if scene.volumes else []
+    found: list[Change] = []
+    if scene.volumes:
+        found += [*_of_quality(scene), *_of_light(scene)]
+    if scene.surfaces:
+        found += _with_surfaces(scene)
+    if scene.volumes or scene.surfaces:
+        found += _of_cluster(scene, ranks)
     if on_cpu and scene.quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
     return tuple(found)
@@ -312,6 +335,11 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.filter", "hardware", "exact", "nearest voxels are not weighted")
     if quality.early_termination > 0 and not any(BLEND_MODES[one.blending].composited for one in volumes):
         yield Change("quality.early_termination", quality.early_termination, 0.0, "a projection hides nothing")
+
+
+def _with_surfaces(scene: Scene) -> Iterator[Change]:
+    if scene.quality.frame_coherence:
+        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around surfaces")
 
 
 def _of_light(scene: Scene) -> Iterator[Change]:

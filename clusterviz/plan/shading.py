@@ -24,6 +24,7 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
+from clusterviz.scene.surfaces import SurfaceSection
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
 
@@ -148,6 +149,18 @@ def make_shading(
         _caps(grid, planes, CAP_UNITS * unit, scale) if caps else np.zeros((0, 8)),
         _occlusion(volume, grid, unit, planes),
     )
+
+
+def make_surface_shading(section: SurfaceSection, lights: Sequence[Light], grid: Grid) -> Shading:
+    """Return the lighting of meshes, lines and points by normals in the world.
+
+    Parameters
+    ----------
+    grid : of the domain, in whose index space lights have places
+    """
+    material = (section.ambient, section.diffuse, section.specular, section.specular_power)
+    lamps = tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,))
+    return Shading(material, lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))
 
 
 def occlusion_reach(volume: Volume, grid: Grid) -> int:

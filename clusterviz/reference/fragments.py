@@ -88,7 +88,7 @@ class PlacedSurface:
         ):
             way = self.primitives.ends - self.primitives.begins
             rgba[:, :3] = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True))[hits.primitive]
-        if section.scalars is None or (isinstance(section, LinesSection) and section.color_by != "scalars"):
+        if section.scalars is None or (isinstance(section, LinesSection) and section.color_by not in (None, "scalars")):
             return rgba
         if section.scalars in self.of_vertices:
             stored = np.asarray(self.of_vertices[section.scalars])
@@ -217,6 +217,8 @@ def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedSurface
     follows[1:] = corners[1:, 0] == corners[:-1, 1]
     before = np.where(follows, number - 1, -1)
     after = np.where(np.append(follows[1:], False)[: len(number)], number + 1, -1)
+    if section.radius is None:
+        raise InputError("no radius", where=section.path, allowed="a completed section")
     primitives = Segments(points[corners[:, 0]], points[corners[:, 1]], section.radius, before, after)
     cells = line[corners[:, 0]]
     return PlacedSurface(section, primitives, corners, cells, None, lines.point_attributes, lines.line_attributes)

@@ -242,6 +242,8 @@ class VolumeRays:
 DARK = 2.0**-60
 LONGEST = 2.0
 """Of a slab, in the smallest spacing, where anything depends on the field at its ends."""
+GROWTH = 2.0**-10
+"""Of the box around all where surfaces lie beyond the volumes, in the smallest spacing."""
 
 
 def march_mixture(
@@ -266,10 +268,16 @@ def march_mixture(
     fragments = FragmentQueue(find_fragments(rays, surfaces, scene))
     if not volumes:
         return fragments.composite_all()
-    corners = np.concatenate([placed.grid.corners for placed in volumes] + [surface.bounds for surface in surfaces])
+    spacing = min(min(placed.grid.spacing) for placed in volumes)
+    # The box is a little larger than surfaces beyond the volumes, so that nothing lies on its faces by rounding.
+    corners = np.concatenate([placed.grid.corners for placed in volumes])
+    bounds = np.concatenate([np.empty((0, 3)), *(surface.bounds for surface in surfaces)])
+    growth = GROWTH * spacing + 2.0**-48 * np.abs(bounds).max(initial=0.0)
     low, high = corners.min(axis=0), corners.max(axis=0)
+    least, greatest = bounds.min(axis=0, initial=np.inf), bounds.max(axis=0, initial=-np.inf)
+    low, high = np.where(least < low, least - growth, low), np.where(greatest > high, greatest + growth, high)
     most = LONGEST if any(has_ends(placed.volume, scene) for placed in volumes) else step
-    length = min(step, most) * min(min(placed.grid.spacing) for placed in volumes)
+    length = min(step, most) * spacing
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))

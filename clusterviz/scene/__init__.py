@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import VolumeInfo, complete_scene, transfer_function
-from clusterviz.scene.files import dump_scene, load_scene, open_scene, scene_of_data, scene_schema
+from clusterviz.scene.files import dump_scene, load_scene, scene_of_data, scene_schema
 from clusterviz.scene.overrides import parse_overrides
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
@@ -25,7 +25,6 @@ __all__ = [
     "complete_scene",
     "dump_scene",
     "load_scene",
-    "open_scene",
     "parse_overrides",
     "scene_of_data",
     "scene_schema",

@@ -67,26 +67,29 @@ def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bo
         raise InvalidValueError(f"not with {problem}", allowed, key="ambient_occlusion")
 
 
-def check_several_volumes(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
-    """Refuse projections and settings that support a single volume only.
+def check_several_volumes(volumes: Sequence[Any], surfaces: Sequence[Any], quality: Any, cluster: Any) -> None:
+    """Refuse projections and settings that support a single volume only, and nothing else.
 
     Parameters
     ----------
-    volumes, quality, cluster : sections of a scene
+    volumes, surfaces, quality, cluster : sections of a scene; surfaces are meshes, lines and points
     """
-    if len(volumes) < 2:
+    if len(volumes) < 2 and not surfaces:
         return
+    with_what, allowed = "for several volumes", "one volume with it"
+    if surfaces:
+        with_what, allowed = "with meshes, lines or points", "one volume alone with it"
     projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
     keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
     keys.append(("cluster.largest_brick", cluster.largest_brick, "bricks of their domain are of one size"))
     for key, found, why in keys:
         if found and found not in ALLOWED_WITH_SEVERAL:
-            raise InvalidValueError(f"not for several volumes: {why}", "one volume with it", key=key, found=found)
-    surfaces = sum(len(volume.isosurfaces) for volume in volumes)
-    if surfaces > MAX_SURFACES:
+            raise InvalidValueError(f"not {with_what}: {why}", allowed, key=key, found=found)
+    count = sum(len(volume.isosurfaces) for volume in volumes)
+    if count > MAX_SURFACES:
         allowed = f"{MAX_SURFACES} isosurfaces in all volumes"
-        raise InvalidValueError("too many", allowed, key="volumes: isosurfaces", found=surfaces)
+        raise InvalidValueError("too many", allowed, key="volumes: isosurfaces", found=count)
 
 
 def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
@@ -119,13 +122,16 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
-    """Refuse layers with projections, which have no depth, and with slabs that are cut at the borders of bricks.
+def check_layers(volumes: Sequence[Any], surfaces: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+    """Refuse layers with projections, which have no depth, with slabs that are cut at bricks, and with surfaces.
 
     Parameters
     ----------
-    volumes, quality : sections of a scene
+    volumes, surfaces, quality : sections of a scene; surfaces are meshes, lines and points
     """
+    if layers and surfaces:
+        allowed = "[], or volumes alone"
+        raise InvalidValueError("not with meshes, lines or points", allowed, key="image.layers", found=list(layers))
     problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}
     problems["borders: split"] = quality.borders == "split"
     for name, is_one in problems.items():

@@ -1,4 +1,4 @@
-"""Scene completion: unset keys are filled from information on the volumes."""
+"""Scene completion: unset keys are filled from information on the volumes and surfaces."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.scene.automatic import Info as Info
 from clusterviz.scene.automatic import VolumeInfo as VolumeInfo
 from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.surfaces import LinesSection, PointsSection, SurfaceInfo, SurfaceSection, as_sections
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -20,11 +22,13 @@ from clusterviz.scene.values import Scene, Volume
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
+RADIUS_OF_DIAGONAL: dict[type[SurfaceSection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
+"""Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
 """(share of clim, opacity); the lowest values, in most data air, solvent or noise, are transparent."""
 
 
-def complete_scene(scene: Scene, infos: Sequence[VolumeInfo] | VolumeInfo) -> Scene:
+def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     """Return a scene in which no key that rendering needs is unset.
 
     The function is pure: ranks with equal information get equal scenes.
@@ -32,25 +36,59 @@ def complete_scene(scene: Scene, infos: Sequence[VolumeInfo] | VolumeInfo) -> Sc
     Parameters
     ----------
     scene : values that are set are kept
-    infos : information on each volume, in the order of `scene.volumes`
+    infos : information on each of `scene.volumes`, then on each of `scene.surfaces`
 
     Returns
     -------
-    scene : volumes have cmap, clim, opacity and unit distance; the camera has position, focal_point and view_up
+    scene : volumes have cmap, clim, opacity and unit distance, surfaces clim and a radius; the camera has position,
+        focal_point and view_up
     """
-    each = (infos,) if isinstance(infos, VolumeInfo) else tuple(infos)
+    each, known = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
     if scene.automatic:
-        scene = automatic_scene(scene, each)
+        scene = automatic_scene(scene, each, known)
     volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
+    surfaces = [complete_surface(section, info) for section, info in zip(scene.surfaces, known, strict=True)]
+    scene = scene.model_copy(update={"volumes": volumes, **as_sections(surfaces)})
     if is_completed(scene.camera):
-        return scene.model_copy(update={"volumes": volumes})
-    corners = np.concatenate([visible_corners(*pair) for pair in zip(volumes, each, strict=True)] or [np.zeros((1, 3))])
+        return scene
+    boxes = [box_corners(info.grown_box(section)) for section, info in zip(surfaces, known, strict=True)]
+    parts = [*(visible_corners(*pair) for pair in zip(volumes, each, strict=True)), *boxes]
+    corners = np.concatenate(parts or [np.zeros((1, 3))])
     if not corners.size:
-        corners = np.concatenate([info.corners for info in each])
+        corners = np.concatenate([info.corners for info in each] or [np.zeros((1, 3))])
+    # The size of a scene whose points all coincide.
     spacing = min((min(info.spacing) for info in each), default=1.0)
     orientation = next((info.orientation for info in each if info.orientation), "")
     camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation)
-    return scene.model_copy(update={"volumes": volumes, "camera": camera})
+    return scene.model_copy(update={"camera": camera})
+
+
+def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[SurfaceInfo]]:
+    """Return the information on volumes, and on surfaces."""
+    volumes = [info for info in infos if isinstance(info, VolumeInfo)]
+    return volumes, [info for info in infos if isinstance(info, SurfaceInfo)]
+
+
+def complete_surface(section: SurfaceSection, info: SurfaceInfo) -> SurfaceSection:
+    """Return meshes, lines or points with clim and a radius."""
+    found: dict[str, object] = {}
+    if section.clim is None and info.scalars is not None:
+        low, high = info.scalars
+        found["clim"] = (low, high) if low < high else range_around(low)
+    share = RADIUS_OF_DIAGONAL.get(type(section), 0.0)
+    if share and not info.has_radii and not isinstance(getattr(section, "radius", None), float):
+        diagonal = math.dist(*info.box) if len(info.box) else 0.0
+        found["radius"] = share * (diagonal or float(np.abs(info.box).max(initial=0.0)) or 1.0)
+    if isinstance(section, LinesSection) and section.color_by is None:
+        found["color_by"] = "color" if section.scalars is None else "scalars"
+    return section.model_copy(update=found)
+
+
+def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the eight corners of a box (2, 3), float64 (8, 3); none of no box (0, 3)."""
+    return np.array(
+        [[box[i, 0], box[j, 1], box[k, 2]] for k, j, i in np.ndindex(2, 2, 2)] if len(box) else np.empty((0, 3))
+    )
 
 
 def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
+from clusterviz.scene.surfaces import SURFACES
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.validation_messages import KeyPath, format_value, scene_error
 from clusterviz.scene.values import Scene
@@ -21,13 +22,6 @@ from clusterviz.scene.yaml_text import parse_yaml, read_text, write_yaml, yaml_p
 
 SUFFIXES = (".yaml", ".yml", ".json")
 """File name suffixes of scene files; all other files are data files."""
-
-
-def open_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """Return the scene of a scene file, or a scene for a data file, depending on the suffix."""
-    if Path(path).suffix.lower() in SUFFIXES:
-        return load_scene(path, overrides)
-    return scene_of_data(path, overrides)
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
@@ -55,10 +49,18 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
         return _checked(_absolute(data, Path(where).absolute().parent), where, options)
 
 
-def scene_of_data(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """Return a scene with automatic settings for one data file."""
+def scene_of_data(
+    path: str | os.PathLike[str], overrides: Sequence[str] = (), sections: Sequence[str] = ("volumes",)
+) -> Scene:
+    """Return a scene with automatic settings for one data file.
+
+    Parameters
+    ----------
+    sections : what the file holds: volumes, meshes, lines, points
+    """
     where = os.fspath(path)
-    data, options = apply_overrides({"volumes": [{"path": where}], "automatic": True}, parse_overrides(overrides))
+    found: dict[str, Any] = {name: [{"path": where}] for name in sections}
+    data, options = apply_overrides({**found, "automatic": True}, parse_overrides(overrides))
     return _checked(_absolute(data, Path.cwd()), where, options)
 
 
@@ -111,12 +113,12 @@ def _sections(data: Any, where: str) -> dict[str, Any]:
 
 def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return raw scene data with paths joined to a folder; values of other types are left to validation."""
-    volumes = data.get("volumes")
-    for volume in volumes if isinstance(volumes, list) else ():
-        if not isinstance(volume, dict):
+    lists = [data.get(name) for name in ("volumes", *SURFACES)]
+    for entry in (entry for entries in lists if isinstance(entries, list) for entry in entries):
+        if not isinstance(entry, dict):
             continue
-        table = volume.get("transfer_2d")
-        for section, key in ((volume, "path"), (volume, "cmap"), (volume, "shader"), (table, "path")):
+        table = entry.get("transfer_2d")
+        for section, key in ((entry, "path"), (entry, "cmap"), (entry, "shader"), (table, "path")):
             text = section.get(key) if isinstance(section, dict) else None
             if isinstance(section, dict) and isinstance(text, str) and _is_path(key, text):
                 section[key] = os.path.normpath(folder / Path(text).expanduser())
@@ -135,10 +137,12 @@ def _checked(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -
         scene = Scene.model_validate(data)
     except ValidationError as error:
         raise scene_error(error, where, options) from None
+    for name in ("volumes", *SURFACES):
+        for index, entry in enumerate(getattr(scene, name)):
+            if isinstance(entry.cmap, str):
+                place = options.get((name, index, "cmap"), where)
+                colour_points(entry.cmap, (0.0, 1.0), where=f"{place}: {name}[{index}].cmap")
     for index, volume in enumerate(scene.volumes):
-        if isinstance(volume.cmap, str):
-            place = options.get(("volumes", index, "cmap"), where)
-            colour_points(volume.cmap, (0.0, 1.0), where=f"{place}: volumes[{index}].cmap")
         if volume.transfer_2d is not None:
             place = options.get(("volumes", index, "transfer_2d", "path"), where)
             read_table(volume.transfer_2d.path, where=f"{place}: volumes[{index}].transfer_2d.path")

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section, current_key
+from clusterviz.scene.surfaces import SURFACES
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import (
     SECTIONS,
@@ -26,7 +27,7 @@ from clusterviz.scene.validation_messages import (
     section_at,
     unknown_key,
 )
-from clusterviz.scene.values import Light, Scene
+from clusterviz.scene.values import Light, Scene, Volume
 from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 if TYPE_CHECKING:
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
         PixelFormat,
         Quality,
         View,
-        Volume,
     )
 
     Numbers = Sequence[float] | NDArray[Any]
@@ -155,9 +155,13 @@ def _check_known(key: KeyPath, where: str) -> None:
 
 
 def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
-    """Yield the sections whose keys can be set by last name: those of all scenes, and lights and tables of this one."""
-    yield from SECTIONS
+    """Yield the sections whose keys can be set by last name: those of all scenes, then those in lists of this one."""
+    has_surfaces_only = not data.get("volumes") and any(data.get(name) for name in SURFACES)
+    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_surfaces_only)
     lights, volumes = data.get("lights"), data.get("volumes")
+    for name, section in SURFACES.items():
+        if all_of_them or data.get(name):
+            yield (name, 0), section
     for index in range(1 if all_of_them else len(lights) if isinstance(lights, list) else 0):
         yield ("lights", index), Light
     first = volumes[0] if isinstance(volumes, list) and volumes else None
@@ -171,10 +175,10 @@ def _resolve(data: dict[str, Any], override: Override) -> KeyPath:
     if name in Scene.model_fields:
         return override.key
     found = [key for key, section in _sections(data) if name in section.model_fields]
-    if len(found) > 1:
+    if len(found) > 1 and found[0][0] != "volumes":
         allowed = ", ".join(format_key((*key, name)) for key in found)
         raise SceneError("several keys have this name", where=override.option, found=name, allowed=allowed)
-    known = found or [key for key, section in _sections(data, all_of_them=True) if name in section.model_fields]
+    known = found[:1] or [key for key, section in _sections(data, all_of_them=True) if name in section.model_fields]
     return (*known[0], name, *items)
 
 
@@ -275,17 +279,27 @@ class Settings(TypedDict, total=False):
     largest_brick: int | None
     # Light
     type: LightType
-    color: Numbers
+    color: str | Numbers
     intensity: float
     positional: bool
     cone_angle: float
     exponent: float
     attenuation: Numbers
+    # MeshSection, LinesSection, PointsSection
+    scalars: str | None
+    transform: Rows | None
+    shading: Literal["smooth", "flat"]
+    culling: Literal["none", "front", "back"]
+    radius: float | str | None
+    color_by: Literal["color", "scalars", "direction"] | None
     # Transfer2d
     values: Numbers | None
     magnitudes: Numbers | None
     # Scene
     volumes: Sequence[Volume | Mapping[str, Any]]
+    meshes: Sequence[Any]
+    lines: Sequence[Any]
+    points: Sequence[Any]
     automatic: bool
     lights: Sequence[Light | Mapping[str, Any]]
     clip: Clip | Mapping[str, Any]

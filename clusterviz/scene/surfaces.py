@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin
+from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin, union_tag
 from clusterviz.scene.field_types import FINITE, Background, Clim, Cmap, Fraction, Number, Opacity, Positive, Section
 
 
@@ -17,8 +21,19 @@ def _check_colour(value: Any) -> Any:
     return value
 
 
-Row = tuple[Number, Number, Number, Number]
-Transform = Annotated[tuple[Row, Row, Row, Row], BeforeValidator(to_builtin)]
+def _check_transform(rows: tuple[Any, ...]) -> tuple[Any, ...]:
+    matrix = np.array(rows)
+    linear = matrix[:3, :3]
+    scaled = linear / (np.abs(linear).max() or 1.0)
+    if rows[3] != (0.0, 0.0, 0.0, 1.0) or abs(np.linalg.det(scaled)) < FLAT:
+        raise InvalidValueError("not affine and invertible", "4 rows of 4 numbers, the last [0, 0, 0, 1]")
+    return rows
+
+
+FLAT = 1e-12
+"""Determinant, of a matrix whose largest entry is 1, below which it flattens space."""
+Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builtin)]
+Transform = Annotated[tuple[Row, Row, Row, Row], BeforeValidator(to_builtin), AfterValidator(_check_transform)]
 
 
 class SurfaceSection(Section):
@@ -54,8 +69,16 @@ class SurfaceSection(Section):
         default=1.0, description="Sharpness of the highlight."
     )
     transform: Transform | None = Field(
-        default=None, description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change."
+        default=None,
+        examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],
+        description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change.",
     )
+
+    @model_validator(mode="after")
+    def _has_scalars(self) -> SurfaceSection:
+        if not isinstance(self.opacity, float) and self.scalars is None:
+            raise InvalidValueError("no scalars that it depends on", "a number, or scalars beside it", key="opacity")
+        return self
 
 
 class MeshSection(SurfaceSection):
@@ -72,15 +95,77 @@ class MeshSection(SurfaceSection):
 class LinesSection(SurfaceSection):
     """Lines: polylines of a file, as tubes with round caps."""
 
-    radius: Positive = Field(description="Of the tubes, in world units.")
-    color_by: Literal["color", "scalars", "direction"] = Field(
-        default="color", description="What gives the colour; direction: the absolute x, y, z of the segment as RGB."
+    radius: Positive | None = Field(
+        default=None, description="Of the tubes, in world units; default: a 500th of the diagonal of the lines' box."
     )
+    color_by: Literal["color", "scalars", "direction"] | None = Field(
+        default=None,
+        description="What gives the colour; direction: the absolute x, y, z of the segment as RGB; default: the "
+        "scalars, if they are given.",
+    )
+
+
+def _check_radius(value: Any) -> Any:
+    value = to_builtin(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InvalidValueError("not a radius", "a number more than 0, or the name of an array of radii")
+    return value
+
+
+Radius = Annotated[
+    Annotated[str, Tag("<name>")] | Annotated[Positive, Tag("<number>")],
+    Discriminator(union_tag),
+    BeforeValidator(_check_radius),
+]
 
 
 class PointsSection(SurfaceSection):
     """Points of a file, as spheres."""
 
-    radius: Positive | str = Field(
-        default="radius", description="Of the spheres in world units, or the name of an array of radii."
+    radius: Radius = Field(
+        default="radius",
+        description="Of the spheres in world units, or the name of an array of radii; default: the array radius, or a "
+        "200th of the diagonal of the points' box.",
     )
+
+
+SURFACES: dict[str, type[SurfaceSection]] = {"meshes": MeshSection, "lines": LinesSection, "points": PointsSection}
+"""Sections of a scene with meshes, lines and points, in the order in which equal depths are composited."""
+
+
+def as_sections(surfaces: Iterable[SurfaceSection]) -> dict[str, tuple[SurfaceSection, ...]]:
+    """Return entries by the key of a scene that lists them."""
+    each = tuple(surfaces)
+    return {name: tuple(one for one in each if type(one) is section) for name, section in SURFACES.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceInfo:
+    """Facts on an entry of meshes, lines or points.
+
+    Attributes
+    ----------
+    box : float64 (2, 3), low and high corner of the box around what can be drawn, world, with radii of an array but
+        not with one radius for all; (0, 3) if there is nothing
+    count : primitives that can be drawn
+    left_out : triangles, segments or points of the file that cannot: not finite, or without area, length or radius
+    has_radii : radii are those of an array
+    scalars : minimum and maximum of the array that the section names; None without one, and for colours
+    has_invalid : some of these are not finite
+    arrays : by name, what each array of the file belongs to, and its number of components
+    other : sections that the file's geometry belongs in, if it has none for this one
+    """
+
+    box: NDArray[np.float64]
+    count: int
+    left_out: int = 0
+    has_radii: bool = False
+    scalars: tuple[float, float] | None = None
+    has_invalid: bool = False
+    arrays: Mapping[str, tuple[Literal["vertices", "primitives"], int]] = field(default_factory=dict)
+    other: tuple[str, ...] = ()
+
+    def grown_box(self, section: SurfaceSection) -> NDArray[np.float64]:
+        """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
+        radius = getattr(section, "radius", 0.0)
+        return self.box + np.array([[-radius], [radius]])[: len(self.box)] if isinstance(radius, float) else self.box

@@ -49,6 +49,7 @@ from clusterviz.scene.field_types import (
     Side,
     Vector,
 )
+from clusterviz.scene.surfaces import SURFACES, LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
@@ -300,7 +301,7 @@ class Light(Section):
 
 
 class Clip(Section):
-    """Clipping of all volumes by planes and a box."""
+    """Clipping of everything shown by planes and a box."""
 
     planes: tuple[Annotated[tuple[Vector, Normal], BeforeValidator(to_builtin)], ...] = Field(
         default=(),
@@ -385,12 +386,23 @@ class Quality(Section):
 
 
 class Scene(Section):
-    """Scene: volumes, lights, clipping, camera, image, quality and cluster settings."""
+    """Scene: volumes, meshes, lines, points, lights, clipping, camera, image, quality and cluster settings."""
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
         default=(),
         examples=[[{"path": "head.nii.gz"}]],
         description="Volumes, each with its own grid and transfer function; overlapping volumes are mixed.",
+    )
+    meshes: tuple[MeshSection, ...] = Field(
+        default=(),
+        examples=[[{"path": "bone.vtp", "opacity": 0.4}]],
+        description="Meshes, composited with the volumes, the lines and the points in the order of their depths.",
+    )
+    lines: tuple[LinesSection, ...] = Field(
+        default=(), examples=[[{"path": "fibres.trk", "radius": 0.4}]], description="Lines, drawn as tubes."
+    )
+    points: tuple[PointsSection, ...] = Field(
+        default=(), examples=[[{"path": "atoms.pdb"}]], description="Points, drawn as spheres."
     )
     automatic: Annotated[bool, Field(strict=True)] = Field(
         default=False,
@@ -400,9 +412,9 @@ class Scene(Section):
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(),
         examples=[[{"position": [1, 1, 1]}]],
-        description="Lights of shaded volumes; default: one headlight.",
+        description="Lights of shaded volumes and surfaces; default: one headlight.",
     )
-    clip: Clip = Field(default=Clip(), description="Clipping of all volumes.")
+    clip: Clip = Field(default=Clip(), description="Clipping of everything shown.")
     camera: Camera = Field(default=Camera(), description="The camera.")
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
     quality: Quality = Field(default=Quality(), description="Accuracy and cost.")
@@ -410,8 +422,18 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.quality, self.cluster)
+        check_several_volumes(self.volumes, self.surfaces, self.quality, self.cluster)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
-        check_layers(self.volumes, self.quality, self.image.layers)
+        check_layers(self.volumes, self.surfaces, self.quality, self.image.layers)
         return self
+
+    @property
+    def surfaces(self) -> tuple[SurfaceSection, ...]:
+        """Entries of meshes, lines and points, in this order."""
+        return (*self.meshes, *self.lines, *self.points)
+
+    @property
+    def surface_keys(self) -> tuple[str, ...]:
+        """Key of each entry of `surfaces`, such as meshes[0]."""
+        return tuple(f"{name}[{number}]" for name in SURFACES for number in range(len(getattr(self, name))))

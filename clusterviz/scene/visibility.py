@@ -1,4 +1,4 @@
-"""Warnings about volumes that are not visible, found without reading voxels."""
+"""Warnings about volumes and surfaces that are not visible, found without reading voxels or primitives."""
 
 from __future__ import annotations
 
@@ -11,43 +11,78 @@ import numpy as np
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
-from clusterviz.scene.complete import VolumeInfo, transfer_function
+from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
+from clusterviz.scene.surfaces import SurfaceInfo
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0
 """Pixels; a scene is too small if its width and height are below this and a quarter of the picture's."""
 
 
-def visibility_warnings(scene: Scene, infos: Sequence[VolumeInfo], is_blank: bool) -> dict[str, str]:
-    """Return warnings about volumes that the picture does not show.
+def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> dict[str, str]:
+    """Return warnings about content that the picture does not show, and about surfaces apart from all else.
 
     Parameters
     ----------
     scene : a completed scene
-    infos : information on each volume
+    infos : information on each volume and surface
     is_blank : whether all pixels of the picture are transparent
 
     Returns
     -------
     warnings : subject -> one line; frames of an animation report a subject once
     """
-    if not scene.volumes:
+    if not scene.volumes and not scene.surfaces:
         return {"volumes": "the scene has no volumes: nothing is drawn"}
-    found: dict[str, str] = {}
-    for number, (volume, info) in enumerate(zip(scene.volumes, infos, strict=True)):
+    each, known = divided_infos(infos)
+    found = _surface_warnings(scene, each, known)
+    for number, (volume, info) in enumerate(zip(scene.volumes, each, strict=True)):
         reason = _unseen_volume(volume, info)
         if reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
-    beyond = _out_of_sight(scene, np.concatenate([info.corners for info in infos]))
+    boxes = [box_corners(one.grown_box(section)) for section, one in zip(scene.surfaces, known, strict=True)]
+    corners = np.concatenate([*(info.corners for info in each), *boxes])
+    beyond = _out_of_sight(scene, corners) if len(corners) else ""
     if beyond:
         found["camera"] = beyond
+    if is_blank and not found and scene.surfaces:
+        found["picture"] = "the picture is empty: check opacity, culling and clip"
     if is_blank and not found:
-        first, info = scene.volumes[0], infos[0]
+        first, info = scene.volumes[0], each[0]
         found["picture"] = (
             f"the picture is empty: check opacity, clip, blending; data {_span(info.minimum, info.maximum)}, "
             f"clim {_span(*(first.clim or (math.nan, math.nan)))}"
         )
+    return found
+
+
+LEFT_OUT = {
+    "meshes": "triangles are left out: a vertex is not finite, or they have no area",
+    "lines": "segments are left out: an end is not finite, or they have no length",
+    "points": "points are left out: they are not finite, or their radius is not positive",
+}
+
+
+def _surface_warnings(scene: Scene, volumes: Sequence[VolumeInfo], surfaces: Sequence[SurfaceInfo]) -> dict[str, str]:
+    """Return warnings about what cannot be drawn, and about entries whose box meets no other box."""
+    found: dict[str, str] = {}
+    boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
+    boxes += [info.grown_box(section) for section, info in zip(scene.surfaces, surfaces, strict=True)]
+    for number, (key, section, info) in enumerate(zip(scene.surface_keys, scene.surfaces, surfaces, strict=True)):
+        name = f"{key} ({PurePath(section.path).name})"
+        if info.left_out:
+            share = f"{info.left_out} of {info.left_out + info.count}"
+            found[f"{key}: left out"] = f"{name}: {share} {LEFT_OUT[key.partition('[')[0]]}"
+        if not info.count:
+            other = f": the file holds {', '.join(info.other)}" if info.other else ""
+            found[key] = f"{name}: nothing is drawn{other}"
+            continue
+        mine = boxes[len(volumes) + number]
+        others = [box for n, box in enumerate(boxes) if n != len(volumes) + number and len(box)]
+        if others and not any((mine[0] <= box[1]).all() and (box[0] <= mine[1]).all() for box in others):
+            text = f"{_box(mine)} lies apart from all other content"
+            found[key] = f"{name}: {text}: check the units (mm or m) and transform"
     return found
 
 

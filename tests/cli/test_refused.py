@@ -143,8 +143,8 @@ SCENES = [
 DATA: list[tuple[str, bytes, str]] = [
     ("empty.npy", b"", "empty"),
     ("wrong.nii", b"not a header " * 40, "found text that begins 'not a header not"),
-    ("unknown.xyz", b"1 2 3", "unknown extension; found .xyz, text that begins '1 2 3'; allowed .npy, "),
-    ("picture.xyz", PNG, "unknown extension; found .xyz, a PNG picture; allowed .npy, "),
+    ("unknown.abc", b"1 2 3", "unknown extension; found .abc, text that begins '1 2 3'; allowed .npy, "),
+    ("picture.abc", PNG, "unknown extension; found .abc, a PNG picture; allowed .npy, "),
     ("a.npy", PNG, "a.npy: wrong magic: not what its name says; found a PNG picture; allowed a NumPy array (.npy)"),
     ("a.nrrd", PNG, "found a PNG picture; allowed NRRD"),
     ("a.nii", PNG, "found a PNG picture; allowed NIfTI-1 or NIfTI-2"),

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
-from clusterviz.scene import Scene, dump_scene, load_scene, open_scene, scene_of_data, scene_schema
+from clusterviz.scene import Scene, dump_scene, load_scene, scene_of_data, scene_schema
 from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml
 
@@ -175,7 +176,7 @@ def test_the_schema_describes_every_key() -> None:
     described(schema)
     for section in schema["$defs"].values():
         described(section)
-    sections = {"volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
+    sections = {"volumes", "meshes", "lines", "points", "lights", "clip", "camera", "image", "quality", "cluster"}
     assert set(schema["properties"]) == {*sections, "automatic"}
 
 
@@ -183,4 +184,5 @@ def test_the_example_scenes_load() -> None:
     examples = sorted((Path(__file__).parents[2] / "examples").glob("*.yaml"))
     assert examples
     for example in examples:
-        assert load_scene(example).volumes
+        scene = load_scene(example)
+        assert scene.volumes or scene.surfaces

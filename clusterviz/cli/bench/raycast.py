@@ -8,10 +8,11 @@ from typing import Any
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.render.choice import Device, make_caster
-from clusterviz.scene import Scene, open_scene
+from clusterviz.scene import Scene
 
 
 def command(

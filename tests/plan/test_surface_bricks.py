@@ -1,0 +1,105 @@
+"""Primitives of bricks: each fragment's owner holds its primitive, with what colours and lights it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.frame.opening import OpenedVolumes, open_volumes
+from clusterviz.frame.run import Options, Run
+from clusterviz.reference.fragments import place
+from clusterviz.reference.intersections import intersect
+from clusterviz.reference.rays import camera_rays
+from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, as_sections
+from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
+
+RNG = np.random.default_rng(15)
+TURN = ((0.6, -0.8, 0, 3), (0.8, 0.6, 0, -2), (0, 0, 1.5, 1), (0, 0, 0, 1))
+CAMERA = Camera(position=(50, 35, 40), focal_point=(8, 8, 8), view_up=(0, 0, 1))
+
+
+def mesh(count: int = 60, size: float = 3.0, dtype: Any = np.float32) -> Mesh:
+    """Random triangles, of which some are large, thin or shared at a vertex."""
+    vertices = RNG.random((count, 3)) * 20 + RNG.normal(size=(count, 3)) * size
+    triangles = np.stack([np.arange(count), np.arange(count) - 1, RNG.integers(0, count, count)], axis=1) % count
+    named = {"heat": np.arange(count, dtype=np.float64), "RGB": RNG.integers(0, 256, (count, 3)).astype(np.uint8)}
+    return Mesh("m", vertices.astype(dtype), triangles, named, {"label": np.arange(count, dtype=np.int16)})
+
+
+def lines(count: int = 5) -> Lines:
+    points = np.cumsum(RNG.normal(size=(8 * count, 3)), axis=0) + 8
+    points[9] = points[10]  # without length
+    return Lines("l", points, np.arange(count + 1) * 8)
+
+
+def points(count: int = 40) -> Points:
+    return Points("p", RNG.random((count, 3)) * 18, {"radius": RNG.random(count), "size": RNG.random(count)})
+
+
+def opened(scene: Scene, given: list[Any]) -> tuple[Scene, OpenedVolumes]:
+    completed, found, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    assert isinstance(found, OpenedVolumes)
+    assert not bricks
+    return completed, found
+
+
+def scene_of(*sections: Any, volumes: int = 0, brick: int = 4, step: float = 1.0) -> Scene:
+    each = [Volume(path="a", clim=(0, 1), opacity=0.5) for _ in range(volumes)]
+    quality, cluster, image = Quality(step=step), Cluster(brick=brick), ImageSettings(size=(24, 20))
+    return Scene(volumes=each, camera=CAMERA, quality=quality, cluster=cluster, image=image, **as_sections(sections))
+
+
+@pytest.mark.parametrize("volumes", [0, 1, 2])
+@pytest.mark.parametrize("step", [0.4, 1.0, 5.0])
+def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) -> None:
+    sections = [
+        MeshSection(path="m", transform=TURN),
+        MeshSection(path="n"),
+        LinesSection(path="l", radius=0.3),
+        PointsSection(path="p"),
+    ]
+    content: list[Any] = [mesh(), mesh(12, 30.0, np.float64), lines(), points()]
+    grids = [Grid((9, 10, 11)), Grid((7, 6, 8), (0.7, 1.1, 0.9), (5, -3, 2))][:volumes]
+    sources = [ArraySource(np.ones(grid.shape_zyx, np.float32), grid) for grid in grids]
+    given = [Geometry(**{kind: part}) for kind, part in zip(("mesh", "mesh", "lines", "points"), content, strict=True)]
+    scene, several = opened(scene_of(*sections, volumes=volumes, step=step), [*sources, *given])
+    plan = several.plan(scene)
+    assert plan.multi_volume
+    domain, layout = plan.multi_volume.domain, plan.layout
+    every = {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}
+    bricks = dict(several.read(plan, every))
+    rays, length, owned = camera_rays(scene.camera, scene.image.size), plan.march.step_world, 0
+    for number, (section, part) in enumerate(zip(scene.surfaces, content, strict=True)):
+        placed = place(section, part)
+        hits = intersect(rays, placed.primitives)
+        assert len(hits.t)
+        start, direction = rays.start[hits.ray], rays.direction[hits.ray]
+        low = np.array(domain.origin)
+        with np.errstate(divide="ignore"):
+            ends = np.stack(
+                [(low - start) / direction, (low + domain.spacing * np.array(domain.extent) - start) / direction]
+            )
+        begin = np.maximum(ends.min(axis=0).max(axis=1), 0)
+        assert (hits.t > begin).all()
+        assert (hits.t < ends.max(axis=0).min(axis=1)).all()
+        middle = begin + (np.floor((hits.t - begin) / length) + 0.5) * length
+        owner = np.floor((start + middle[:, None] * direction - low) / domain.spacing / layout.brick).astype(int)
+        # The last slab may end behind the domain; its middle is then that of what is inside.
+        owner = np.clip(owner[:, ::-1], 0, np.array(layout.counts_zyx) - 1)
+        for index, primitive in zip(owner.tolist(), hits.primitive.tolist(), strict=True):
+            held = bricks[tuple(index)].primitives[number]
+            assert held is not None
+            assert primitive in held.numbers
+            owned += 1
+        layer = plan.multi_volume.geometry[number]
+        assert layer.count == len(placed.primitives.low)
+        assert layer.in_bricks[0].sum() == sum(
+            len(brick.primitives[number].numbers) for brick in bricks.values() if brick.primitives[number]
+        )
+    assert owned > 500
