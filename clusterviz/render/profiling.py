@@ -27,8 +27,8 @@ from clusterviz.render.choice import check_one_size
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.render_result import RenderResult, footprint
 from clusterviz.render.variant import Profile, Variant
-from clusterviz.spmd.ir import BUFFERS
-from clusterviz.spmd.profiling import PROFILE_BLOCK, Instrumented, Mode, Site, instrument
+from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK
+from clusterviz.spmd.profiling import Instrumented, Mode, Site, instrument
 
 if TYPE_CHECKING:
     import moderngl

@@ -43,7 +43,7 @@ from clusterviz.render.render_result import (
 )
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, variant_of
-from clusterviz.render.volume_layers import joined_segments, multi_volume_blocks, multi_volume_tables
+from clusterviz.render.volume_layers import all_segments, multi_volume_blocks, multi_volume_tables
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
@@ -158,9 +158,7 @@ class Raycaster:
         """
         variant = self.variant_of(plan)
         with Buffers(self._context) as buffers:
-            segments = plan.segments
-            own = segments.buckets, segments.records, segments.sums
-            table, rows, sums = joined_segments(plan.multi_volume) if plan.multi_volume else own
+            table, rows, sums = all_segments(plan)
             buffers.bind(4, table)
             records = buffers.make(_padded(rows, variant.block_bytes))
             records.bind_to_uniform_block(1) if variant.block_bytes else records.bind_to_storage_buffer(5)

@@ -51,6 +51,7 @@ class RenderResult:
     seconds_render, seconds_readback : time for drawing, and for reading pixels back
     occluded : bricks not drawn, as all rays ended in front of them
     frame_coherence : counts of rays; None without frame coherence
+    fragments : number of fragments of meshes, lines and points
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -62,6 +63,7 @@ class RenderResult:
     work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
     occluded: int = 0
     frame_coherence: FrameCoherence | None = None
+    fragments: int = 0
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:

@@ -15,6 +15,8 @@ from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
+from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
+from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, SIZES, SIZES_BINDING
@@ -111,6 +113,7 @@ class Variant:
     occlusion : rows of ambient occlusion; 0: there is none
     cpu : how a CPU draws it; None: a GPU draws
     profile : what is found out about each pixel, besides its colour
+    geometry : meshes, lines and points; None without any
     """
 
     filter: Filter
@@ -137,17 +140,23 @@ class Variant:
     occlusion: int = 0
     cpu: Lanes | None = None
     profile: Profile = ""
+    geometry: GeometryVariant | None = None
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether slabs are those of several volumes, or of one or none with geometry."""
+        return bool(self.volumes or self.geometry)
 
     @property
     def name(self) -> str:
         """Name of its function on a CPU; those of variants that differ little are the same."""
-        volumes = f"{len(self.volumes)}_volumes" if self.volumes else f"{self.slot.kind}_{self.filter}_{self.blending}"
+        volumes = f"{len(self.volumes)}_volumes" if self.is_mixed else f"{self.slot.kind}_{self.filter}_{self.blending}"
         return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
 
     @property
     def fetches_ahead(self) -> bool:
         """Whether a program for CPUs brings voxels nearer before it samples them."""
-        return self.filter == "linear" and not (self.volumes or self.surfaces or self.preintegrated)
+        return self.filter == "linear" and not (self.is_mixed or self.surfaces or self.preintegrated)
 
     @property
     def source(self) -> ShaderSource:
@@ -192,7 +201,7 @@ class Variant:
             "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
         return assemble(
-            "raycast.glsl", slots | (self._multi_volume if self.volumes else {}) | (self._on_cpu if self.cpu else {})
+            "raycast.glsl", slots | (self._multi_volume if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
         )
 
     @property
@@ -208,7 +217,9 @@ class Variant:
             found["PITCH"] = "pitches.glsl"
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl"
-        if self.volumes:
+        if self.geometry:
+            found["PACKETS"] = "packets_fragments.glsl"
+        if self.is_mixed:
             return found
         found["VOXEL"] = voxel_files(self.slot, True)
         found["SCALAR"] = field_file(self.filter, self.slot, True)
@@ -229,6 +240,8 @@ class Variant:
         """Return the files that choose where rays start, and look at what they find."""
         if self.crossing:
             return (STARTS_BLOCK, "planes.glsl", "crossing.glsl")
+        if self.geometry:
+            return (GEOMETRY_BLOCK, "primitives.glsl", "fragments.glsl")
         return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
 
     @property
@@ -249,7 +262,8 @@ class Variant:
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
-        files = multi_volume_files(self.volumes, self.crossing, self.cpu.volumes if self.cpu else None)
+        pieces = self.cpu.volumes if self.cpu else None
+        files = multi_volume_files(self.volumes, self.crossing, pieces, self.geometry)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property
@@ -273,7 +287,7 @@ class Variant:
 
     @property
     def _shows_surfaces(self) -> bool:
-        return bool(self.surfaces) or any(volume.surfaces for volume in self.volumes)
+        return bool(self.surfaces or self.geometry) or any(volume.surfaces for volume in self.volumes)
 
     @property
     def constants(self) -> str:
@@ -292,7 +306,7 @@ class Variant:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(
-            f"const bool LAST_IN_RUN = {str(bool(self.surfaces or self.volumes)).lower()}; // runs hold the last slab"
+            f"const bool LAST_IN_RUN = {str(bool(self.surfaces or self.is_mixed)).lower()}; // runs hold the last slab"
         )
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
@@ -302,11 +316,13 @@ class Variant:
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
-        if self.volumes:
+        if self.is_mixed:
             # On CPUs the number of surfaces is no constant.
             each = MOST_IN_SLAB if self.cpu else MOST_MET
             most = max(1, min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB))
             lines.append(f"const int MOST_SURFACES = {most}; // in a slab of several volumes")
+        if self.geometry:
+            lines += [self.geometry.constants, f"const bool HAS_VOLUMES = {str(bool(self.volumes)).lower()};"]
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
         if self.fading or self.table or self.look:
             own = LOOK_ROWS * bool(self.look)
@@ -384,7 +400,7 @@ class Variant:
                 "ivec3 SLOT_CELLS = sizes[0].cells.xyz, GROUPS = sizes[0].groups.xyz;",
                 "int VISIBILITY_WORDS = sizes[0].words.z, GROUP_WORDS = sizes[0].groups.w;",
             ]
-        return lines if self.volumes else [*lines, *(f"int {name} = sizes[0].{of};" for name, of in COUNTS.items())]
+        return lines if self.is_mixed else [*lines, *(f"int {name} = sizes[0].{of};" for name, of in COUNTS.items())]
 
 
 def _surfaces(plan: Plan) -> int:
@@ -397,7 +413,7 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, margin=0, spread=0)
     # Constants are a little faster.
     whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
-    usual = whole and not cpu.pitched and not given.volumes
+    usual = whole and not cpu.pitched and not given.is_mixed
     volumes = tuple(
         replace(
             each,
@@ -426,6 +442,7 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
         caps=0,
         occlusion=min(given.occlusion, 1),
         cpu=cpu,
+        geometry=geometry_variant(plan, True),
     )
 
 
@@ -472,4 +489,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         plan.march.crossing,
         grading.look if grading else None,
         len(plan.blend_mode.shading.occlusion) if plan.blend_mode.shading else 0,
+        geometry=geometry_variant(plan),
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.multi_volume import MultiVolume
-from clusterviz.plan.plan import Filter
+from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.plan.shading import LOOK_ROWS, Table
@@ -24,6 +24,7 @@ from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import Slot
 
 if TYPE_CHECKING:
+    from clusterviz.render.abuffer.program import GeometryVariant
     from clusterviz.spmd.look import Look
 
 EXACT: dict[Filter, Filter] = {"hardware": "linear", "cubic-hardware": "cubic"}
@@ -169,7 +170,7 @@ class VolumeVariant:
         crossing : as in `Variant`
         pieces : as in `Lanes`
         """
-        macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), _chain(number)
+        macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
         graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
@@ -185,8 +186,8 @@ class VolumeVariant:
         density = density_files(self.preintegrated) if self.occlusion else ()
         voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
         files = (*voxel, spline_file(self.filter, gradient), field, gradient, *light)
-        begin = _define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
-        end = _undefine([*macros, *(name for name in chain if "_before" in name)])
+        begin = define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
+        end = undefine([*macros, *(name for name in chain if "_before" in name)])
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
 
     def _macros(self, number: int) -> dict[str, str]:
@@ -231,7 +232,7 @@ class VolumeVariant:
         }
 
 
-def _chain(number: int) -> dict[str, str]:
+def chain_of(number: int) -> dict[str, str]:
     """Return the macros of the chained functions, which stay defined for the next volume, and of those they call."""
     if not number:
         return {f"{name}_all": f"{name}_all_0" for name in CHAINED} | {
@@ -241,11 +242,13 @@ def _chain(number: int) -> dict[str, str]:
     return {own: f"{own}_{number}" for own, _ in both} | {before: f"{own}_{number - 1}" for own, before in both}
 
 
-def _define(macros: dict[str, str]) -> str:
-    return _undefine(macros) + "".join(f"#define {name} {value}\n" for name, value in macros.items())
+def define(macros: dict[str, str]) -> str:
+    """Return GLSL that defines macros, which may be defined."""
+    return undefine(macros) + "".join(f"#define {name} {value}\n" for name, value in macros.items())
 
 
-def _undefine(names: Iterable[str]) -> str:
+def undefine(names: Iterable[str]) -> str:
+    """Return GLSL that undefines macros, with parameters or without."""
     return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
 
 
@@ -283,9 +286,12 @@ def density_files(preintegrated: bool) -> tuple[str, ...]:
 
 
 def multi_volume_files(
-    volumes: tuple[VolumeVariant, ...], crossing: bool = False, pieces: Sequence[int] | None = None
+    volumes: tuple[VolumeVariant, ...],
+    crossing: bool = False,
+    pieces: Sequence[int] | None = None,
+    geometry: GeometryVariant | None = None,
 ) -> tuple[str, ...]:
-    """Return the files that sample a slab of several volumes.
+    """Return the files that sample a slab of several volumes, or of one or none with geometry.
 
     Parameters
     ----------
@@ -302,17 +308,20 @@ def multi_volume_files(
         # Where a block of all would be divided is not known.
         blocks = [glsl_rows(f"Rows{n}", OWN_BINDING + n, {name: MOST_ROWS}) for n, name in enumerate(rows)]
     sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
-    layers = "layers.glsl" if any(volume.surfaces for volume in volumes) else "layers_none.glsl"
-    whole = glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes))
+    layers: tuple[str, ...] = ("layers_none.glsl",)
+    if geometry or any(volume.surfaces for volume in volumes):
+        layers = "surface_list.glsl", "layers_fragments.glsl" if geometry else "layers.glsl"
+    whole = (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)),) if volumes else ()
+    each += geometry.parts(len(volumes), on_cpu) if geometry else ()
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
-    return (whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", layers, *looks, *each, "multi_volume.glsl")
+    return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *layers, *looks, *each, "multi_volume.glsl")
 
 
 def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:
     """Return the uniform blocks of several volumes, with their bindings."""
     rows = [rows for part in multi_volume.volume_layers for rows in rows_of(part.blend_mode)]
     block = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
-    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *block]
+    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *block] if multi_volume.volume_layers else []
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
@@ -343,14 +352,14 @@ def volumes_block(multi_volume: MultiVolume) -> NDArray[np.void]:
     return blocks
 
 
-def joined_segments(
-    multi_volume: MultiVolume,
-) -> tuple[NDArray[np.void], NDArray[np.uint8], NDArray[np.float64] | None]:
-    """Return buckets, records and sums of all volumes, concatenated; buckets refer to the concatenated records.
+def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np.float64] | None]:
+    """Return buckets, records and sums; of several volumes concatenated, and buckets refer to the joined records.
 
-    Records are bytes, since there are two types of one size; sums are None if no volume has any.
+    Records are bytes then, since there are two types of one size; sums are None if no volume has any.
     """
-    buckets, sums, first = [], [], 0
+    if not plan.multi_volume or not plan.multi_volume.volume_layers:
+        return plan.segments.buckets, plan.segments.records, plan.segments.sums
+    buckets, sums, first, multi_volume = [], [], 0, plan.multi_volume
     for part in multi_volume.volume_layers:
         own = part.segments.buckets.copy()
         own["first"] += first

@@ -10,10 +10,10 @@ from clusterviz.spmd.types import Type
 Number = float | int | bool
 
 
-BUFFERS, TEXTURES, SYSTEM_BLOCK = 40, 52, 62
+BUFFERS, TEXTURES, SYSTEM_BLOCK, PROFILE_BLOCK = 40, 64, 74, 75
 """Numbers of the first storage buffer and texture in the table of addresses, behind the uniform blocks; and of a block
 of uint32 (7,): number of the group, numbers of groups, and the first invocation's number in its group. A texture is its
-size, int32 (4,), and its texels, float32 (z, y, x, 4)."""
+size, int32 (4,), and its texels, float32 (z, y, x, 4). Last, counters of profiles: int64 (sites, len(COUNTERS))."""
 
 
 @dataclass(eq=False, slots=True)

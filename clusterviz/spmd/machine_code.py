@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object
-from clusterviz.spmd.ir import BUFFERS, SYSTEM_BLOCK, TEXTURES, Program
+from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK, SYSTEM_BLOCK, TEXTURES, Program
 
 if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
@@ -117,9 +117,9 @@ def addresses(
 
     Returns
     -------
-    table : uint64 (64,)
+    table : uint64 (PROFILE_BLOCK + 1,)
     """
-    table = np.zeros(64, np.uint64)
+    table = np.zeros(PROFILE_BLOCK + 1, np.uint64)
     for first, blocks in ((0, uniforms), (BUFFERS, buffers), (TEXTURES, textures or {})):
         for binding, block in blocks.items():
             table[first + binding] = block.__array_interface__["data"][0]

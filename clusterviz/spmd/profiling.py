@@ -19,13 +19,12 @@ from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import function_address, optimized_object
 from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import CHEAP, Generator
-from clusterviz.spmd.ir import Block, Expression, Function, Leave, Loop, Program, Statement, Variable
+from clusterviz.spmd.ir import PROFILE_BLOCK, Block, Expression, Function, Leave, Loop, Program, Statement, Variable
 from clusterviz.spmd.machine_code import code_of
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.tokens import tokens_of
 from clusterviz.spmd.variables import Binding, Parts
 
-PROFILE_BLOCK = 51  # counters in the table of addresses: int64 (sites, len(COUNTERS))
 COUNTERS = "executions", "lanes", "cycles", "switches"
 INTERRUPTED = 1 << 16  # cycles between switches in which another process has had the core
 Mode = Literal["counts", "functions", "lines"]

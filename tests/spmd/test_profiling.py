@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.ir import PROFILE_BLOCK
 from clusterviz.spmd.machine_code import addresses
-from clusterviz.spmd.profiling import PROFILE_BLOCK, Mode, Site, instrument
+from clusterviz.spmd.profiling import Mode, Site, instrument
 
 SHADER = """layout(std430, binding = 0) readonly buffer GivenBlock { int given[]; };
 layout(std430, binding = 1) writeonly buffer FoundBlock { int found[]; };

@@ -25,8 +25,11 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
+from clusterviz.render.abuffer.primitives import PrimitiveTable, make_table
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
@@ -61,7 +64,7 @@ ONE_GROUP = np.zeros(7, np.uint32)  # the shader's system block: a thread is a w
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """The bricks that a piece shows in any window: how many, which, in which box, their tables, and the program."""
+    """The bricks that a piece shows in any window: their number, numbers, box, tables, program and primitives."""
 
     piece: Piece
     bricks: int
@@ -71,6 +74,7 @@ class _Shown:
     buffers: Blocks
     textures: Blocks
     cast: Cast | None = None
+    geometry: PrimitiveTable | None = None
 
 
 class VectorCaster:
@@ -94,6 +98,7 @@ class VectorCaster:
         self._skips: dict[Any, NDArray[Any]] = {}
         self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
+        self._tables: tuple[tuple[GeometryLayer, ...], dict[bytes, PrimitiveTable]] | None = None
         self._last_frame = LastFrame()
         self.compile(plan)
 
@@ -118,6 +123,8 @@ class VectorCaster:
             compiled_variant(variant)
         if plan.march.frame_coherence is not None:
             prepare_reprojection()
+        if plan.multi_volume and plan.multi_volume.geometry:
+            prepare_passes(plan, self._width.lanes)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Keep bricks beside those that are there, taken out as they are laid out.
@@ -126,7 +133,7 @@ class VectorCaster:
         ----------
         bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
         """
-        self._skips = {}
+        self._skips, self._tables = {}, None
         if bricks:
             self._last_frame.forget()
         self.pool.put(bricks, store_as(plan, self.slot))
@@ -134,6 +141,7 @@ class VectorCaster:
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
         if bricks := set(bricks):
+            self._tables = None
             self._last_frame.forget()
         self.pool.drop(bricks)
 
@@ -168,7 +176,7 @@ class VectorCaster:
 
     def release(self) -> None:
         """Forget the bricks."""
-        self._skips, self.pool = {}, Memory(self.slot)
+        self._skips, self._tables, self.pool = {}, None, Memory(self.slot)
 
     def _variants_of(self, plan: Plan) -> list[Variant]:
         return [self._variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
@@ -208,7 +216,29 @@ class VectorCaster:
         assert variant.cpu, "the variant is one of a CPU"
         far = variant.fetches_ahead and is_far_apart(plan, table.bytes)
         cast = compiled_variant(replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None, far=far)))
-        return _Shown(piece, len(bricks), bricks.tobytes(), box, uniforms, buffers, textures(plan), cast)
+        return _Shown(
+            piece,
+            len(bricks),
+            bricks.tobytes(),
+            box,
+            uniforms,
+            buffers,
+            textures(plan),
+            cast,
+            self._geometry(plan, bricks),
+        )
+
+    def _geometry(self, plan: Plan, bricks: NDArray[np.int64]) -> PrimitiveTable | None:
+        """Return the primitives of some bricks, kept while these are drawn; None without geometry."""
+        layers = plan.multi_volume.geometry if plan.multi_volume else ()
+        if not layers:
+            return None
+        key = bricks.tobytes()
+        if self._tables is None or any(a is not b for a, b in zip(self._tables[0], layers, strict=True)):
+            self._tables = layers, {}
+        if key not in self._tables[1]:
+            self._tables[1][key] = make_table(layers, self.pool.primitives(bricks))
+        return self._tables[1][key]
 
     def _draw_piece(
         self,
@@ -227,7 +257,11 @@ class VectorCaster:
         uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
         if isinstance(rays, Crossing):
             frame["first_box"], pixels = 0, rays.pixels[0]
-        buffers = shown.buffers | {1: pixels, 2: state}
+        buffers, fragments = shown.buffers | {1: pixels, 2: state}, 0
+        if shown.geometry:
+            threads = _pool(os.getpid()), self._threads
+            found = find_fragments(plan, shown.geometry, rect, uniforms, self._width.lanes, self._take_tiles, threads)
+            uniforms, buffers, fragments = uniforms | found[0], buffers | found[1], found[2]
         assert shown.cast, "there are bricks"
         self._run(shown.cast, addresses(uniforms, buffers, ONE_GROUP, shown.textures), state, rect, progress)
         work, coherence = state[AHEAD:ahead].reshape(squares).copy(), None
@@ -236,14 +270,26 @@ class VectorCaster:
         if isinstance(rays, Starts):
             coherence = rays.finish(pixels[..., 3])
         seconds, samples = perf_counter() - started, int(work.sum(dtype=np.int64))
-        return RenderResult(PartialImage(rect, pixels), samples, shown.bricks, seconds, 0.0, work, 0, coherence)
+        return RenderResult(
+            PartialImage(rect, pixels), samples, shown.bricks, seconds, 0.0, work, 0, coherence, fragments
+        )
 
     def _run(
         self, cast: Cast, table: NDArray[np.uint64], state: NDArray[np.uint32], rect: Rect, progress: Progress
     ) -> None:
-        """Let all threads draw tiles until there are none; this one waits, so that it can be interrupted."""
+        """Let all threads draw tiles until there are none."""
+        self._take_tiles(cast, table, state, -(-rect.width // TILE) * -(-rect.height // TILE), progress)
+
+    def _take_tiles(
+        self,
+        cast: Cast,
+        table: NDArray[np.uint64],
+        state: NDArray[np.uint32],
+        tiles: int,
+        progress: Progress = no_progress,
+    ) -> None:
+        """Let all threads take tiles from a counter; this one waits, so that it can be interrupted."""
         threads = [_pool(os.getpid()).submit(cast, table.ctypes.data) for _ in range(self._threads)]
-        tiles = -(-rect.width // TILE) * -(-rect.height // TILE)
         try:
             while wait(threads, PROGRESS_SECONDS).not_done:
                 progress(min(1.0, int(state[COUNTER]) / tiles))

@@ -274,6 +274,10 @@ class Memory:
         base, begins = _address(kept.slot.words), _begins(self._slot, kept.firsts)
         return [base, *(base + 4 * begins[n] if n in begins else 0 for n in range(len(self._slot.parts)))]
 
+    def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
+        """Return the primitives of bricks (m, 3)."""
+        return [self._kept[z, y, x].primitives for z, y, x in bricks.tolist()]
+
     def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
         """Return the lowest and highest samples of the groups of the units of bricks.
 

@@ -20,7 +20,7 @@ from clusterviz.render.volume_layers import (
     OWN_BINDING,
     TABLES_BINDING,
     VOLUMES_BINDING,
-    joined_segments,
+    all_segments,
     multi_volume_tables,
     rows_of,
     volumes_block,
@@ -54,8 +54,7 @@ def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: S
     groups : how far rays may skip, or the bits of groups of cells, as the shader reads them
     pieces : of each volume's transfer function, if registers hold it
     """
-    segments = plan.segments.buckets, plan.segments.records, plan.segments.sums
-    buckets, records, sums = joined_segments(plan.multi_volume) if plan.multi_volume else segments
+    buckets, records, sums = all_segments(plan)
     found = {3: table.offsets, 4: buckets, 5: records, 6: groups, 7: table.voxels}
     found |= {} if sums is None else {0: sums}
     found |= {} if table.pitches is None else {8: table.pitches}
@@ -81,7 +80,8 @@ def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.vo
     if plan.multi_volume is not None:
         layers = zip(slot.parts, plan.multi_volume.volume_layers, strict=True)
         voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
-    most = slabs_in_batch(min(_widest_batch(part) / a_slab for part, a_slab in voxels), LONGEST_BATCH)
+    widest = min((_widest_batch(part) / a_slab for part, a_slab in voxels), default=LONGEST_BATCH)
+    most = slabs_in_batch(widest, LONGEST_BATCH)
     frame["cells"][0, 3] = min(most, int(frame["cells"][0, 3]))
     return frame
 

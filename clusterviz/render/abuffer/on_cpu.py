@@ -1,0 +1,82 @@
+"""Fragments of a rectangle of pixels, found by CPUs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.partial import Rect
+from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.primitives import PrimitiveTable
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, Pass, lit_layer
+from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, make_lists, prepare_tiles
+from clusterviz.spmd.machine_code import addresses, compiled
+
+Blocks = dict[int, NDArray[Any]]
+ONE_GROUP = np.zeros(7, np.uint32)
+COUNTER = 1
+Run = Callable[[Callable[[int], None], NDArray[np.uint64], NDArray[np.uint32], int], None]
+
+
+@cache
+def compiled_pass(step: Pass, jittered: bool, clipped: bool, lanes: int) -> Callable[[int], None]:
+    """Return the machine code of a pass."""
+    variant = FindVariant(step, jittered, int(clipped), lanes)
+    return compiled(variant.source, f"find_{step}_{lanes}", lanes)
+
+
+def prepare_passes(plan: Plan, lanes: int) -> None:
+    """Compile what a plan needs."""
+    prepare_tiles()
+    for step in ("count", "fill"):
+        compiled_pass(step, plan.march.jittered, len(plan.clip) > 0, lanes)
+
+
+def find_fragments(
+    plan: Plan,
+    table: PrimitiveTable,
+    rect: Rect,
+    uniforms: Blocks,
+    lanes: int,
+    run: Run,
+    threads: tuple[Executor, int],
+) -> tuple[Blocks, Blocks, int]:
+    """Return uniform blocks and storage buffers of geometry by their bindings, and the number of fragments.
+
+    Parameters
+    ----------
+    uniforms : blocks of the volumes' program
+    run : runs a program in all threads, given the table of addresses, the counter of tiles, and their number
+    threads : their pool and number
+    """
+    shading = lit_layer(plan)
+    lights = len(shading.lights) if shading else 0
+    lists = make_lists(plan, table, rect, lights, *threads)
+    own: Blocks = {GEOMETRY_BINDING: lists.block}
+    begins = np.zeros(rect.pixels + 1, np.uint32)
+    buffers: Blocks = {
+        11: begins,
+        12: lists.vertices,
+        13: table.corners,
+        14: table.layers,
+        15: table.attributes,
+    }
+    keys = np.zeros((1, 2), np.uint32)
+    for step in ("count", "fill"):
+        state = np.zeros(COUNTER + 1, np.uint32)
+        passed = buffers | {1: lists.begins, 2: state, 3: lists.rows, 8: keys}
+        cast = compiled_pass(step, plan.march.jittered, len(plan.clip) > 0, lanes)
+        run(cast, addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
+        if step == "count":
+            np.cumsum(begins, out=begins)
+            if not begins[-1]:
+                break
+            keys = np.empty((int(begins[-1]), 2), np.uint32)
+    if shading:
+        own[LIGHTING_BINDING] = shading.block()
+    return own, buffers | {8: keys}, int(begins[-1])

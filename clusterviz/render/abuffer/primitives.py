@@ -1,0 +1,147 @@
+"""Primitives of a box of bricks in the arrays that shaders read, each once, by ascending numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.plan.geometry import GeometryLayer, Primitives
+
+KINDS = {"triangle": 0, "tube": 1, "sphere": 2}
+NONE = -0x7FFFFFFF
+"""Place of normals that there are not, as in primitives.glsl."""
+LAYER = np.dtype([("rgba", "f4", 4), ("table", "u4", 4), ("words", "i4", 4), ("material", "f4", 4)])
+"""As `Layer` in primitives.glsl."""
+SEGMENT_NUMBERS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class PrimitiveTable:
+    """Primitives of a box.
+
+    Attributes
+    ----------
+    positions : float32 or float64 (n, 3) for each layer, in the coordinates of its file
+    radii : float32 (n,) for each layer, or (0,)
+    corners : int32 (m, 4), rows of all positions; of a triangle the last is its flags, as in primitives.glsl
+    layers : LAYER (layers,)
+    attributes : float32 (k,), normals, colours and segments
+    """
+
+    positions: tuple[NDArray[Any], ...]
+    radii: tuple[NDArray[np.float32], ...]
+    corners: NDArray[np.int32]
+    layers: NDArray[np.void]
+    attributes: NDArray[np.float32]
+
+    @property
+    def vertices(self) -> int:
+        """Number of positions."""
+        return sum(map(len, self.positions))
+
+
+def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primitives | None]]) -> PrimitiveTable:
+    """Return the primitives of some bricks.
+
+    Parameters
+    ----------
+    bricks : primitives of each layer in each brick
+    """
+    each = _by_layer(len(layers), bricks)
+    records = np.zeros(len(layers), LAYER)
+    positions, radii, corners = list[NDArray[Any]](), list[NDArray[np.float32]](), list[NDArray[np.int32]]()
+    attributes: list[NDArray[Any]] = [np.zeros(1)]
+    first_row = first_vertex = 0
+    words = 1
+    for layer, record, parts in zip(layers, records, each, strict=True):
+        table, own, has_normals = _joined(layer, parts)
+        positions.append(own.positions)
+        radii.append(own.radii)
+        rows, vertices = len(table), len(own.positions)
+        table[:, : 3 if layer.kind == "triangle" else 4] += first_vertex
+        corners.append(table)
+        record["rgba"], record["material"] = layer.rgba, layer.shading.material if layer.shading else 0
+        record["table"] = first_row, KINDS[layer.kind], layer.channels, layer.shading is not None
+        of_vertices = layer.colour_of == "vertices"
+        record["words"] = NONE, 0, of_vertices, 0
+        if has_normals:
+            record["words"][0] = words - 3 * first_vertex
+            attributes.append(own.normals.ravel())
+            words += own.normals.size
+        if layer.channels:
+            record["words"][1] = words - layer.channels * (first_vertex if of_vertices else first_row)
+            attributes.append(own.colours.ravel())
+            words += own.colours.size
+        if layer.segments is not None:
+            record["words"][3] = words
+            segments = layer.segments.records.view(np.float32)
+            attributes += [np.array([len(layer.segments.records)]), segments]
+            words += 1 + segments.size
+        first_row, first_vertex = first_row + rows, first_vertex + vertices
+    return PrimitiveTable(
+        tuple(positions),
+        tuple(radii),
+        np.concatenate([np.zeros((0, 4), np.int32), *corners]),
+        records,
+        np.concatenate(attributes).astype(np.float32),
+    )
+
+
+def _by_layer(count: int, bricks: Iterable[Sequence[Primitives | None]]) -> list[list[Primitives]]:
+    """Return, for each layer, its primitives in each brick."""
+    found: list[list[Primitives]] = [[] for _ in range(count)]
+    for brick in bricks:
+        for own, one in zip(found, brick, strict=False):
+            own += [one] if one is not None else []
+    return found
+
+
+def _joined(layer: GeometryLayer, parts: Sequence[Primitives]) -> tuple[NDArray[np.int32], Primitives, bool]:
+    """Return the corners of primitives, each once, int32 (m, 4); arrays that they refer to; and whether it has normals.
+
+    Corners of triangles are in the order of their positions, so that equal triangles are met at equal depths.
+    """
+    if not parts:
+        none = np.zeros((0, 3), np.float32)
+        empty = Primitives(
+            np.zeros(0, np.uint32),
+            none,
+            np.zeros((0, 1), np.uint32),
+            none,
+            none[:, 0],
+            np.zeros((0, layer.channels), "f4"),
+        )
+        return np.zeros((0, 4), np.int32), empty, False
+    numbers = np.concatenate([part.numbers for part in parts])
+    numbers, chosen = np.unique(numbers, return_index=True)
+    begins = np.cumsum([0, *(len(part.positions) for part in parts)])
+    given = np.concatenate([part.corners + begin for part, begin in zip(parts, begins, strict=False)])[chosen]
+    positions = np.concatenate([part.positions for part in parts])
+    colours = np.concatenate([part.colours for part in parts])
+    if layer.colour_of == "primitives":
+        colours = colours[chosen]
+    normals = np.concatenate([part.normals for part in parts])
+    corners = np.zeros((len(given), 4), np.int32)
+    corners[:, : given.shape[1]] = given
+    if layer.kind == "triangle":
+        corners[:, :3], turned = _sorted(corners[:, :3], positions)
+        corners[:, 3] = turned + {"none": 0, "front": 2, "back": 4}[layer.culling]
+    radii = np.concatenate([part.radii for part in parts])
+    return corners, Primitives(numbers, positions, given, normals, radii, colours), len(normals) > 0
+
+
+def _sorted(corners: NDArray[np.int32], positions: NDArray[Any]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return corners by ascending positions, and where that turns a triangle round."""
+    corners, turned = corners.copy(), np.zeros(len(corners), bool)
+    for a, b in ((0, 1), (1, 2), (0, 1)):
+        p, q = positions[corners[:, a]], positions[corners[:, b]]
+        after = np.where(
+            p[:, 0] != q[:, 0], p[:, 0] > q[:, 0], np.where(p[:, 1] != q[:, 1], p[:, 1] > q[:, 1], p[:, 2] > q[:, 2])
+        )
+        corners[after, a], corners[after, b] = corners[after, b], corners[after, a]
+        turned ^= after
+    return corners, turned

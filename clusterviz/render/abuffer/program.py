@@ -1,0 +1,135 @@
+"""Shader files and constants of geometry: programs that find fragments, and what the volumes' program adds.
+
+In the volumes' program geometry is the last link of the chain of volumes (`volume_layers.py`), with its own names of
+the functions that light it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.shading import Shading
+from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK, TILE
+from clusterviz.render.frame_block import FRAME_BLOCK
+from clusterviz.render.sizes import SIZES, SIZES_BINDING
+from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
+
+LIGHTING_BINDING = 2
+Pass = Literal["count", "fill"]
+_LIGHT_NAMES = [
+    "lighting",
+    "toward_eye",
+    "normal_from_gradient",
+    "material",
+    "power",
+    "face",
+    "lit",
+    "reflected",
+    "toward_light",
+    "ambient_at",
+    "brick_begin",
+    "classified",
+]
+
+
+@dataclass(frozen=True)
+class GeometryVariant:
+    """What the program of the volumes draws of geometry.
+
+    Attributes
+    ----------
+    lights : rows of the block of lights; 0: nothing is lit
+    near : some lights have a place
+    """
+
+    lights: int
+    near: bool
+
+    @property
+    def constants(self) -> str:
+        """GLSL declarations, in front of all files."""
+        return "#define BEGINS readonly\n#define KEYS readonly\n"
+
+    def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
+        """Return the files behind those of `number` volumes."""
+        macros = {name: f"{name}_of_geometry" for name in _LIGHT_NAMES} | {
+            "LIGHTS": "geometry.counts.w",
+            "CAPS": "0",
+            "LIGHT_ROWS": "5" if self.near else "2",
+            "last_cell": "(frame.cells.xyz - 1)",
+        }
+        chain = chain_of(number)
+        begin = define(macros | chain) + "ivec3 brick_begin;\n"
+        if self.lights:
+            rows = MOST_ROWS if on_cpu else self.lights
+            begin = glsl_rows("Lights", LIGHTING_BINDING, {"lighting_of_geometry": rows}) + begin
+            files: tuple[str, ...] = ("lights.glsl", *light_files(self.near, False))
+        else:
+            begin += "vec4 material;\n"
+            files = ("unlit.glsl",)
+        end = undefine([*macros, *(name for name in chain if "_before" in name)])
+        return (begin, *files, "shaded.glsl", end)
+
+
+def lit_layer(plan: Plan) -> Shading | None:
+    """Return the shading of the first layer that is lit; the lights of all are the same."""
+    layers = plan.multi_volume.geometry if plan.multi_volume else ()
+    return next((layer.shading for layer in layers if layer.shading), None)
+
+
+def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None:
+    """Return what a plan needs; None without geometry."""
+    if plan.multi_volume is None or not plan.multi_volume.geometry:
+        return None
+    shading = lit_layer(plan)
+    rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
+    return GeometryVariant(min(1, rows) if on_cpu else rows, bool(shading and shading.has_places))
+
+
+@dataclass(frozen=True)
+class FindVariant:
+    """Program that finds fragments.
+
+    Attributes
+    ----------
+    step : what is done with them
+    jittered, planes : as in `Variant`
+    lanes : of a CPU's vectors; 0 for a GPU
+    """
+
+    step: Pass
+    jittered: bool
+    planes: int
+    lanes: int = 0
+
+    @property
+    def source(self) -> ShaderSource:
+        """Assembled shader."""
+        from clusterviz.render.variant import PACKETS
+
+        width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
+        lines = [
+            "#define BEGINS " + ("" if self.step == "count" else "readonly"),
+            "#define KEYS",
+            f"const int LIST_TILE = {TILE}, PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
+            f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;",
+        ]
+        if self.lanes:
+            planes = f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
+            lines[3:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
+        return assemble(
+            "abuffer.glsl",
+            {
+                "CONSTANTS": "\n".join(lines) + "\n",
+                "FRAME": FRAME_BLOCK,
+                "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
+                "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
+                "GEOMETRY": GEOMETRY_BLOCK,
+                "STORE": "dynamic_count.glsl" if self.step == "count" else ("sort.glsl", "dynamic_fill.glsl"),
+                "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
+            },
+        )

@@ -1,0 +1,36 @@
+// Fragments of a pixel in the order in which its ray meets them; rays start where they enter the box.
+int fragment_at, fragment_end; // the next one in `key`, and the end of the pixel's
+
+void face(Ray ray);
+void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object);
+
+double next_position() {
+    return position_of(depth_of(key[fragment_at].x));
+}
+
+void start_at(Ray ray, int pixel, bool begins, inout int slab) {
+    fragment_at = int(fragment_begin[pixel]);
+    fragment_end = int(fragment_begin[pixel + 1]);
+    // The dispatch before has composited those in front.
+    while (!begins && fragment_at < fragment_end && slab_at_position(next_position(), ray.slabs) < slab) ++fragment_at;
+    if (!HAS_VOLUMES) slab = ray.slabs;
+}
+
+int up_to_start(int k, int slabs, float kept, float batch) {
+    return slabs;
+}
+
+void note(int k, vec2 part, float opacity, int object) {}
+
+bool is_late() {
+    return false;
+}
+
+// Composite what lies in front of the slab with which the ray goes on, and that no slab of the march has come to.
+void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
+    if (fragment_at >= fragment_end || is_done(sum)) return;
+    face(ray);
+    vec4 rest = vec4(0.0);
+    in_order(rest, vec4(0.0), slab < ray.slabs ? slab - 1 : NO_SLAB, 0.0, 1.0, 0);
+    put_behind(sum, rest);
+}

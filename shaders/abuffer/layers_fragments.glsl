@@ -1,0 +1,30 @@
+// Slab of several volumes with isosurfaces (surface_list.glsl) and fragments: by their positions, with uniform absorption between them. Of two at
+// one position isosurfaces are in front. Fragments in front of the slab, which lie where nothing was sampled, come first.
+vec4 light_of(uint number, double position);
+
+void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
+    vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
+    float begin = -0.5 * length;
+    int n = 0;
+    for (;;) {
+        double position = fragment_at < fragment_end ? next_position() : 1e300LF;
+        bool is_here = position < double(k) + 0.5LF;
+        float place = clamp(float(position - double(k)) - middle, begin, 0.5 * length);
+        vec4 light = vec4(0.0);
+        if (n < surfaces && (!is_here || surface_place[n] <= place)) {
+            place = surface_place[n];
+            light = surface_light[n];
+            ++n;
+        } else if (is_here) {
+            light = light_of(key[fragment_at].y, position);
+            ++fragment_at;
+        } else break;
+        sum += (1.0 - sum.a) * absorbed(depth.a * (place - begin) / length) * vec4(colour, 1.0);
+        sum += (1.0 - sum.a) * light;
+        begin = place;
+        ++run_iterations;
+    }
+    sum += (1.0 - sum.a) * absorbed(depth.a * (0.5 * length - begin) / length) * vec4(colour, 1.0);
+    run_iterations += surfaces;
+    surfaces = 0;
+}

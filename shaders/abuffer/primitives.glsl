@@ -1,0 +1,92 @@
+// Meshes, lines and points in coordinates of the camera: cells of the domain to the right, above and ahead of a point near the box, so that float32
+// keeps their digits. A fragment's key is its depth, as bits that sort, and the row of its primitive, which ascends with the scene's list; so no
+// two keys are equal.
+layout(std430, binding = 11) BEGINS buffer FragmentsBlock { uint fragment_begin[]; };  // of each pixel in `key`, and their end
+layout(std430, binding = 8) KEYS buffer KeysBlock { uvec2 key[]; };
+layout(std430, binding = 12) readonly buffer VerticesBlock { vec4 vertex[]; };         // and radius
+layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets`
+struct Layer {
+    vec4 rgba;
+    uvec4 table;    // first row, kind, channels, 1 if it is lit
+    ivec4 words;    // of a vertex or primitive 0 in `values`: normals (NONE: without), colours; 1 if vertices have them; first segment
+    vec4 reflects;  // as the material of lights.glsl
+};
+layout(std430, binding = 14) readonly buffer LayersBlock { Layer layer[]; };
+const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2;
+
+// Of the pixel: its ray is right_up = ray_origin + ray_slope * depth; depth and number of slabs are linear in one another.
+vec2 ray_origin, ray_slope;
+dvec2 ray_depth; // of the first midpoint, and slabs for each cell of depth
+
+double along(dvec4 axis, dvec3 position) {
+    return dot(axis.xyz, position) + axis.w;
+}
+
+void face_primitives(Ray ray) {
+    double first = along(geometry.forward, ray.first), by = dot(geometry.forward.xyz, ray.slab);
+    dvec2 slope = dvec2(dot(geometry.right.xyz, ray.slab), dot(geometry.up.xyz, ray.slab)) / by;
+    ray_slope = vec2(slope);
+    ray_origin = vec2(dvec2(along(geometry.right, ray.first), along(geometry.up, ray.first)) - slope * first);
+    ray_depth = dvec2(first, 1.0LF / by);
+}
+
+// Position along the ray in slabs, with midpoints at integers, and the slab that holds it.
+double position_of(float depth) {
+    return (double(depth) - ray_depth.x) * ray_depth.y;
+}
+
+int slab_at_position(double position, int slabs) {
+    return int(clamp(floor(position + 0.5LF), 0.0LF, double(slabs - 1)));
+}
+
+uint sorted_bits(float depth) {
+    uint bits = floatBitsToUint(depth);
+    return bits ^ (bits >> 31 != 0u ? 0xffffffffu : 0x80000000u);
+}
+
+float depth_of(uint bits) {
+    return uintBitsToFloat(bits ^ (bits >> 31 != 0u ? 0x80000000u : 0xffffffffu));
+}
+
+int layer_of(int row) {
+    int found = 0;
+    while (found + 1 < geometry.counts.x && uint(row) >= layer[found + 1].table.x) ++found;
+    return found;
+}
+
+// A vertex in the plane across the ray (S. Woop, C. Benthin, I. Wald, Watertight ray/triangle intersection, JCGT 2(1), 2013): the same for all triangles.
+vec2 sheared(vec4 position) {
+    precise vec2 way = ray_slope * position.z;
+    precise vec2 at = position.xy - ray_origin;
+    precise vec2 found = at - way;
+    return found;
+}
+
+// Twice the area between the ray and an edge; exchanging the ends changes the sign and nothing else. The sign is exact.
+float side_of(vec2 a, vec2 b) {
+    precise float first = a.x * b.y;
+    precise float second = a.y * b.x;
+    precise float found = first - second;
+    if (found == 0.0) found = float(sign(double(a.x) * double(b.y) - double(a.y) * double(b.x))) * 1e-37;
+    return found;
+}
+
+// Of rays through an edge, those that the triangle on this side owns, as pixels under the top-left rule.
+bool owns(float side, vec2 edge, float turn) {
+    return turn * side > 0.0 || (side == 0.0 && (turn * edge.y > 0.0 || (edge.y == 0.0 && turn * edge.x > 0.0)));
+}
+
+// Weights of a triangle's corners where the ray meets it, and its depth there. Flags: 1 if the corners are in the other order than in the file, and
+// 2 or 4 if the front or the back is not drawn; the front is seen counter-clockwise.
+bool meets(vec4 a, vec4 b, vec4 c, int flags, out vec3 weights, out float depth) {
+    vec2 p = sheared(a), q = sheared(b), r = sheared(c);
+    weights = vec3(side_of(r, q), side_of(p, r), side_of(q, p));
+    float whole = weights.x + weights.y + weights.z, turn = sign(whole);
+    bool met = whole != 0.0 && owns(weights.x, r - q, turn) && owns(weights.y, p - r, turn) && owns(weights.z, q - p, turn);
+    bool is_front = (turn < 0.0) == ((flags & 1) == 0);
+    met = met && (flags & (is_front ? 2 : 4)) == 0;
+    weights = weights / whole;
+    precise vec3 parts = weights * vec3(a.z, b.z, c.z);
+    depth = parts.x + parts.y + parts.z;
+    return met;
+}

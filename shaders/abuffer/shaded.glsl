@@ -1,0 +1,76 @@
+// Colour of a fragment, and what geometry does in the chain of volumes (volume_layer.glsl).
+layout(std430, binding = 15) readonly buffer AttributesBlock { float values[]; }; // normals, colours and segments of transfer functions
+dvec3 first_midpoint, slab_way; // of the ray
+
+float number_in(int first, int count, int at, int part) {
+    return values[first + count * at + part];
+}
+
+// Straight colour and opacity of a scalar in units of clim: the last segment that starts at or below it.
+vec4 classified(float s, int first) {
+    int low = 0, high = int(values[first]);
+    while (high - low > 1) {
+        int middle = (low + high) >> 1;
+        if (number_in(first + 1, 12, middle, 0) <= s) low = middle;
+        else high = middle;
+    }
+    int at = first + 1 + 12 * low;
+    float beyond = s - values[at];
+    vec3 colour = vec3(values[at + 3], values[at + 4], values[at + 5]);
+    colour += beyond * vec3(values[at + 6], values[at + 7], values[at + 8]);
+    return vec4(clamp(colour, 0.0, 1.0), clamp(values[at + 9] + beyond * values[at + 10], 0.0, 1.0));
+}
+
+// Numbers of the corners' vertices, or of the primitive, by their weights.
+vec4 attribute_of(ivec4 of, int row, vec3 weights, int first, int count, bool of_vertices) {
+    vec4 found = vec4(0.0);
+    for (int part = 0; part < 4; ++part) {
+        if (part >= count) break;
+        found[part] = !of_vertices ? number_in(first, count, row, part)
+                                   : weights.x * number_in(first, count, of.x, part) + weights.y * number_in(first, count, of.y, part) +
+                                         weights.z * number_in(first, count, of.z, part);
+    }
+    return found;
+}
+
+vec4 light_of(uint number, double position) {
+    int row = int(number >> 1);
+    ivec4 of = corner[row];
+    Layer own = layer[layer_of(row)];
+    vec4 a = vertex[of.x], b = vertex[of.y], c = vertex[of.z], rgba = own.rgba;
+    vec3 weights;
+    float depth;
+    meets(a, b, c, 0, weights, depth);
+    vec3 normal = cross(b.xyz - a.xyz, c.xyz - a.xyz);
+    normal = normal.x * vec3(geometry.right.xyz) + normal.y * vec3(geometry.up.xyz) + normal.z * vec3(geometry.forward.xyz);
+    if (own.words.x != NONE) normal = attribute_of(of, row, weights, own.words.x, 3, true).xyz;
+    int channels = int(own.table.z);
+    if (channels > 0) {
+        vec4 given = attribute_of(of, row, weights, own.words.y, channels, own.words.z != 0);
+        if (channels == 1) given = classified(given.x, own.words.w);
+        rgba = vec4(given.rgb, rgba.a * (channels == 3 ? 1.0 : given.a));
+    }
+    vec4 light = vec4(rgba.rgb * rgba.a, rgba.a);
+    if (own.table.w == 0u) return light;
+    dvec3 at = first_midpoint + position * slab_way;
+    ivec3 cell = ivec3(floor(at));
+    brick_begin = ivec3(0);
+    material = own.reflects;
+    return lit(light, normal, Place(0, cell, vec3(at - dvec3(cell)), 0), vec3(at - dvec3(cell)), false);
+}
+
+void face_all(Ray ray) {
+    face_before(ray);
+    face_primitives(ray);
+    first_midpoint = ray.first;
+    slab_way = ray.slab;
+    face(ray);
+}
+
+void begin_all(dvec3 position, int brick) {
+    begin_before(position, brick);
+}
+
+void take_all(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool both) {
+    take_before(mixed, next, k, at, span, both);
+}

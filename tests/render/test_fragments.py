@@ -1,0 +1,277 @@
+"""Meshes, lines and points in the ray casters: against the float64 reference, alone and with volumes, in any parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from render import scenes
+from render.scenes import Prepared, noise
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Mesh
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.frame import Options, Run, prepare
+from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.multi_volume import MultiVolume, MultiVolumeBrick
+from clusterviz.plan.segments import make_segments
+from clusterviz.plan.shading import make_shading
+from clusterviz.reference import render_reference
+from clusterviz.render.cpu.width import WIDTHS
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.surfaces import MeshSection
+from clusterviz.scene.transfer import TransferFunction, opacity_points
+from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
+
+Entry = tuple[MeshSection, Mesh]
+LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
+
+
+def volume(low: float, high: float, green: float, **keys: Any) -> Volume:
+    width = high - low
+    points = ((low, 0.0), (low + 0.5 * width, 0.0), (low + 0.6 * width, 0.05), (high, 0.4))
+    colours = ((low, 0.0, green, 1.0), (high, 1.0, 1.0 - green, 0.4))
+    return Volume(path="a", clim=(low, high), opacity=points, cmap=colours, opacity_unit_distance=3.0, **keys)
+
+
+BYTES = (volume(20, 230, 1.0), noise((19, 23, 26), np.uint8), Grid((19, 23, 26)))
+FLOATS = (volume(-0.8, 0.8, 0.0), noise((15, 12, 17)), Grid((15, 12, 17), (0.9, 0.8, 1.0), (5, 4, 3)))
+CAMERAS = {
+    "outside": Camera(position=(60, 50, 40), focal_point=(12, 10, 9), view_up=(0, 0, 1)),
+    "inside": Camera(position=(12, 10, 7), focal_point=(10, 12, 18), view_up=(0, 1, 0), view_angle=80),
+    "parallel": Camera(position=(60, -50, 40), focal_point=(12, 10, 9), view_up=(0, 0, 1), parallel_scale=14),
+    "far": Camera(position=(6e6, 5e6, 4e6), focal_point=(12, 10, 9), view_up=(0, 0, 1), view_angle=2.5e-4),
+}
+
+
+def sphere(radius: float, centre: tuple[float, float, float], count: int = 12) -> Mesh:
+    """A closed surface with an array of its vertices and one of its triangles."""
+    v, u = np.meshgrid(np.arange(count + 1), np.arange(2 * count), indexing="ij")
+    theta, phi = np.pi * v / count, np.pi * u / count
+    unit = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    index = np.arange(unit[..., 0].size).reshape(unit.shape[:2])
+    # One vertex for each pole, and none twice.
+    index[0], index[-1] = index[0, 0], index[-1, 0]
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    triangles = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))])
+    distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    triangles = triangles[distinct]
+    vertices = (radius * unit.reshape(-1, 3) + centre).astype(np.float32)
+    return Mesh(
+        "m",
+        vertices,
+        triangles,
+        {"height": vertices[:, 2].astype(np.float64)},
+        {"number": np.arange(len(triangles)) % 7},
+    )
+
+
+def section(**keys: Any) -> MeshSection:
+    return MeshSection(path="m", **keys)
+
+
+def layer_of(entry: Entry, first: int, scene: Scene, domain: Any) -> tuple[GeometryLayer, Primitives]:
+    """A mesh as the renderer needs it."""
+    look, mesh = entry
+    placed = np.array(look.transform or np.eye(4), np.float64)
+    matrix = placed[:3].copy()
+    matrix[:, 3] -= domain.origin
+    matrix /= domain.spacing
+    unit = Grid((2, 2, 2), (domain.spacing,) * 3, domain.origin)
+    lit = Volume(
+        path="a", ambient=look.ambient, diffuse=look.diffuse, specular=look.specular, specular_power=look.specular_power
+    )
+    shading = make_shading(lit, scene.lights, unit, 1.0, np.zeros((0, 4)), False) if look.shade else None
+    if shading:
+        shading = replace(shading, normal_from_gradient=((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)))
+    of, channels, segments = "", 0, None
+    colours, alpha = np.zeros((0, 0), np.float32), look.opacity if isinstance(look.opacity, float) else 1.0
+    if look.scalars:
+        of = "vertices" if look.scalars in mesh.vertex_attributes else "primitives"
+        values = np.asarray((mesh.vertex_attributes | mesh.triangle_attributes)[look.scalars], np.float64)
+        clim = look.clim or (float(values.min()), float(values.max()))
+        transfer = TransferFunction(*colour_points(look.cmap, clim), *opacity_points(look.opacity, clim), 1.0, clim)
+        channels, segments, alpha = 1, make_segments(transfer, 1.0), 1.0
+        colours = ((values - clim[0]) / (clim[1] - clim[0])).astype(np.float32)[:, None]
+    normals = np.zeros((0, 3), np.float32)
+    if look.shading == "smooth" and look.shade:
+        moved = mesh.vertices.astype(np.float64) @ placed[:3, :3].T
+        a, b, c = (moved[mesh.triangles[:, k]] for k in range(3))
+        across = np.cross(b - a, c - a)
+        normals = np.zeros(mesh.vertices.shape)
+        for corner in mesh.triangles.T:
+            np.add.at(normals, corner, across / np.linalg.norm(across, axis=1, keepdims=True))
+    count = len(mesh.triangles)
+    layer = GeometryLayer(
+        "triangle",
+        first,
+        count,
+        matrix,
+        of,
+        channels,
+        (*background_rgb(look.color), alpha),
+        segments,
+        shading,
+        look.culling,
+        False,
+    )
+    numbers = np.arange(count, dtype=np.uint32)
+    return layer, Primitives(
+        numbers,
+        mesh.vertices,
+        mesh.triangles.astype(np.uint32),
+        normals.astype(np.float32),
+        np.zeros(0, np.float32),
+        colours,
+    )
+
+
+def chosen(layer: GeometryLayer, all_of: Primitives, box: np.ndarray) -> Primitives | None:
+    """The primitives that come near a box of cells (low, high), with vertices in another order."""
+    at = all_of.positions.astype(np.float64) @ layer.index_from_file[:, :3].T + layer.index_from_file[:, 3]
+    corners = at[all_of.corners]
+    meets = ((corners.max(axis=1) >= box[0]) & (corners.min(axis=1) <= box[1])).all(axis=1)
+    if not meets.any():
+        return None
+    rows, places = np.unique(all_of.corners[meets], return_inverse=True)
+    rows, places = rows[::-1], len(rows) - 1 - places.reshape(-1, all_of.corners.shape[1])
+    colours = all_of.colours[rows] if layer.colour_of == "vertices" else all_of.colours
+    return Primitives(
+        all_of.numbers[meets],
+        all_of.positions[rows],
+        places.astype(np.uint32),
+        all_of.normals[rows] if len(all_of.normals) else all_of.normals,
+        all_of.radii[rows] if len(all_of.radii) else all_of.radii,
+        colours[meets] if layer.colour_of == "primitives" else colours,
+    )
+
+
+def prepared(scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...]) -> Prepared:
+    sources = [ArraySource(part[1], part[2]) for part in parts or (BYTES, FLOATS)]
+    planned = scene if parts else scene.model_copy(update={"volumes": (BYTES[0], FLOATS[0])})
+    share, given = prepare(Run(LoopbackChannel(), Options()), planned, sources)
+    plan = share.plan
+    assert plan is not None
+    assert plan.multi_volume is not None
+    domain, layers, all_of = plan.multi_volume.domain, [], []
+    first = 0
+    for entry in entries:
+        layer, primitives = layer_of(entry, first, scene, domain)
+        layers.append(layer)
+        all_of.append(primitives)
+        first += layer.count
+    cost, bricks = plan.cost * bool(parts), {}
+    for index in np.ndindex(*plan.layout.counts_zyx):
+        begin = plan.layout.brick * np.array(index[::-1], float)
+        box = np.stack([begin - 2 * scene.quality.step, begin + plan.layout.brick + 2 * scene.quality.step])
+        own = tuple(chosen(*each, box) for each in zip(layers, all_of, strict=True))
+        known = given.get(index)
+        none = (None,) * len(plan.multi_volume.volume_layers)
+        samples = (known.samples if known else none) if parts else ()
+        bricks[index] = MultiVolumeBrick(index, samples, known.around if known else (), own)
+        if any(own):
+            cost[index] = max(cost[index], 1.0)
+    volumes = plan.multi_volume.volume_layers if parts else ()
+    mixed = MultiVolume(domain, volumes, tuple(layers))
+    return Prepared(replace(plan, cost=cost, multi_volume=mixed), bricks)
+
+
+def scene_of(parts: tuple[Any, ...], camera: str = "outside", brick: int = 64, **keys: Any) -> Scene:
+    return Scene(
+        volumes=tuple(part[0] for part in parts),
+        camera=CAMERAS[camera],
+        image=ImageSettings(size=keys.pop("size", (40, 30))),
+        quality=Quality(step=keys.pop("step", 0.7), **keys.pop("quality", {})),
+        cluster=Cluster(brick=brick),
+        **keys,
+    )
+
+
+def expected(scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...]) -> np.ndarray:
+    return render_reference(scene, [p[2] for p in parts], [p[1] for p in parts], surfaces=entries)
+
+
+def drawn(
+    where: Any, scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...], leaves: int = 1, **limits: Any
+) -> np.ndarray:
+    return scenes.drawn(where, prepared(scene, parts, entries), leaves, **limits)[0]
+
+
+INNER, OUTER = sphere(5.0, (12.1, 10.3, 9.2)), sphere(8.3, (12.4, 10.9, 9.1), 9)
+PLAIN = (
+    (section(shade=False, color="red", opacity=0.4), OUTER),
+    (section(shade=False, color="blue", opacity=0.7), INNER),
+)
+LIT = (
+    (section(color="ivory", opacity=0.3, specular=0.4, specular_power=12.0, ambient=0.1, diffuse=0.8), OUTER),
+    (section(scalars="height", opacity=((5.0, 0.1), (14.0, 0.9)), shading="flat"), INNER),
+)
+CULLED = tuple(
+    (one.model_copy(update={"culling": side}), mesh) for (one, mesh), side in zip(PLAIN, ("front", "back"), strict=True)
+)
+SHELLS = (BYTES[0].model_copy(update={"isosurfaces": (100.0, (150.0, 0.5)), "blending": "isosurface"}), *BYTES[1:])
+CUT = {"clip": Clip(planes=(((11, 9, 9), (0.2, 1, 1)),))}
+CASES = {
+    "alone": ((), PLAIN, {}, ("outside", "inside", "parallel", "far")),
+    "alone, lit": ((), LIT, {"lights": LIGHTS}, ("outside", "inside")),
+    "volumes": ((BYTES, FLOATS), PLAIN, {}, ("outside", "inside", "parallel")),
+    "isosurfaces, lit, clipped": ((SHELLS, FLOATS), LIT, {"lights": LIGHTS} | CUT, ("outside",)),
+    "clipped, culled": ((), CULLED, CUT, ("inside", "parallel")),
+    "jittered": ((BYTES, FLOATS), PLAIN, {"quality": {"jitter": True}}, ("inside",)),
+    "long slabs, twice": ((BYTES, FLOATS), (*PLAIN, *LIT), {"step": 9.0}, ("outside",)),
+}
+
+
+@pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][3]])
+def test_pictures_are_the_reference(name: str, camera: str) -> None:
+    parts, entries, keys, _ = CASES[name]
+    scene = scene_of(parts, camera, **keys)
+    right = expected(scene, parts, entries)
+    found = drawn(None, scene, parts, entries)
+    assert right[..., 3].max() > 0.3
+    wrong = np.abs(found - right).max(axis=-1) > 1e-5
+    assert wrong.mean() <= (0.005 if "isosurfaces" in name else 0)
+
+
+@pytest.mark.parametrize(("parts", "step"), [((BYTES, FLOATS), 2.0), ((), 0.7)], ids=["volumes", "alone"])
+def test_neither_parts_nor_bricks_nor_vectors_change_the_picture(parts: tuple[Any, ...], step: float) -> None:
+    """Long slabs reach far beyond their bricks."""
+    first = drawn(None, scene_of(parts, "inside", 64, step=step), parts, LIT)
+    for brick, leaves, width in ((9, 5, None), (13, 3, WIDTHS[-1])):
+        found = drawn(None, scene_of(parts, "inside", brick, step=step), parts, LIT, leaves, width=width)
+        assert np.abs(found - first).max() <= 2e-6, brick
+
+
+def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
+    """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included."""
+    cells = np.stack(np.meshgrid(np.arange(9), np.arange(9), indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
+    squares = np.array([[i, i + 1, i + 10, i + 9] for i in range(72) if i % 9 < 8])
+    triangles = np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
+    sheet = np.column_stack([cells + 6, 9.5 + 0.1 * np.sin(cells[:, 0])]).astype(np.float32)
+    mesh = Mesh("m", sheet, triangles)
+    scene = scene_of((), size=(17, 17))
+    # Pixel (i, j) looks at (6 + i / 2, 14 - j / 2).
+    camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=4.25)
+    scene = scene.model_copy(update={"camera": camera})
+    found = drawn(None, scene, (), ((section(shade=False, opacity=0.5), mesh),))
+    assert np.array_equal(np.unique(found[1:-1, 1:-1, 3]), [0.5])
+    assert np.isin(found[..., 3], [0.0, 0.5]).all()
+
+
+def test_equal_fragments_are_in_the_order_of_the_list() -> None:
+    """The same surface several times, its triangles turned and listed otherwise."""
+    mesh = INNER
+    turned = Mesh("m", mesh.vertices, mesh.triangles[:, [2, 0, 1]])
+    entries = tuple(
+        (section(shade=False, color=colour, opacity=0.5), one)
+        for colour, one in (("red", mesh), ("lime", turned), ("blue", mesh))
+    )
+    scene = scene_of((), "inside")
+    found = drawn(None, scene, (), entries)
+    assert np.abs(found - expected(scene, (), entries)).max() <= 1e-6
+    assert found[..., 0].max() == 0.5
