@@ -27,6 +27,8 @@ SIZES = np.dtype(
         ("first", "i4", 4),  # word of a brick's first cell, samples before it along every axis
     ]
 )
+PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2), 1: (1, 1)}
+"""Lanes of a vector: the pixels of a packet across and down."""
 COUNTS = {
     "LIGHTS": "counts.x",
     "CAPS": "counts.y",

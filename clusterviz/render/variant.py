@@ -19,7 +19,7 @@ from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
 from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
-from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, SIZES, SIZES_BINDING
+from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     EXACT,
@@ -54,9 +54,6 @@ PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
 
 Profile = Literal["", "counts", "clock"]
 CLOCK = "#extension GL_ARB_shader_clock : require"
-
-PACKETS = {16: (4, 4), 8: (4, 2), 4: (2, 2), 1: (1, 1)}
-"""Lanes of a vector: the pixels of a packet across and down."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +260,8 @@ class Variant:
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
-        files = multi_volume_files(self.volumes, self.crossing, pieces, self.geometry)
+        geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
+        files = multi_volume_files(self.volumes, self.crossing, pieces, geometry)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property

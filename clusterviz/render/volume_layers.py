@@ -24,7 +24,6 @@ from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import Slot
 
 if TYPE_CHECKING:
-    from clusterviz.render.abuffer.program import GeometryVariant
     from clusterviz.spmd.look import Look
 
 EXACT: dict[Filter, Filter] = {"hardware": "linear", "cubic-hardware": "cubic"}
@@ -289,13 +288,14 @@ def multi_volume_files(
     volumes: tuple[VolumeVariant, ...],
     crossing: bool = False,
     pieces: Sequence[int] | None = None,
-    geometry: GeometryVariant | None = None,
+    geometry: tuple[str, ...] = (),
 ) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes, or of one or none with geometry.
 
     Parameters
     ----------
     pieces : on CPUs, as `Lanes.volumes`
+    geometry : files of geometry, which are the last in the chain
     """
     on_cpu, pieces = pieces is not None, pieces or [0] * len(volumes)
     looks = [volume.look.glsl(f"_{number}") for number, volume in enumerate(volumes) if volume.look]
@@ -312,7 +312,7 @@ def multi_volume_files(
     if geometry or any(volume.surfaces for volume in volumes):
         layers = "surface_list.glsl", "layers_fragments.glsl" if geometry else "layers.glsl"
     whole = (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)),) if volumes else ()
-    each += geometry.parts(len(volumes), on_cpu) if geometry else ()
+    each += geometry
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
     return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *layers, *looks, *each, "multi_volume.glsl")
 

@@ -15,7 +15,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
 from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK, TILE
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.render.sizes import SIZES, SIZES_BINDING
+from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
 
 LIGHTING_BINDING = 2
@@ -109,8 +109,6 @@ class FindVariant:
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
-        from clusterviz.render.variant import PACKETS
-
         width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
         lines = [
             "#define BEGINS " + ("" if self.step == "count" else "readonly"),
