@@ -111,6 +111,10 @@ class BrickAtlas:
             count, primitives = int(self._counts[number]), self._primitives[number]
             yield index, Stored(self._slot.unpack(words), low, high, count, bend, primitives)
 
+    def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
+        """Return the primitives of bricks (m, 3)."""
+        return [self._primitives[self.slots[z, y, x]] for z, y, x in bricks.tolist()]
+
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the offsets, and the visible groups of cells, of all bricks of a box.
 

@@ -27,6 +27,8 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
+from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
@@ -82,7 +84,8 @@ class Raycaster:
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
-        self._programs = self._compiled(plan)
+        self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
+        self._primitives = TableCache()
         self._last_frame = LastFrame()
 
     @property
@@ -106,8 +109,9 @@ class Raycaster:
 
     def compile(self, plan: Plan) -> None:
         """Compile the program of another plan with the same slots; the bricks stay."""
-        old, self._programs = self._programs, self._compiled(plan)
-        for program in old.values():
+        old = *self._programs.values(), *self._passes.values()
+        self._programs, self._passes = self._compiled(plan), compile_passes(self._context, plan)
+        for program in old:
             program.release()
 
     def _compiled(self, plan: Plan) -> dict[Variant, moderngl.ComputeShader]:
@@ -125,6 +129,7 @@ class Raycaster:
         bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
         """
         if bricks:
+            self._primitives = TableCache()
             self._last_frame.forget()
         # With early ray termination, a brick of one volume is uploaded only if a ray reaches it.
         later = plan.march.residual > 0 and plan.blend_mode.traits.composited and plan.multi_volume is None
@@ -134,6 +139,7 @@ class Raycaster:
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
         if bricks := set(bricks):
+            self._primitives = TableCache()
             self._last_frame.forget()
         self.pool.drop(bricks)
 
@@ -229,7 +235,12 @@ class Raycaster:
         rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
         seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
         return RenderResult(
-            PartialImage(rect, rgba), sum(each.samples for each in drawn), tables.bricks, *seconds, work
+            PartialImage(rect, rgba),
+            sum(each.samples for each in drawn),
+            tables.bricks,
+            *seconds,
+            work,
+            fragments=sum(each.fragments for each in drawn),
         )
 
     def _draw_layers(
@@ -258,7 +269,8 @@ class Raycaster:
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
-        ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
+        ahead, squares, fragments = 1 + rect.pixels, groups[0] * groups[1], 0
+        geometry = plan.multi_volume.geometry if plan.multi_volume else ()
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             if isinstance(starts, Crossing):
@@ -276,6 +288,9 @@ class Raycaster:
                     for box in tables.bind_each():
                         block = frame_block(plan, box, rect, self.slot)
                         block["first_box"], first = first, 0
+                        if table := self._primitives.table(geometry, *tables.primitives_of(box)):
+                            buffers.make(block).bind_to_uniform_block(0)
+                            fragments += bind_fragments(self._context, self._passes, plan, table, rect, buffers.make)
                         march.through(block)
                 read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
                 if starts and not starts.keep(read[squares:].view(np.float32).reshape(-1, rect.height, rect.width)):
@@ -285,12 +300,12 @@ class Raycaster:
             work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
         seconds = rendered - started, perf_counter() - rendered
-        return RenderResult(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work)
+        return RenderResult(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work, fragments=fragments)
 
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
-        for program in self._programs.values():
+        for program in (*self._programs.values(), *self._passes.values()):
             program.release()
 
 
@@ -302,10 +317,12 @@ class _Tables:
         members = piece.members(plan.cost > 0)
         self.bricks = len(members)
         self._parts = []
+        self._members: dict[BrickBox, tuple[NDArray[np.int64], Callable[..., Any]]] = {}
         for atlas, part in pool.parts(plan, members) if self.bricks else ():
             box = bounding_box(part)
             offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
             self._parts.append((atlas, box, offsets, visible))
+            self._members[box] = part, atlas.primitives
 
     @property
     def alone(self) -> bool:
@@ -319,6 +336,10 @@ class _Tables:
             visible.bind_to_storage_buffer(6)
             atlas.bind()
             yield box
+
+    def primitives_of(self, box: BrickBox) -> tuple[NDArray[np.int64], Callable[..., Any]]:
+        """Return the bricks of a box, and a function that finds their primitives."""
+        return self._members[box]
 
     def __enter__(self) -> _Tables:
         return self
@@ -347,11 +368,13 @@ LEAST_BRICKS = 2
 def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """Return the visible bricks of a piece in disjoint boxes, from front to back.
 
-    There is only one layer if no ray ends early, or if the piece is a rectangle of the screen that shares its bricks
-    with others.
+    There is only one layer if no ray ends early, with geometry, or if the piece is a part of the screen that shares
+    its bricks with others.
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
+    if plan.multi_volume and plan.multi_volume.geometry:
+        count = min(1, len(members))
     if count < 2 or not plan.march.residual or not plan.blend_mode.traits.composited or piece.rect is not None:
         return [piece] if len(members) else []
     box = bounding_box(members)

@@ -1,9 +1,10 @@
-// Sorts the fragments of a pixel where they lie: Shell's method, which for the few of most pixels is insertion.
+// Sorts the fragments of a pixel where they lie: Shell's method, which for the few of most pixels is insertion. Longer lists are left to the host.
 bool is_behind(uvec2 a, uvec2 b) {
     return a.x > b.x || (a.x == b.x && a.y > b.y);
 }
 
 void sort(int begin, int end) {
+    if (MOST_SORTED > 0 && end - begin > MOST_SORTED) return;
     int gap = 1;
     while (3 * gap + 1 < (end - begin) / 4) gap = 3 * gap + 1;
     for (; gap > 0; gap /= 3) {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 from render import scenes
@@ -29,6 +30,15 @@ from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light,
 
 Entry = tuple[MeshSection, Mesh]
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
+
+
+EACH = pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
+
+
+@pytest.fixture
+def where(request: pytest.FixtureRequest, caster: str) -> moderngl.Context | None:
+    """The context, or None for the CPU."""
+    return request.getfixturevalue("context") if caster == "gl" else None
 
 
 def volume(low: float, high: float, green: float, **keys: Any) -> Volume:
@@ -227,23 +237,28 @@ CASES = {
 }
 
 
+@EACH
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][3]])
-def test_pictures_are_the_reference(name: str, camera: str) -> None:
+def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
     parts, entries, keys, _ = CASES[name]
     scene = scene_of(parts, camera, **keys)
     right = expected(scene, parts, entries)
-    found = drawn(None, scene, parts, entries)
+    found = drawn(where, scene, parts, entries)
     assert right[..., 3].max() > 0.3
     wrong = np.abs(found - right).max(axis=-1) > 1e-5
     assert wrong.mean() <= (0.005 if "isosurfaces" in name else 0)
 
 
+@EACH
 @pytest.mark.parametrize(("parts", "step"), [((BYTES, FLOATS), 2.0), ((), 0.7)], ids=["volumes", "alone"])
-def test_neither_parts_nor_bricks_nor_vectors_change_the_picture(parts: tuple[Any, ...], step: float) -> None:
+def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
+    where: Any, caster: str, parts: tuple[Any, ...], step: float
+) -> None:
     """Long slabs reach far beyond their bricks."""
     first = drawn(None, scene_of(parts, "inside", 64, step=step), parts, LIT)
-    for brick, leaves, width in ((9, 5, None), (13, 3, WIDTHS[-1])):
-        found = drawn(None, scene_of(parts, "inside", brick, step=step), parts, LIT, leaves, width=width)
+    for brick, leaves in ((9, 5), (13, 1)):
+        limits: dict[str, Any] = {"block_bytes": 1 << 16} if where else {"width": WIDTHS[-1]}
+        found = drawn(where, scene_of(parts, "inside", brick, step=step), parts, LIT, leaves, **limits)
         assert np.abs(found - first).max() <= 2e-6, brick
 
 

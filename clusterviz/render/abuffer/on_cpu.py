@@ -69,7 +69,7 @@ def find_fragments(
     keys = np.zeros((1, 2), np.uint32)
     for step in ("count", "fill"):
         state = np.zeros(COUNTER + 1, np.uint32)
-        passed = buffers | {1: lists.begins, 2: state, 3: lists.rows, 8: keys}
+        passed = buffers | {2: state, 8: keys, 9: lists.begins, 10: lists.rows}
         cast = compiled_pass(step, plan.march.jittered, len(plan.clip) > 0, lanes)
         run(cast, addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
         if step == "count":

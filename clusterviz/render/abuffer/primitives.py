@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,27 @@ class PrimitiveTable:
     def vertices(self) -> int:
         """Number of positions."""
         return sum(map(len, self.positions))
+
+
+class TableCache:
+    """Tables of boxes of bricks, while these and the layers stay."""
+
+    def __init__(self) -> None:
+        self._layers: Sequence[GeometryLayer] = ()
+        self._tables: dict[bytes, PrimitiveTable] = {}
+
+    def table(
+        self,
+        layers: Sequence[GeometryLayer],
+        bricks: NDArray[np.int64],
+        primitives: Callable[[NDArray[np.int64]], Iterable[Sequence[Primitives | None]]],
+    ) -> PrimitiveTable | None:
+        """Return the table of bricks (m, 3), given a function that finds their primitives; None without layers."""
+        if len(layers) != len(self._layers) or any(a is not b for a, b in zip(self._layers, layers, strict=True)):
+            self._layers, self._tables = layers, {}
+        if layers and (key := bricks.tobytes()) not in self._tables:
+            self._tables[key] = make_table(layers, primitives(bricks))
+        return self._tables[key] if layers else None
 
 
 def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primitives | None]]) -> PrimitiveTable:

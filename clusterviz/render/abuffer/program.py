@@ -19,6 +19,8 @@ from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
 
 LIGHTING_BINDING = 2
+MOST_SORTED = 256
+"""Fragments of a pixel that a GPU's program sorts: llvmpipe leaves loops after 65535 iterations in total."""
 Pass = Literal["count", "fill"]
 _LIGHT_NAMES = [
     "lighting",
@@ -114,11 +116,12 @@ class FindVariant:
             "#define BEGINS " + ("" if self.step == "count" else "readonly"),
             "#define KEYS",
             f"const int LIST_TILE = {TILE}, PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
+            f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
             f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
         if self.lanes:
             planes = f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
-            lines[3:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
+            lines[-1:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
         return assemble(
             "abuffer.glsl",
             {

@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
-from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
-from clusterviz.render.abuffer.primitives import PrimitiveTable, make_table
+from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
@@ -98,7 +97,7 @@ class VectorCaster:
         self._skips: dict[Any, NDArray[Any]] = {}
         self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
-        self._tables: tuple[tuple[GeometryLayer, ...], dict[bytes, PrimitiveTable]] | None = None
+        self._tables = TableCache()
         self._last_frame = LastFrame()
         self.compile(plan)
 
@@ -133,7 +132,7 @@ class VectorCaster:
         ----------
         bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
         """
-        self._skips, self._tables = {}, None
+        self._skips, self._tables = {}, TableCache()
         if bricks:
             self._last_frame.forget()
         self.pool.put(bricks, store_as(plan, self.slot))
@@ -141,7 +140,7 @@ class VectorCaster:
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
         if bricks := set(bricks):
-            self._tables = None
+            self._tables = TableCache()
             self._last_frame.forget()
         self.pool.drop(bricks)
 
@@ -176,7 +175,7 @@ class VectorCaster:
 
     def release(self) -> None:
         """Forget the bricks."""
-        self._skips, self._tables, self.pool = {}, None, Memory(self.slot)
+        self._skips, self._tables, self.pool = {}, TableCache(), Memory(self.slot)
 
     def _variants_of(self, plan: Plan) -> list[Variant]:
         return [self._variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
@@ -225,20 +224,8 @@ class VectorCaster:
             buffers,
             textures(plan),
             cast,
-            self._geometry(plan, bricks),
+            self._tables.table(plan.multi_volume.geometry if plan.multi_volume else (), bricks, self.pool.primitives),
         )
-
-    def _geometry(self, plan: Plan, bricks: NDArray[np.int64]) -> PrimitiveTable | None:
-        """Return the primitives of some bricks, kept while these are drawn; None without geometry."""
-        layers = plan.multi_volume.geometry if plan.multi_volume else ()
-        if not layers:
-            return None
-        key = bricks.tobytes()
-        if self._tables is None or any(a is not b for a, b in zip(self._tables[0], layers, strict=True)):
-            self._tables = layers, {}
-        if key not in self._tables[1]:
-            self._tables[1][key] = make_table(layers, self.pool.primitives(bricks))
-        return self._tables[1][key]
 
     def _draw_piece(
         self,

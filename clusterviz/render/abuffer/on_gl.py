@@ -1,0 +1,102 @@
+"""Fragments of a rectangle of pixels, found by OpenGL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm.placement import kernel_threads
+from clusterviz.gl.compute import run_compute
+from clusterviz.gl.context import compile_compute
+from clusterviz.image.partial import Rect
+from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.primitives import PrimitiveTable
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, lit_layer
+from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, TILE, make_lists, prepare_tiles
+
+Make = Callable[[NDArray[Any]], moderngl.Buffer]
+Programs = Mapping[FindVariant, moderngl.ComputeShader]
+
+
+def variants_of(plan: Plan) -> list[FindVariant]:
+    """Return the programs that a plan needs, in the order in which they run; none without geometry."""
+    if plan.multi_volume is None or not plan.multi_volume.geometry:
+        return []
+    return [FindVariant(step, plan.march.jittered, len(plan.clip)) for step in ("count", "fill")]
+
+
+def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
+    """Compile the programs of a plan."""
+    variants = variants_of(plan)
+    if variants:
+        prepare_tiles()
+    return {variant: compile_compute(context, variant.source) for variant in variants}
+
+
+def bind_fragments(
+    context: moderngl.Context, programs: Programs, plan: Plan, table: PrimitiveTable, rect: Rect, make: Make
+) -> int:
+    """Find fragments and bind them for drawing; return their number.
+
+    Parameters
+    ----------
+    programs : compiled; the uniform blocks of the frame and of clipping are bound
+    make : makes a buffer, of at least one byte
+    """
+    shading, threads = lit_layer(plan), kernel_threads()
+    lists = make_lists(plan, table, rect, len(shading.lights) if shading else 0, _pool(), threads)
+    make(lists.block).bind_to_uniform_block(GEOMETRY_BINDING)
+    if shading:
+        make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
+    given = {
+        9: lists.begins,
+        10: lists.rows,
+        12: lists.vertices,
+        13: table.corners,
+        14: table.layers,
+        15: table.attributes,
+    }
+    for binding, data in given.items():
+        make(_filled(data)).bind_to_storage_buffer(binding)
+    begins = make(np.zeros(rect.pixels + 1, np.uint32))
+    keys = make(np.zeros((1, 2), np.uint32))
+    begins.bind_to_storage_buffer(11)
+    total = 0
+    for variant in variants_of(plan):
+        keys.bind_to_storage_buffer(8)
+        run_compute(programs[variant], (-(-rect.width // TILE), -(-rect.height // TILE)))
+        context.memory_barrier()
+        if variant.step == "count":
+            counts = np.frombuffer(begins.read(), np.uint32)
+            ends = np.cumsum(counts, dtype=np.uint32)
+            total = int(ends[-1])
+            if not total:
+                break
+            begins.write(ends.tobytes())
+            keys = make(np.zeros((total, 2), np.uint32))
+    _sort_long(keys, counts[1:], ends[:-1])
+    return total
+
+
+def _sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:
+    """Sort the fragments of pixels with more than `MOST_SORTED`."""
+    for pixel in np.flatnonzero(counts > MOST_SORTED):
+        size, offset = 8 * int(counts[pixel]), 8 * int(begins[pixel])
+        own = np.frombuffer(keys.read(size, offset=offset), np.uint32).reshape(-1, 2)
+        keys.write(own[np.lexsort(own.T[::-1])].tobytes(), offset=offset)
+
+
+def _filled(data: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that is not empty."""
+    return data if data.size else np.zeros(4, np.uint32)
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(kernel_threads(), thread_name_prefix="lists")
