@@ -81,7 +81,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
     "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none multi_volume volume_layer"),
-    "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met"),
+    "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met surface_list"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
 WITHOUT_CODE = "buffers met_none no_prefetch no_profile raycast sums"
@@ -230,8 +230,9 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    """A new file needs a look in the table, in which a pixel comes to it."""
+    """A new file needs a look in the table, in which a pixel comes to it; scenes with geometry are not recorded."""
     files = " ".join(
         [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
     ).split()
-    assert sorted(files) == sorted(path.stem for path in shader_folder().rglob("*.glsl"))
+    every = [path.relative_to(shader_folder()) for path in shader_folder().rglob("*.glsl")]
+    assert sorted(files) == sorted(path.stem for path in every if "abuffer" not in str(path))
