@@ -74,7 +74,11 @@ class DrawnPrimitives:
 
 def transformed(positions: NDArray[Any], matrix: Floats) -> Floats:
     """Return positions (…, 3) mapped by a matrix (3, 4) or (4, 4), float64."""
-    moved: Floats = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    # By axis: numpy multiplies rows of three slowly.
+    x, y, z = np.moveaxis(positions.astype(np.float64), -1, 0)
+    moved = np.empty(positions.shape)
+    for row, (a, b, c, d) in enumerate(matrix[:3].tolist()):
+        moved[..., row] = a * x + b * y + c * z + d
     return moved
 
 
@@ -141,7 +145,9 @@ def _tubes(lines: Lines) -> DrawnPrimitives:
     return DrawnPrimitives("tube", points, _uint32(corners), line[first], NO_RADII, left_out, *of)
 
 
-def vertex_normals(mesh: Mesh, drawn: DrawnPrimitives, matrix: Floats) -> NDArray[np.float32]:
+def vertex_normals(
+    mesh: Mesh, drawn: DrawnPrimitives, matrix: Floats, needed: NDArray[np.bool_]
+) -> NDArray[np.float32]:
     """Return normals of the vertices in the world, float32 (n, 3), of any length.
 
     They are the array `Normals` of the file, or the sum of the unit normals of the triangles around a vertex, as in
@@ -150,6 +156,7 @@ def vertex_normals(mesh: Mesh, drawn: DrawnPrimitives, matrix: Floats) -> NDArra
     Parameters
     ----------
     matrix : float64 (4, 4), the world from the file
+    needed : bool (n,), vertices whose normals are wanted
     """
     stored, normals = mesh.vertex_attributes.get("Normals"), np.zeros((3, len(mesh.vertices)))
     linear = matrix[:3, :3] / np.abs(matrix[:3, :3]).max()
@@ -162,14 +169,17 @@ def vertex_normals(mesh: Mesh, drawn: DrawnPrimitives, matrix: Floats) -> NDArra
         return found
     for begin in range(0, len(drawn.corners), CHUNK):
         corners = drawn.corners[begin : begin + CHUNK]
+        corners = corners[needed[corners].any(axis=1)]
         a, b, c = (mesh.vertices[corner].astype(np.float64) for corner in corners.T)
-        edges = np.stack([b - a, c - a]) @ linear.T
-        edges /= np.abs(edges).max(axis=(0, 2), keepdims=True)
-        across = np.cross(edges[0], edges[1])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        for axis in range(3):
+        # By axis, which is several times faster than rows of three.
+        u, v = (transformed(end - a, np.column_stack([linear, np.zeros(3)])).T.copy() for end in (b, c))
+        size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
+        (ux, uy, uz), (vx, vy, vz) = u / size, v / size
+        across = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        across /= np.sqrt((across**2).sum(axis=0))
+        for total, along in zip(normals, across, strict=True):
             for corner in corners.T:
-                np.add.at(normals[axis], corner, across[:, axis])
+                np.add.at(total, corner, along)
     return np.ascontiguousarray(normals.T, np.float32)
 
 
@@ -249,7 +259,7 @@ def brick_members(
     keys = [np.empty(0, np.uint64)]
     for begin in range(0, len(drawn.corners), CHUNK // 4):
         corners = drawn.corners[begin : begin + CHUNK // 4, ENDS[drawn.kind]]
-        placed = transformed(drawn.positions[corners], matrix)
+        placed = np.stack([transformed(drawn.positions[corner], matrix) for corner in corners.T])
         around = np.full(len(corners), reach + NEAR)
         if drawn.kind != "triangle":
             around += radius * (drawn.radii[corners[:, 0]] if len(drawn.radii) else 1.0)
@@ -267,14 +277,17 @@ def _keys(placed: Floats, around: Floats, first: int, brick: int, counts_zyx: In
 
     Parameters
     ----------
-    placed : (m, c, 3), corners of the primitives in cells
+    placed : (c, m, 3), corners of the primitives in cells
     around : (m,), cells to add on all sides
     first : number of the first
     """
     last = np.array(counts_zyx[::-1]) - 1
-    low, high = ((pick(placed, axis=1) + sign * around[:, None]) / brick for pick, sign in ((np.min, -1), (np.max, 1)))
+    low, high = ((pick(placed, axis=0) + sign * around[:, None]) / brick for pick, sign in ((np.min, -1), (np.max, 1)))
     low, high = (np.clip(np.floor(side), 0, last).astype(np.int64) for side in (low, high))
-    sides = high - low + 1
+    single = (low == high).all(axis=1)
+    yield _key(low[single], np.flatnonzero(single) + first, counts_zyx)
+    several = np.flatnonzero(~single)
+    low, sides, placed, around = low[several], (high - low + 1)[several], placed[:, several], around[several]
     bricks = sides.prod(axis=1)
     rows = np.cumsum(bricks)
     for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows // CHUNK)) + 1):
@@ -284,11 +297,17 @@ def _keys(placed: Floats, around: Floats, first: int, brick: int, counts_zyx: In
         at = low[which] + np.stack([x, rest % sides[which, 1], rest // sides[which, 1]], axis=1)
         met = np.ones(len(which), bool)
         tested = np.flatnonzero(bricks[which] > FEW)
-        if placed.shape[1] > 1 and len(tested):
+        if len(placed) > 1 and len(tested):
             centres = (at[tested] + 0.5) * brick
-            met[tested] = _meets(placed[which[tested]] - centres[:, None], around[which[tested]] + 0.5 * brick)
-        (x, y, z), (_, ny, nx) = at[met].T, counts_zyx
-        yield ((z * ny + y) * nx + x).astype(np.uint64) << np.uint64(32) | (which[met] + first).astype(np.uint64)
+            met[tested] = _meets(placed[:, which[tested]] - centres, around[which[tested]] + 0.5 * brick)
+        yield _key(at[met], several[which[met]] + first, counts_zyx)
+
+
+def _key(bricks: NDArray[np.int64], numbers: NDArray[np.int64], counts_zyx: Index) -> NDArray[np.uint64]:
+    """Return bricks (k, 3), along x, y, z, in the upper halves of words, and numbers (k,) in the lower."""
+    (x, y, z), (_, ny, nx) = bricks.T, counts_zyx
+    keys: NDArray[np.uint64] = ((z * ny + y) * nx + x).astype(np.uint64) << np.uint64(32) | numbers.astype(np.uint64)
+    return keys
 
 
 def _meets(corners: Floats, half: Floats) -> NDArray[np.bool_]:
@@ -296,20 +315,20 @@ def _meets(corners: Floats, half: Floats) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    corners : (m, 3 or 2, 3)
+    corners : (3 or 2, m, 3)
     half : (m,), half the side of each cube
 
     References
     ----------
     T. Akenine-Möller: Fast 3D triangle-box overlap testing, Journal of Graphics Tools 6(1), 2001.
     """
-    edges = np.roll(corners, -1, axis=1) - corners
-    axes = [np.cross(edge, unit) for edge in np.moveaxis(edges, 1, 0) for unit in np.eye(3)]
-    if corners.shape[1] == 3:
-        axes.append(np.cross(edges[:, 0], edges[:, 1]))
-    met = np.ones(len(corners), bool)
+    edges = np.roll(corners, -1, axis=0) - corners
+    axes = [np.cross(edge, unit) for edge in edges for unit in np.eye(3)]
+    if len(corners) == 3:
+        axes.append(np.cross(edges[0], edges[1]))
+    met = np.ones(len(half), bool)
     for axis in axes:
-        along = np.einsum("mcx,mx->mc", corners, axis)
+        along = np.einsum("cmx,mx->cm", corners, axis)
         reach = half * np.abs(axis).sum(axis=1) * (1 + 1e-12)
-        met &= (along.min(axis=1) <= reach) & (along.max(axis=1) >= -reach)
+        met &= (along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)
     return met

@@ -170,10 +170,13 @@ class KnownSurface:
             self._held = None
             return found
         members, held = self._members(section, grid), self._opened()
+        rows = DistinctRows(len(held.drawn.positions))
         normals = np.empty((0, 3), np.float32)
         if layer.has_normals and isinstance(held.part, Mesh):
-            normals = vertex_normals(held.part, held.drawn, world_from_file(section))
-        rows = DistinctRows(len(held.drawn.positions))
+            needed = np.zeros(len(held.drawn.positions), bool)
+            for index in some:
+                needed[held.drawn.corners[members.of(index)]] = True
+            normals = vertex_normals(held.part, held.drawn, world_from_file(section), needed)
         for index in some:
             found[index] = _cropped(members.of(index), layer, held.drawn, normals, rows)
         self._held = None
