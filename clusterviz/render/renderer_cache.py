@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
-from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, check_one_size, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
@@ -44,7 +43,7 @@ class RendererCache:
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
         self._prefers_cpu: bool | None = None
-        self._encodings: tuple[Encoding | None, ...] = ()
+        self._encodings: tuple[object, ...] = ()
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
         """Return the bricks that have to be loaded, or loaded again, before the plan can be drawn."""
@@ -158,7 +157,8 @@ class RendererCache:
             self._caster = None
 
 
-def _encodings_of(plan: Plan) -> tuple[Encoding | None, ...]:
-    """Return the encoding of each volume's stored bricks; None for integers, which are stored unchanged."""
+def _encodings_of(plan: Plan) -> tuple[object, ...]:
+    """Return the encoding of each volume's stored bricks, None for integers, stored unchanged, and the surfaces' reach."""
     each = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
-    return tuple(encoding if encoding.kind == "f32" else None for encoding in each)
+    reach = plan.multi_volume.reach if plan.multi_volume else 0
+    return (*(encoding if encoding.kind == "f32" else None for encoding in each), reach)

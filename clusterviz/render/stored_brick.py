@@ -61,7 +61,8 @@ def stamp_of(plan: Plan) -> int:
     """Return a checksum of the format in which a plan's bricks are stored; bricks of another format do not suit it."""
     encodings = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
     # Integers are stored unchanged, with any encoding.
-    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings]
+    reach = plan.multi_volume.reach if plan.multi_volume else 0
+    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach
     return zlib.crc32(repr(stored).encode())
 
 

@@ -10,9 +10,16 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 
 from clusterviz.codec import pack
 from clusterviz.codec.contract import CodecError
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
+from clusterviz.frame.opening import OpenedVolumes, open_volumes
+from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
+from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.stored_brick import Stored, store
+from clusterviz.scene.surfaces import MeshSection, PointsSection
+from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
 PART_BYTES = 144
@@ -42,6 +49,36 @@ def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) ->
     assert (found.low == stored.low).all()
     assert (found.high == stored.high).all()
     assert (found.low.dtype, found.voxels) == (stored.low.dtype, stored.voxels)
+
+
+def test_primitives_come_out_as_they_went_in() -> None:
+    rng = np.random.default_rng(3)
+    vertices, faces = rng.random((300, 3)).astype(np.float32) * 20, rng.integers(0, 300, (200, 3))
+    mesh = Geometry(mesh=Mesh("m", vertices, faces, {"heat": vertices[:, 0]}))
+    points = Geometry(points=Points("p", np.full((1, 3), 4.0)))
+    sections = {"meshes": (MeshSection(path="m", scalars="heat"),), "points": (PointsSection(path="p", radius=0.5),)}
+    scene = Scene(**sections, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
+    scene, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [mesh, points])
+    assert isinstance(opened, OpenedVolumes)
+    plan = opened.plan(scene)
+    wire_format, several = wire_format_of(plan, opened.range_type), plan.multi_volume
+    assert several
+    count, lacking = 0, 0
+    for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(plan.cost > 0).tolist()}):
+        one, stored = wire_format.of(index), store_multi_volume(brick, several, wire_format.slot)
+        stream = one.stream(stored)
+        assert one.stream_bytes == stream.size
+        assert stream.size >= sum(each.nbytes for each in brick.primitives if each)
+        for came, went in zip(one.brick(stream, 0).primitives, brick.primitives, strict=True):
+            assert (came is None) == (went is None)
+            lacking += went is None
+            for name, array in vars(went).items() if went else ():
+                found = getattr(came, name)
+                assert (found.dtype, found.shape) == (array.dtype, array.shape)
+                assert found.tobytes() == array.tobytes()
+                count += array.size
+    assert count > 1000
+    assert lacking
 
 
 @pytest.mark.parametrize("codec", ["raw", "lz4"])
