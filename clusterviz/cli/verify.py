@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
@@ -28,12 +28,13 @@ from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
-from clusterviz.data import open_scene, open_volume
+from clusterviz.data import open_scene, open_volume, read_geometry
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
+from clusterviz.plan.surface_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -72,22 +73,25 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     Parameters
     ----------
-    scene : a scene with a volume
+    scene : a scene with volumes or surfaces
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
     sources = [open_volume(volume) for volume in scene.volumes]
+    geometries = [read_geometry(section.path) for section in scene.surfaces]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
         limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
         return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
-    rendered = render_frame(small, LoopbackChannel(), sources)
+    rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries])
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
-    expected = render_reference(rendered.scene, [source.grid for source in sources], voxels)
+    pairs = zip(rendered.scene.surfaces, geometries, strict=True)
+    surfaces: list[Any] = [(section, part_of(section, geometry)) for section, geometry in pairs]
+    expected = render_reference(rendered.scene, [source.grid for source in sources], voxels, surfaces=surfaces)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 
@@ -214,14 +218,21 @@ def command(
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
-    faint_volumes = len(opened.volumes) if ownership else 0
+    content = [*(f"volumes.{number}" for number in range(len(opened.volumes))), *opened.surface_keys]
     chosen = configurations if every else covering_subset(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
     results = run_all(
-        scene, overrides, chosen, tolerance, faint_volumes, splits, announce, _has_fixed_sample_count(opened)
+        scene,
+        overrides,
+        chosen,
+        tolerance,
+        content if ownership else (),
+        splits,
+        announce,
+        _has_fixed_sample_count(opened),
     )
-    comparison = compare_with_reference(opened) if reference and opened.volumes else None
+    comparison = compare_with_reference(opened) if reference and (opened.volumes or opened.surfaces) else None
     if json:
         _print_json(results, comparison)
     elif verbosity() is not Verbosity.QUIET:
@@ -310,7 +321,7 @@ def _pairs(configuration: Configuration) -> set[frozenset[tuple[str, object]]]:
 def _default_bricks(scene: Scene) -> list[int]:
     """Return the scene's brick size, and a smaller one that gives each rank several bricks."""
     if not scene.volumes:
-        return [scene.cluster.brick]
+        return [scene.cluster.brick, max(2, scene.cluster.brick * 3 // 4)]
     if scene.cluster.largest_brick is not None:
         return [scene.cluster.brick, scene.cluster.largest_brick]  # of several sizes, and of one
     side = max(open_volume(scene.volumes[0]).grid.shape_zyx)
@@ -322,7 +333,7 @@ def run_all(
     overrides: list[str],
     configurations: list[Configuration],
     tolerance: float,
-    faint_volumes: int,
+    faint: Sequence[str],
     splits: bool = False,
     announce: Callable[[str], None] = _silent,
     compare_samples: bool = False,
@@ -334,21 +345,20 @@ def run_all(
     scene, overrides : as given to `clusterviz render`
     configurations : at least one configuration
     tolerance : the largest difference of two pictures
-    faint_volumes : number of volumes made nearly transparent in the ownership check, which runs once for each number of
-        ranks, brick size, mode, tiling and distribution; 0 for no such check
+    faint : keys of the volumes and surfaces that the ownership check, which runs once for each number of ranks, brick
+        size, mode, tiling and distribution, makes nearly transparent; none for no such check
     splits : whether slabs are cut at brick faces, so that pictures are compared within one brick size
     announce : called with the number of jobs, and after the first with the time expected
     compare_samples : whether pictures with equal bricks must have equal numbers of samples, as the ownership check
         always requires
     """
-    transparent = (
-        f"opacity={FAINT_OPACITY} gradient_opacity=[] transfer_2d=null opacity_unit_distance=null blending=composite"
-    )
-    faint = [f"volumes.{number}.{setting}" for number in range(faint_volumes) for setting in transparent.split()]
-    faint = [*overrides, *faint, "quality.early_termination=0"]
+    for_volumes = ["gradient_opacity=[]", "transfer_2d=null", "opacity_unit_distance=null", "blending=composite"]
+    transparent = [f"{key}.opacity={FAINT_OPACITY}" for key in faint]
+    transparent += [f"{key}.{setting}" for key in faint if key.startswith("volumes") for setting in for_volumes]
+    transparent = [*overrides, *transparent, "quality.early_termination=0"]
     kinds = {(c.ranks, c.brick, c.mode, c.tiling, c.distribution): c for c in configurations[::-1]}
-    owners = list(kinds.values())[::-1] if faint_volumes else []
-    jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, faint) for c in owners]
+    owners = list(kinds.values())[::-1] if faint else []
+    jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, transparent) for c in owners]
     results: list[Result] = []
     steps = [f"{check}: {configuration}" for check, configuration, _ in jobs]
     # Ranks that share a core run one after the other.

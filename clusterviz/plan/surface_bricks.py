@@ -183,11 +183,7 @@ class KnownSurface:
         return found
 
     def _in_memory(self, geometry: Geometry, needs_radii: bool = True) -> _InMemory:
-        part: Part | None = geometry.mesh
-        if self._type is not MeshSection:
-            part = geometry.lines if self._type is LinesSection else geometry.points
-        if part is None:
-            part = EMPTY[self._type]
+        part = part_of(self._type, geometry)
         radii = self._radii if isinstance(self._radii, str) else None
         if isinstance(part, Points) and not needs_radii and radii not in part.attributes:
             self._radii = radii = None
@@ -221,6 +217,15 @@ EMPTY: dict[type[SurfaceSection], Part] = {
     LinesSection: Lines("", NOTHING, np.zeros(1, np.int64)),
     PointsSection: Points("", NOTHING),
 }
+
+
+def part_of(kind: SurfaceSection | type[SurfaceSection], geometry: Geometry) -> Part:
+    """Return the part of a file's geometry that a section shows; an empty one if the file has none."""
+    kind = kind if isinstance(kind, type) else type(kind)
+    found: Part | None = geometry.mesh
+    if kind is not MeshSection:
+        found = geometry.lines if kind is LinesSection else geometry.points
+    return EMPTY[kind] if found is None else found
 
 
 def _key_of(section: SurfaceSection, grid: BrickGrid) -> tuple[object, ...]:

@@ -174,8 +174,8 @@ def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkey
         verify, "_render", lambda scene, overrides, configuration, folder: (made[configuration.brick], 1)
     )
     ways = [Configuration(ranks, "tree", brick) for brick in made for ranks in (1, 2)]
-    assert not any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0, splits=True))
-    assert any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, 0))
+    assert not any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, (), splits=True))
+    assert any(result.problem for result in verify.run_all("scene", [], ways, 1e-5, ()))
 
 
 def test_depth_is_compared_with_the_colours(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +188,7 @@ def test_depth_is_compared_with_the_colours(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(verify, "run_job", job)
     ways, layers = [Configuration(ranks, "tree", 8) for ranks in (1, 2)], ["image.layers=[depth]"]
-    same, other = verify.run_all("field:gaussian:8", layers, ways, 1e-5, 0)
+    same, other = verify.run_all("field:gaussian:8", layers, ways, 1e-5, ())
     assert (same.problem, other.max, other.first_wrong_pixel) == ("", 0.5, (0, 1))
 
 
