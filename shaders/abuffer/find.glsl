@@ -1,12 +1,13 @@
-// Fragments of a pixel: `begin_list`, `put` for each, `end_list`.
-void find(Ray ray, int row, vec4 a, vec4 b, vec4 c, int flags) {
-    vec3 weights;
-    float depth;
-    if (!meets(a, b, c, flags, weights, depth) || depth < float(geometry.eye.x)) return;
-    double position = position_of(depth);
-    if (position < ray.kept.x || position > ray.kept.y) return;
-    if (!owned(cell_of(midpoint(ray, slab_at_position(position, ray.slabs))))) return;
-    put(uvec2(sorted_bits(depth), 2u * uint(row)));
+// Fragments of a pixel: `begin_list`, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
+// Find a fragment that lies in this box; key.
+bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
+    Hit hit;
+    found = uvec2(0u);
+    if (!meets(kind, corner[row], side, hit) || hit.depth < float(geometry.eye.x)) return false;
+    found = uvec2(sorted_bits(hit.depth), 2u * uint(row) + uint(side));
+    double position = position_of(hit.depth);
+    if (position < ray.kept.x || position > ray.kept.y) return false;
+    return owned(cell_of(midpoint(ray, slab_at_position(position, ray.slabs))));
 }
 
 void find_all(ivec2 pixel, int tile) {
@@ -14,11 +15,20 @@ void find_all(ivec2 pixel, int tile) {
     cut(ray, false);
     face_primitives(ray);
     begin_list(pixel.y * frame.rect.z + pixel.x);
-    int end = int(tile_begin[tile + 1]);
-    for (int n = int(tile_begin[tile]); n < end; ++n) {
-        int row = int(tile_row[n]);
-        ivec4 of = corner[row];
-        if (ray.slabs > 0) find(ray, row, vertex[of.x], vertex[of.y], vertex[of.z], of.w);
+    int begin = int(tile_begin[tile]), end = int(tile_begin[tile + 1]);
+    uvec2 last = uvec2(0xffffffffu), found;
+    for (int pass = SOME_OPAQUE ? 0 : 1; pass < (ALL_OPAQUE ? 1 : 2); ++pass) {
+        for (int n = begin; n < end; ++n) {
+            int row = int(tile_row[n]), own = layer_of(row);
+            if (SOME_OPAQUE && (int(layer[own].table.w) & OPAQUE) != (pass == 0 ? OPAQUE : 0)) continue;
+            int kind = int(layer[own].table.y);
+            for (int side = 0; side < (kind == TRIANGLE ? 1 : 2); ++side) {
+                if (ray.slabs == 0 || !find(ray, row, kind, side, found) || is_behind(found, last)) continue;
+                if (pass == 0) last = found;
+                else put(found);
+            }
+        }
     }
+    if (SOME_OPAQUE && last.y != 0xffffffffu) put(last);
     end_list(pixel.y * frame.rect.z + pixel.x);
 }

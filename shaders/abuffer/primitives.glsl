@@ -4,15 +4,15 @@
 layout(std430, binding = 11) BEGINS buffer FragmentsBlock { uint fragment_begin[]; };  // of each pixel in `key`, and their end
 layout(std430, binding = 8) KEYS buffer KeysBlock { uvec2 key[]; };
 layout(std430, binding = 12) readonly buffer VerticesBlock { vec4 vertex[]; };         // and radius
-layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets`
+layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets_triangle`; of tubes one before, begin, end, one after
 struct Layer {
     vec4 rgba;
-    uvec4 table;    // first row, kind, channels, 1 if it is lit
+    uvec4 table;    // first row, kind, channels; 1 if it is lit, and 2 if it is opaque
     ivec4 words;    // of a vertex or primitive 0 in `values`: normals (NONE: without), colours; 1 if vertices have them; first segment
     vec4 reflects;  // as the material of lights.glsl
 };
 layout(std430, binding = 14) readonly buffer LayersBlock { Layer layer[]; };
-const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2;
+const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2, LIT = 1, OPAQUE = 2;
 
 // Of the pixel: its ray is right_up = ray_origin + ray_slope * depth; depth and number of slabs are linear in one another.
 vec2 ray_origin, ray_slope;
@@ -48,6 +48,10 @@ float depth_of(uint bits) {
     return uintBitsToFloat(bits ^ (bits >> 31 != 0u ? 0x80000000u : 0xffffffffu));
 }
 
+bool is_behind(uvec2 a, uvec2 b) {
+    return a.x > b.x || (a.x == b.x && a.y > b.y);
+}
+
 int layer_of(int row) {
     int found = 0;
     while (found + 1 < geometry.counts.x && uint(row) >= layer[found + 1].table.x) ++found;
@@ -76,17 +80,80 @@ bool owns(float side, vec2 edge, float turn) {
     return turn * side > 0.0 || (side == 0.0 && (turn * edge.y > 0.0 || (edge.y == 0.0 && turn * edge.x > 0.0)));
 }
 
-// Weights of a triangle's corners where the ray meets it, and its depth there. Flags: 1 if the corners are in the other order than in the file, and
-// 2 or 4 if the front or the back is not drawn; the front is seen counter-clockwise.
-bool meets(vec4 a, vec4 b, vec4 c, int flags, out vec3 weights, out float depth) {
+// Where a ray meets a primitive: depth, weights of three of its corners, and the normal in the camera's coordinates, of any length.
+struct Hit {
+    float depth;
+    vec3 weights, normal;
+};
+
+// Flags: 1 if the corners are in the other order than in the file, and 2 or 4 if the front or the back is not drawn; the front is seen
+// counter-clockwise.
+bool meets_triangle(vec4 a, vec4 b, vec4 c, int flags, out Hit hit) {
     vec2 p = sheared(a), q = sheared(b), r = sheared(c);
-    weights = vec3(side_of(r, q), side_of(p, r), side_of(q, p));
+    vec3 weights = vec3(side_of(r, q), side_of(p, r), side_of(q, p));
     float whole = weights.x + weights.y + weights.z, turn = sign(whole);
     bool met = whole != 0.0 && owns(weights.x, r - q, turn) && owns(weights.y, p - r, turn) && owns(weights.z, q - p, turn);
     bool is_front = (turn < 0.0) == ((flags & 1) == 0);
     met = met && (flags & (is_front ? 2 : 4)) == 0;
-    weights = weights / whole;
-    precise vec3 parts = weights * vec3(a.z, b.z, c.z);
-    depth = parts.x + parts.y + parts.z;
+    hit.weights = weights / whole;
+    precise vec3 parts = hit.weights * vec3(a.z, b.z, c.z);
+    hit.depth = parts.x + parts.y + parts.z;
+    hit.normal = cross(b.xyz - a.xyz, c.xyz - a.xyz);
+    return met;
+}
+
+// Length along the ray, from the point at a sphere's depth, at which it enters (side -1) or leaves (1).
+bool meets_sphere(vec3 away, vec3 direction, float radius, float side, out float along) {
+    float middle = -dot(away, direction);
+    vec3 nearest = away + middle * direction;
+    float square = radius * radius - dot(nearest, nearest);
+    along = middle + side * sqrt(max(square, 0.0));
+    return square >= 0.0;
+}
+
+// Squared distance of a point to a segment, both from one origin.
+float square_to(vec3 point, vec3 begin, vec3 end) {
+    vec3 way = end - begin, from = point - begin;
+    vec3 apart = from - clamp(dot(from, way) / dot(way, way), 0.0, 1.0) * way;
+    return dot(apart, apart);
+}
+
+// Tube around a segment. What lies in the segments before and after it along the line is no surface; of two that touch, the first has the cap.
+bool meets_tube(vec4 before, vec4 begin, vec4 end, vec4 after, float side, out Hit hit) {
+    vec3 direction = normalize(vec3(ray_slope, 1.0)), away = vec3(-sheared(begin), 0.0), way = end.xyz - begin.xyz;
+    float length = sqrt(dot(way, way)), radius = begin.w;
+    vec3 axis = way / length;
+    float slope = dot(direction, axis), first = dot(away, axis);
+    vec3 across = direction - slope * axis, aside = away - first * axis;
+    float square = max(dot(across, across), 1e-20), middle = -dot(aside, across) / square;
+    vec3 nearest = aside + middle * across;
+    float rest = radius * radius - dot(nearest, nearest), t = middle + side * sqrt(max(rest, 0.0) / square), along = first + t * slope;
+    bool met = rest >= 0.0;
+    int cap = along < 0.0 ? -1 : along > length ? 1 : 0;
+    if (cap != 0) met = meets_sphere(cap < 0 ? away : away - way, direction, radius, side, t) && met;
+    vec3 point = away + t * direction; // from the begin
+    float share = clamp(dot(point, axis) / length, 0.0, 1.0);
+    float inside = radius * radius * (1.0 - 1e-6);
+    if (before.xyz != begin.xyz) met = met && cap >= 0 && square_to(point, before.xyz - begin.xyz, vec3(0.0)) >= inside;
+    if (after.xyz != end.xyz) {
+        vec3 next = after.xyz - begin.xyz;
+        met = met && (cap > 0 ? dot(point - way, next - way) < 0.0 : square_to(point, way, next) >= inside);
+    }
+    hit.depth = begin.z + t * direction.z;
+    hit.weights = vec3(0.0, 1.0 - share, share);
+    hit.normal = point - share * way;
+    return met;
+}
+
+// Fragment of a primitive: where the ray enters, or where it leaves if `side` is 1. Triangles have one.
+bool meets(int kind, ivec4 of, int side, out Hit hit) {
+    if (TRIANGLES && kind == TRIANGLE) return meets_triangle(vertex[of.x], vertex[of.y], vertex[of.z], of.w, hit);
+    float way = side == 0 ? -1.0 : 1.0;
+    if (TUBES && kind == TUBE) return meets_tube(vertex[of.x], vertex[of.y], vertex[of.z], vertex[of.w], way, hit);
+    vec4 centre = vertex[of.x];
+    vec3 direction = normalize(vec3(ray_slope, 1.0)), away = vec3(-sheared(centre), 0.0);
+    float along;
+    bool met = meets_sphere(away, direction, centre.w, way, along);
+    hit = Hit(centre.z + along * direction.z, vec3(1.0, 0.0, 0.0), away + along * direction);
     return met;
 }

@@ -37,21 +37,19 @@ vec4 light_of(uint number, double position) {
     int row = int(number >> 1);
     ivec4 of = corner[row];
     Layer own = layer[layer_of(row)];
-    vec4 a = vertex[of.x], b = vertex[of.y], c = vertex[of.z], rgba = own.rgba;
-    vec3 weights;
-    float depth;
-    meets(a, b, c, 0, weights, depth);
-    vec3 normal = cross(b.xyz - a.xyz, c.xyz - a.xyz);
-    normal = normal.x * vec3(geometry.right.xyz) + normal.y * vec3(geometry.up.xyz) + normal.z * vec3(geometry.forward.xyz);
-    if (own.words.x != NONE) normal = attribute_of(of, row, weights, own.words.x, 3, true).xyz;
+    vec4 rgba = own.rgba;
+    Hit hit;
+    meets(int(own.table.y), of, int(number & 1u), hit);
+    vec3 normal = mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * hit.normal;
+    if (own.words.x != NONE) normal = attribute_of(of, row, hit.weights, own.words.x, 3, true).xyz;
     int channels = int(own.table.z);
     if (channels > 0) {
-        vec4 given = attribute_of(of, row, weights, own.words.y, channels, own.words.z != 0);
+        vec4 given = attribute_of(of, row, hit.weights, own.words.y, channels, own.words.z != 0);
         if (channels == 1) given = classified(given.x, own.words.w);
         rgba = vec4(given.rgb, rgba.a * (channels == 3 ? 1.0 : given.a));
     }
     vec4 light = vec4(rgba.rgb * rgba.a, rgba.a);
-    if (own.table.w == 0u) return light;
+    if ((int(own.table.w) & LIT) == 0) return light;
     dvec3 at = first_midpoint + position * slab_way;
     ivec3 cell = ivec3(floor(at));
     brick_begin = ivec3(0);

@@ -1,8 +1,4 @@
 // Sorts the fragments of a pixel where they lie: Shell's method, which for the few of most pixels is insertion. Longer lists are left to the host.
-bool is_behind(uvec2 a, uvec2 b) {
-    return a.x > b.x || (a.x == b.x && a.y > b.y);
-}
-
 void sort(int begin, int end) {
     if (MOST_SORTED > 0 && end - begin > MOST_SORTED) return;
     int gap = 1;

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, Pass, lit_layer
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, make_lists, prepare_tiles
 from clusterviz.spmd.machine_code import addresses, compiled
 
@@ -24,17 +24,18 @@ Run = Callable[[Callable[[int], None], NDArray[np.uint64], NDArray[np.uint32], i
 
 
 @cache
-def compiled_pass(step: Pass, jittered: bool, clipped: bool, lanes: int) -> Callable[[int], None]:
+def compiled_pass(variant: FindVariant) -> Callable[[int], None]:
     """Return the machine code of a pass."""
-    variant = FindVariant(step, jittered, int(clipped), lanes)
-    return compiled(variant.source, f"find_{step}_{lanes}", lanes)
+    return compiled(variant.source, variant.name, variant.lanes)
 
 
 def prepare_passes(plan: Plan, lanes: int) -> None:
     """Compile what a plan needs."""
-    prepare_tiles()
-    for step in ("count", "fill"):
-        compiled_pass(step, plan.march.jittered, len(plan.clip) > 0, lanes)
+    variants = find_variants(plan, lanes)
+    if variants:
+        prepare_tiles()
+    for variant in variants:
+        compiled_pass(variant)
 
 
 def find_fragments(
@@ -67,12 +68,11 @@ def find_fragments(
         15: table.attributes,
     }
     keys = np.zeros((1, 2), np.uint32)
-    for step in ("count", "fill"):
+    for variant in find_variants(plan, lanes):
         state = np.zeros(COUNTER + 1, np.uint32)
         passed = buffers | {2: state, 8: keys, 9: lists.begins, 10: lists.rows}
-        cast = compiled_pass(step, plan.march.jittered, len(plan.clip) > 0, lanes)
-        run(cast, addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
-        if step == "count":
+        run(compiled_pass(variant), addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
+        if variant.step == "count":
             np.cumsum(begins, out=begins)
             if not begins[-1]:
                 break

@@ -17,23 +17,16 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, lit_layer
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, TILE, make_lists, prepare_tiles
 
 Make = Callable[[NDArray[Any]], moderngl.Buffer]
 Programs = Mapping[FindVariant, moderngl.ComputeShader]
 
 
-def variants_of(plan: Plan) -> list[FindVariant]:
-    """Return the programs that a plan needs, in the order in which they run; none without geometry."""
-    if plan.multi_volume is None or not plan.multi_volume.geometry:
-        return []
-    return [FindVariant(step, plan.march.jittered, len(plan.clip)) for step in ("count", "fill")]
-
-
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
-    variants = variants_of(plan)
+    variants = find_variants(plan)
     if variants:
         prepare_tiles()
     return {variant: compile_compute(context, variant.source) for variant in variants}
@@ -68,7 +61,7 @@ def bind_fragments(
     keys = make(np.zeros((1, 2), np.uint32))
     begins.bind_to_storage_buffer(11)
     total = 0
-    for variant in variants_of(plan):
+    for variant in find_variants(plan):
         keys.bind_to_storage_buffer(8)
         run_compute(programs[variant], (-(-rect.width // TILE), -(-rect.height // TILE)))
         context.memory_barrier()

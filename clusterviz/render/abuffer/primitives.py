@@ -86,7 +86,7 @@ def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primit
         table[:, : 3 if layer.kind == "triangle" else 4] += first_vertex
         corners.append(table)
         record["rgba"], record["material"] = layer.rgba, layer.shading.material if layer.shading else 0
-        record["table"] = first_row, KINDS[layer.kind], layer.channels, layer.shading is not None
+        record["table"] = first_row, KINDS[layer.kind], layer.channels, (layer.shading is not None) + 2 * layer.opaque
         of_vertices = layer.colour_of == "vertices"
         record["words"] = NONE, 0, of_vertices, 0
         if has_normals:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.plan import Plan
@@ -46,15 +47,17 @@ class GeometryVariant:
     ----------
     lights : rows of the block of lights; 0: nothing is lit
     near : some lights have a place
+    kinds : of primitives, in alphabetical order
     """
 
     lights: int
     near: bool
+    kinds: tuple[Kind, ...]
 
     @property
     def constants(self) -> str:
         """GLSL declarations, in front of all files."""
-        return "#define BEGINS readonly\n#define KEYS readonly\n"
+        return f"#define BEGINS readonly\n#define KEYS readonly\n{kind_constants(self.kinds)}"
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""
@@ -77,6 +80,20 @@ class GeometryVariant:
         return (begin, *files, "shaded.glsl", end)
 
 
+def kinds_of(plan: Plan) -> tuple[Kind, ...]:
+    """Return the kinds of a plan's primitives, in alphabetical order."""
+    return tuple(sorted({layer.kind for layer in plan.multi_volume.geometry})) if plan.multi_volume else ()
+
+
+def kind_constants(kinds: tuple[Kind, ...]) -> str:
+    """Return GLSL constants that say which kinds of primitives there are."""
+    return f"const bool TRIANGLES = {_bool('triangle' in kinds)}, TUBES = {_bool('tube' in kinds)};\n"
+
+
+def _bool(flag: bool) -> str:
+    return str(flag).lower()
+
+
 def lit_layer(plan: Plan) -> Shading | None:
     """Return the shading of the first layer that is lit; the lights of all are the same."""
     layers = plan.multi_volume.geometry if plan.multi_volume else ()
@@ -89,7 +106,18 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
         return None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
-    return GeometryVariant(min(1, rows) if on_cpu else rows, bool(shading and shading.has_places))
+    near = bool(shading and shading.has_places)
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan))
+
+
+def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
+    """Return the programs that find a plan's fragments, in the order in which they run; none without geometry."""
+    layers = plan.multi_volume.geometry if plan.multi_volume else ()
+    opaque = {layer.opaque for layer in layers}
+    which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
+    planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
+    steps: tuple[Pass, ...] = ("count", "fill") if layers else ()
+    return [FindVariant(step, plan.march.jittered, planes, kinds_of(plan), which, lanes) for step in steps]
 
 
 @dataclass(frozen=True)
@@ -100,13 +128,22 @@ class FindVariant:
     ----------
     step : what is done with them
     jittered, planes : as in `Variant`
+    kinds : as in `GeometryVariant`
+    opaque : which layers are opaque
     lanes : of a CPU's vectors; 0 for a GPU
     """
 
     step: Pass
     jittered: bool
     planes: int
+    kinds: tuple[Kind, ...]
+    opaque: Literal["no", "some", "all"]
     lanes: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of its function on a CPU."""
+        return f"find_{self.step}_{self.lanes}"
 
     @property
     def source(self) -> ShaderSource:
@@ -116,6 +153,8 @@ class FindVariant:
             "#define BEGINS " + ("" if self.step == "count" else "readonly"),
             "#define KEYS",
             f"const int LIST_TILE = {TILE}, PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
+            kind_constants(self.kinds),
+            f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
             f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]

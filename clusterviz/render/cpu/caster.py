@@ -122,8 +122,7 @@ class VectorCaster:
             compiled_variant(variant)
         if plan.march.frame_coherence is not None:
             prepare_reprojection()
-        if plan.multi_volume and plan.multi_volume.geometry:
-            prepare_passes(plan, self._width.lanes)
+        prepare_passes(plan, self._width.lanes)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Keep bricks beside those that are there, taken out as they are laid out.
