@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import moderngl
@@ -12,23 +11,17 @@ from render import scenes
 from render.scenes import Prepared, noise
 
 from clusterviz.comm import LoopbackChannel
-from clusterviz.data.geometry import Mesh
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.plan.geometry import GeometryLayer, Primitives
-from clusterviz.plan.multi_volume import MultiVolume, MultiVolumeBrick
-from clusterviz.plan.segments import make_segments
-from clusterviz.plan.shading import make_shading
 from clusterviz.reference import render_reference
 from clusterviz.render.cpu.width import WIDTHS
-from clusterviz.scene.background import background_rgb
-from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.surfaces import MeshSection
-from clusterviz.scene.transfer import TransferFunction, opacity_points
+from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
-Entry = tuple[MeshSection, Mesh]
+Entry = tuple[SurfaceSection, Mesh | Lines | Points]
+Part = tuple[Volume, np.ndarray, Grid]
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
 
 
@@ -85,113 +78,20 @@ def section(**keys: Any) -> MeshSection:
     return MeshSection(path="m", **keys)
 
 
-def layer_of(entry: Entry, first: int, scene: Scene, domain: Any) -> tuple[GeometryLayer, Primitives]:
-    """A mesh as the renderer needs it."""
-    look, mesh = entry
-    placed = np.array(look.transform or np.eye(4), np.float64)
-    matrix = placed[:3].copy()
-    matrix[:, 3] -= domain.origin
-    matrix /= domain.spacing
-    unit = Grid((2, 2, 2), (domain.spacing,) * 3, domain.origin)
-    lit = Volume(
-        path="a", ambient=look.ambient, diffuse=look.diffuse, specular=look.specular, specular_power=look.specular_power
-    )
-    shading = make_shading(lit, scene.lights, unit, 1.0, np.zeros((0, 4)), False) if look.shade else None
-    if shading:
-        shading = replace(shading, normal_from_gradient=((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)))
-    of, channels, segments = "", 0, None
-    colours, alpha = np.zeros((0, 0), np.float32), look.opacity if isinstance(look.opacity, float) else 1.0
-    if look.scalars:
-        of = "vertices" if look.scalars in mesh.vertex_attributes else "primitives"
-        values = np.asarray((mesh.vertex_attributes | mesh.triangle_attributes)[look.scalars], np.float64)
-        clim = look.clim or (float(values.min()), float(values.max()))
-        transfer = TransferFunction(*colour_points(look.cmap, clim), *opacity_points(look.opacity, clim), 1.0, clim)
-        channels, segments, alpha = 1, make_segments(transfer, 1.0), 1.0
-        colours = ((values - clim[0]) / (clim[1] - clim[0])).astype(np.float32)[:, None]
-    normals = np.zeros((0, 3), np.float32)
-    if look.shading == "smooth" and look.shade:
-        moved = mesh.vertices.astype(np.float64) @ placed[:3, :3].T
-        a, b, c = (moved[mesh.triangles[:, k]] for k in range(3))
-        across = np.cross(b - a, c - a)
-        normals = np.zeros(mesh.vertices.shape)
-        for corner in mesh.triangles.T:
-            np.add.at(normals, corner, across / np.linalg.norm(across, axis=1, keepdims=True))
-    count = len(mesh.triangles)
-    layer = GeometryLayer(
-        "triangle",
-        first,
-        count,
-        matrix,
-        of,
-        channels,
-        (*background_rgb(look.color), alpha),
-        segments,
-        shading,
-        look.culling,
-        False,
-    )
-    numbers = np.arange(count, dtype=np.uint32)
-    return layer, Primitives(
-        numbers,
-        mesh.vertices,
-        mesh.triangles.astype(np.uint32),
-        normals.astype(np.float32),
-        np.zeros(0, np.float32),
-        colours,
-    )
+def prepared(scene: Scene, parts: tuple[Part, ...], entries: tuple[Entry, ...]) -> Prepared:
+    kinds = {"mesh": Mesh, "lines": Lines, "points": Points}
+    given = [Geometry(**{name: one for name, kind in kinds.items() if isinstance(one, kind)}) for _, one in entries]
+    sources = [ArraySource(part[1], part[2]) for part in parts]
+    sections: dict[str, list[Any]] = {"meshes": [], "lines": [], "points": []}
+    for look, one in entries:
+        sections[{Mesh: "meshes", Lines: "lines", Points: "points"}[type(one)]].append(look)
+    scene = scene.model_copy(update={key: tuple(some) for key, some in sections.items()})
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [*sources, *given])
+    assert share.plan is not None
+    return Prepared(share.plan, bricks)
 
 
-def chosen(layer: GeometryLayer, all_of: Primitives, box: np.ndarray) -> Primitives | None:
-    """The primitives that come near a box of cells (low, high), with vertices in another order."""
-    at = all_of.positions.astype(np.float64) @ layer.index_from_file[:, :3].T + layer.index_from_file[:, 3]
-    corners = at[all_of.corners]
-    meets = ((corners.max(axis=1) >= box[0]) & (corners.min(axis=1) <= box[1])).all(axis=1)
-    if not meets.any():
-        return None
-    rows, places = np.unique(all_of.corners[meets], return_inverse=True)
-    rows, places = rows[::-1], len(rows) - 1 - places.reshape(-1, all_of.corners.shape[1])
-    colours = all_of.colours[rows] if layer.colour_of == "vertices" else all_of.colours
-    return Primitives(
-        all_of.numbers[meets],
-        all_of.positions[rows],
-        places.astype(np.uint32),
-        all_of.normals[rows] if len(all_of.normals) else all_of.normals,
-        all_of.radii[rows] if len(all_of.radii) else all_of.radii,
-        colours[meets] if layer.colour_of == "primitives" else colours,
-    )
-
-
-def prepared(scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...]) -> Prepared:
-    sources = [ArraySource(part[1], part[2]) for part in parts or (BYTES, FLOATS)]
-    planned = scene if parts else scene.model_copy(update={"volumes": (BYTES[0], FLOATS[0])})
-    share, given = prepare(Run(LoopbackChannel(), Options()), planned, sources)
-    plan = share.plan
-    assert plan is not None
-    assert plan.multi_volume is not None
-    domain, layers, all_of = plan.multi_volume.domain, [], []
-    first = 0
-    for entry in entries:
-        layer, primitives = layer_of(entry, first, scene, domain)
-        layers.append(layer)
-        all_of.append(primitives)
-        first += layer.count
-    cost, bricks = plan.cost * bool(parts), {}
-    for index in np.ndindex(*plan.layout.counts_zyx):
-        begin = plan.layout.brick * np.array(index[::-1], float)
-        box = np.stack([begin - 2 * scene.quality.step, begin + plan.layout.brick + 2 * scene.quality.step])
-        own = tuple(chosen(*each, box) for each in zip(layers, all_of, strict=True))
-        known = given.get(index)
-        none = (None,) * len(plan.multi_volume.volume_layers)
-        samples = (known.samples if known else none) if parts else ()
-        bricks[index] = MultiVolumeBrick(index, samples, known.around if known else (), own)
-        if any(own):
-            cost[index] = max(cost[index], 1.0)
-    volumes = plan.multi_volume.volume_layers if parts else ()
-    mixed = MultiVolume(domain, volumes, tuple(layers))
-    return Prepared(replace(plan, cost=cost, multi_volume=mixed), bricks)
-
-
-def scene_of(parts: tuple[Any, ...], camera: str = "outside", brick: int = 64, **keys: Any) -> Scene:
+def scene_of(parts: tuple[Part, ...], camera: str = "outside", brick: int = 64, **keys: Any) -> Scene:
     return Scene(
         volumes=tuple(part[0] for part in parts),
         camera=CAMERAS[camera],
@@ -202,12 +102,12 @@ def scene_of(parts: tuple[Any, ...], camera: str = "outside", brick: int = 64, *
     )
 
 
-def expected(scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...]) -> np.ndarray:
+def expected(scene: Scene, parts: tuple[Part, ...], entries: tuple[Entry, ...]) -> np.ndarray:
     return render_reference(scene, [p[2] for p in parts], [p[1] for p in parts], surfaces=entries)
 
 
 def drawn(
-    where: Any, scene: Scene, parts: tuple[Any, ...], entries: tuple[Entry, ...], leaves: int = 1, **limits: Any
+    where: Any, scene: Scene, parts: tuple[Part, ...], entries: tuple[Entry, ...], leaves: int = 1, **limits: Any
 ) -> np.ndarray:
     return scenes.drawn(where, prepared(scene, parts, entries), leaves, **limits)[0]
 
@@ -226,6 +126,23 @@ CULLED = tuple(
 )
 SHELLS = (BYTES[0].model_copy(update={"isosurfaces": (100.0, (150.0, 0.5)), "blending": "isosurface"}), *BYTES[1:])
 CUT = {"clip": Clip(planes=(((11, 9, 9), (0.2, 1, 1)),))}
+PATHS = np.cumsum(np.random.default_rng(2).normal(0, 1.4, (3, 12, 3)), axis=1) + [
+    [[12, 8, 9]],
+    [[9, 12, 8]],
+    [[12, 11, 12]],
+]
+ATOMS = np.random.default_rng(3).normal(0, 3.0, (25, 3)) + [12, 10, 9]
+FIBRES = Lines("l", PATHS.reshape(-1, 3).astype(np.float32), np.array([0, 12, 24, 36]), {"x": PATHS[..., 0].ravel()})
+BALLS = Points("p", ATOMS, {"radius": np.linspace(0.4, 2.5, 25), "rgb": np.random.default_rng(4).random((25, 3))})
+MIXED: tuple[Entry, ...] = (
+    (LinesSection(path="l", radius=0.7, opacity=0.6, color_by="direction", specular=0.5, specular_power=9.0), FIBRES),
+    (PointsSection(path="p", scalars="rgb", opacity=0.5), BALLS),
+)
+SCALED = ((0.9, 0.3, 0, -3.0), (0, 1.2, 0, -1.0), (0.1, 0, 0.8, 2.0), (0, 0, 0, 1.0))
+WHOLE: tuple[Entry, ...] = (
+    (section(shade=False, color="red", transform=SCALED), sphere(3.0, (12.1, 8.3, 9.2))),
+    (LinesSection(path="l", radius=1.1, scalars="x", color_by="scalars", clim=(5.0, 15.0)), FIBRES),
+)
 CASES = {
     "alone": ((), PLAIN, {}, ("outside", "inside", "parallel", "far")),
     "alone, lit": ((), LIT, {"lights": LIGHTS}, ("outside", "inside")),
@@ -233,6 +150,11 @@ CASES = {
     "isosurfaces, lit, clipped": ((SHELLS, FLOATS), LIT, {"lights": LIGHTS} | CUT, ("outside",)),
     "clipped, culled": ((), CULLED, CUT, ("inside", "parallel")),
     "jittered": ((BYTES, FLOATS), PLAIN, {"quality": {"jitter": True}}, ("inside",)),
+    "tubes and spheres": ((BYTES, FLOATS), MIXED, {"lights": LIGHTS}, ("outside", "inside", "parallel", "far")),
+    "meshes, tubes and spheres, clipped": ((), (*LIT, *MIXED), CUT, ("outside",)),
+    "one volume": ((BYTES,), PLAIN, {}, ("outside",)),
+    "opaque": ((BYTES, FLOATS), WHOLE, {}, ("outside", "inside")),
+    "opaque in front of others": ((BYTES, FLOATS), (*PLAIN, *WHOLE, *MIXED), {}, ("outside",)),
     "long slabs, twice": ((BYTES, FLOATS), (*PLAIN, *LIT), {"step": 9.0}, ("outside",)),
 }
 
@@ -252,7 +174,7 @@ def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: 
 @EACH
 @pytest.mark.parametrize(("parts", "step"), [((BYTES, FLOATS), 2.0), ((), 0.7)], ids=["volumes", "alone"])
 def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
-    where: Any, caster: str, parts: tuple[Any, ...], step: float
+    where: Any, caster: str, parts: tuple[Part, ...], step: float
 ) -> None:
     """Long slabs reach far beyond their bricks."""
     first = drawn(None, scene_of(parts, "inside", 64, step=step), parts, LIT)
