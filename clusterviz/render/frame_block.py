@@ -45,6 +45,8 @@ ONLY = 2
 LONGEST_BATCH = 64  # slabs
 WIDEST_BATCH = 128.0
 """Most voxels of a batch, as positions in it are float32."""
+BEHIND_OPAQUE = 2.0**-23
+"""Transparency that rounding may leave of an opaque surface."""
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
 
 
@@ -72,7 +74,10 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
     # Without a residual no ray ends early, so that ranks count the same samples whatever lies in front of them.
-    record["optics"][0, :3] = plan.march.slab_units, plan.march.residual or -1.0, plan.blend_mode.threshold
+    residual = plan.march.residual or -1.0
+    if plan.multi_volume and any(layer.opaque for layer in plan.multi_volume.geometry):
+        residual = max(residual, BEHIND_OPAQUE)
+    record["optics"][0, :3] = plan.march.slab_units, residual, plan.blend_mode.threshold
     return record
 
 

@@ -126,12 +126,9 @@ CULLED = tuple(
 )
 SHELLS = (BYTES[0].model_copy(update={"isosurfaces": (100.0, (150.0, 0.5)), "blending": "isosurface"}), *BYTES[1:])
 CUT = {"clip": Clip(planes=(((11, 9, 9), (0.2, 1, 1)),))}
-PATHS = np.cumsum(np.random.default_rng(2).normal(0, 1.4, (3, 12, 3)), axis=1) + [
-    [[12, 8, 9]],
-    [[9, 12, 8]],
-    [[12, 11, 12]],
-]
-ATOMS = np.random.default_rng(3).normal(0, 3.0, (25, 3)) + [12, 10, 9]
+STEPS, BEGINS = np.random.default_rng(2).normal(0, 1.4, (3, 12, 3)), np.array([[12, 8, 9], [9, 12, 8], [12, 11, 12]])
+PATHS = BEGINS[:, None] + np.cumsum(STEPS, axis=1)
+ATOMS = np.random.default_rng(3).normal((12, 10, 9), 3.0, (25, 3))
 FIBRES = Lines("l", PATHS.reshape(-1, 3).astype(np.float32), np.array([0, 12, 24, 36]), {"x": PATHS[..., 0].ravel()})
 BALLS = Points("p", ATOMS, {"radius": np.linspace(0.4, 2.5, 25), "rgb": np.random.default_rng(4).random((25, 3))})
 MIXED: tuple[Entry, ...] = (
