@@ -11,10 +11,15 @@ if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
 
 
+IDLE_WORD = 32
+"""Word that idle lanes read of the first brick of several volumes: behind its header (render/storage.py), whose small
+integers would be denormal float32 numbers, with which a CPU multiplies a hundred times slower."""
+
+
 def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int]) -> list[str]:
     """Return the addresses of lanes' words: of a brick's number and a word's; see words.glsl and words_wide.glsl.
 
-    Lanes that are not active read about where the first brick begins, of which all words are in memory.
+    Lanes that are not active read about where the first brick begins, or its voxels, of which all words are in memory.
     """
     emit, ((brick,), (word,), *others) = generator.emit, given
     ((more,),) = others or [[constant("i", 0)]]
@@ -23,8 +28,9 @@ def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int])
     is_wide = generator.has_block("BasesBlock")
     brick = brick if is_wide else emit.binary("+", brick, word)
     if generator.mask is not None:
-        brick = emit.select(generator.mask, brick, constant("i", 0))
-        word = emit.select(generator.mask, word, constant("i", 0)) if is_wide else word
+        idle = constant("i", IDLE_WORD if generator.has_block("volumeBlock") else 0)
+        brick = emit.select(generator.mask, brick, constant("i", 0) if is_wide else idle)
+        word = emit.select(generator.mask, word, idle) if is_wide else word
     if is_wide:
         bases, found = generator.address_of("BasesBlock"), []
         word = emit.binary("+", word, more)
