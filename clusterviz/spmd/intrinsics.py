@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 IDLE_WORD = 32
 """Word that idle lanes read of the first brick of several volumes: behind its header (render/storage.py), whose small
-integers would be denormal float32 numbers, with which a CPU multiplies a hundred times slower."""
+integers would be denormal float32 numbers, which a CPU multiplies slowly."""
 
 
 def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int]) -> list[str]:
@@ -57,17 +57,20 @@ def word_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
 def words_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Return a word and the next one, by a load of 64 bits for each lane, which takes less time than a gather."""
     emit, lanes = generator.emit, generator.lanes
-    wide = f"<{lanes} x i64>"
-    both = "poison"
+    size = max(1, lanes // 2)
+    wide, kind = f"<{size} x i64>", f"<{2 * size} x i32>"
+    # Of four lanes two are in each vector, so that a shuffle within 128 bits parts the words.
+    both, numbers = ["poison", "poison"], list[int]()
     for lane, place in enumerate(_places(generator, given, range(lanes))):
         one = emit.new(f"load i64, ptr {place}, align 4, !invariant.load !0")
-        both = emit.new(f"insertelement {wide} {both}, i64 {one}, i32 {lane}")
-    kind = f"<{2 * lanes} x i32>"
-    words = emit.new(f"bitcast {wide} {both} to {kind}")
+        side, at = lane % 4 // 2, lane // 4 * 2 + lane % 2
+        both[side] = emit.new(f"insertelement {wide} {both[side]}, i64 {one}, i32 {at}")
+        numbers.append(2 * (size * side + at))
+    low, high = (emit.new(f"bitcast {wide} {part} to {kind}") for part in both)
     halves = []
     for half in range(2):
-        numbers = ", ".join(f"i32 {2 * lane + half}" for lane in range(lanes))
-        halves.append(emit.part(f"shufflevector {kind} {words}, {kind} poison, <{lanes} x i32> <{numbers}>", "u", True))
+        chosen = ", ".join(f"i32 {number + half}" for number in numbers)
+        halves.append(emit.part(f"shufflevector {kind} {low}, {kind} {high}, <{lanes} x i32> <{chosen}>", "u", True))
     return halves
 
 

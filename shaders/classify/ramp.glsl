@@ -49,8 +49,9 @@ void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, floa
     if (rises) low = end;
     else high = begin;
     if (!(passed.x > 0.0LF)) return;
-    dvec3 mean = passed.yzw / passed.x;
-    dvec3 moment = (sums[2 * end + 1].xyz - sums[2 * begin + 1].xyz - at_begin.x * passed.yzw) / (passed.x * passed.x);
+    double per = 1.0LF / passed.x;
+    dvec3 mean = passed.yzw * per;
+    dvec3 moment = (sums[2 * end + 1].xyz - sums[2 * begin + 1].xyz - at_begin.x * passed.yzw) * per * per;
     vec3 change = clamp(vec3(12.0LF * moment - 6.0LF * mean), -1.5, 1.5);
     absorb(sum, float(min(passed.x * double(per_scalar), 1e30LF)), vec3(mean), rises ? change : -change);
 }
