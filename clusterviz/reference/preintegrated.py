@@ -22,7 +22,7 @@ from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.layers import HalfOpacity
 from clusterviz.reference.lighting import lit
-from clusterviz.reference.rays import Floats, Rays, kept
+from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
@@ -47,19 +47,23 @@ def march_preintegrated(
     The midpoint of a slab decides whether it is clipped. With `quality.borders: split` slabs are cut at the faces of
     bricks of `cluster.brick` cells, and a part uses only the cells of its own brick. Each part has the light of its
     midpoint. An end without a scalar has the midpoint's; a part whose midpoint has none either is transparent.
-    `met` is written.
+    Rays begin and end inside the volume by 10⁻¹³ of their length, so that of cells that meet at an end, the one that
+    the ray runs through decides whether there is a scalar. `met` is written.
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
     rgba = np.zeros((len(rays.direction), 4))
     transmittance = np.ones(len(rgba))
     brick = scene.cluster.brick if scene.quality.borders == "split" else None
+    entry, leave = inside(rays, np.array(voxels.shape[::-1]) - 1.0)
+    hair = 1e-13 * np.where(leave > entry, leave - entry, 0)
     for slab in slabs(rays, voxels.shape, length, lambda: transmittance > 2.0**-60):
         whole = kept(slab.point, scene.clip, grid)
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
         for part in pieces_of(slab, rays, voxels.shape, brick):
             middle, known = sample(voxels, *part.point.T)
-            places = (in_brick(start + t[:, None] * direction, part.point, brick) for t in (part.begin, part.end))
+            times = np.maximum(part.begin, (entry + hair)[slab.rays]), np.minimum(part.end, (leave - hair)[slab.rays])
+            places = (in_brick(start + t[:, None] * direction, part.point, brick) for t in times)
             ends = [sample(voxels, *place.T) for place in places]
             front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
             seen = (known | (ends[0][1] & ends[1][1])) & whole

@@ -140,15 +140,16 @@ def _visible(
 def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
     """Reduce groups of GROUP cells, with GROUP + 1 samples and those of the kernel, along each axis in turn."""
     for axis, groups in enumerate(slot.groups_zyx):
-        first, end = slot.margin, slot.margin + groups * GROUP
-        samples = np.moveaxis(voxels, axis, 0)[: end + 1 + slot.spread]
-        short = end + 1 + slot.spread - len(samples)
+        before, first, end = (slice(None),) * axis, slot.margin, slot.margin + groups * GROUP
+        samples = voxels[(*before, slice(end + 1 + slot.spread))]
+        short = end + 1 + slot.spread - samples.shape[axis]
         if short > 0:
-            samples = np.concatenate([samples, np.repeat(samples[-1:], short, axis=0)])
-        found = pick.reduce(samples[first:end].reshape(groups, GROUP, *samples.shape[1:]), axis=1)
+            samples = np.concatenate([samples, np.repeat(samples[(*before, slice(-1, None))], short, axis)], axis)
+        sides = *voxels.shape[:axis], groups, GROUP, *voxels.shape[axis + 1 :]
+        found = pick.reduce(samples[(*before, slice(first, end))].reshape(sides), axis=axis + 1)
         for beside in (*range(-slot.spread, 0), *range(GROUP, GROUP + 1 + slot.spread)):
-            found = pick(found, samples[first + beside : end + beside : GROUP])
-        voxels = np.moveaxis(found, 0, axis)
+            pick(found, samples[(*before, slice(first + beside, end + beside, GROUP))], out=found)
+        voxels = found
     return voxels
 
 

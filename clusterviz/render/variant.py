@@ -303,9 +303,7 @@ class Variant:
         if self.cpu or self.slot.margin or self.preintegrated or self.surfaces:
             lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
-        lines.append(
-            f"const bool LAST_IN_RUN = {str(bool(self.surfaces or self.is_mixed)).lower()}; // runs hold the last slab"
-        )
+        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")

@@ -90,17 +90,17 @@ spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
 spline_slope slope_layer slope_layers words_to word_of cell_away prefetch bytes_of halves_of two_rows_at row_of
 lighting toward_eye normal_from_gradient material power face lit reflected grading world_from_gradient magnitude_of
 faded transfer_table entry_at classified users_look within_limit Class is_valid class_at absorb absorb_within
-absorb_between integrated take_slab absorbing surface meet_surfaces CELL_BEGINS cell_within extremes_at extent_of
+absorb_next integrated take_slab absorbing surface meet_surfaces CELL_BEGINS cell_within extremes_at extent_of
 cubic_of field_on FAR EARLIER STILL UNKNOWN REFINEMENTS Walk walk_from Course take_level reached_by turns_of course_of
 crossed faces_of leaves_of to_next_cell next_course met_in gradient_in within uncut met met_at find_ends ambient_at
-density_at toward_light brick_begin seen here stride in_volume see absorption is_inside is_uncut
+density_at toward_light brick_begin seen here stride in_volume see absorption is_inside is_uncut part_within
 """
 OWN_NAMES = tuple(_NAMES.split())
 """Names that the files of each volume define."""
 CHAINED = {
     "face": "ray",
     "begin": "position, brick",
-    "take": "mixed, next, k, at, span, both",
+    "take": "mixed, next, k, at, middle, length, both",
     "slope": "volume, offset",
 }
 """Functions that call those of the volumes before, with their parameters."""

@@ -11,10 +11,15 @@ if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
 
 
+IDLE_WORD = 32
+"""Word that idle lanes read of the first brick of several volumes: behind its header (render/storage.py), whose small
+integers would be denormal float32 numbers, which a CPU multiplies slowly."""
+
+
 def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int]) -> list[str]:
     """Return the addresses of lanes' words: of a brick's number and a word's; see words.glsl and words_wide.glsl.
 
-    Lanes that are not active read about where the first brick begins, of which all words are in memory.
+    Lanes that are not active read about where the first brick begins, or its voxels, of which all words are in memory.
     """
     emit, ((brick,), (word,), *others) = generator.emit, given
     ((more,),) = others or [[constant("i", 0)]]
@@ -23,8 +28,9 @@ def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int])
     is_wide = generator.has_block("BasesBlock")
     brick = brick if is_wide else emit.binary("+", brick, word)
     if generator.mask is not None:
-        brick = emit.select(generator.mask, brick, constant("i", 0))
-        word = emit.select(generator.mask, word, constant("i", 0)) if is_wide else word
+        idle = constant("i", IDLE_WORD if generator.has_block("volumeBlock") else 0)
+        brick = emit.select(generator.mask, brick, constant("i", 0) if is_wide else idle)
+        word = emit.select(generator.mask, word, idle) if is_wide else word
     if is_wide:
         bases, found = generator.address_of("BasesBlock"), []
         word = emit.binary("+", word, more)
@@ -51,17 +57,20 @@ def word_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
 def words_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
     """Return a word and the next one, by a load of 64 bits for each lane, which takes less time than a gather."""
     emit, lanes = generator.emit, generator.lanes
-    wide = f"<{lanes} x i64>"
-    both = "poison"
+    size = max(1, lanes // 2)
+    wide, kind = f"<{size} x i64>", f"<{2 * size} x i32>"
+    # Of four lanes two are in each vector, so that a shuffle within 128 bits parts the words.
+    both, numbers = ["poison", "poison"], list[int]()
     for lane, place in enumerate(_places(generator, given, range(lanes))):
         one = emit.new(f"load i64, ptr {place}, align 4, !invariant.load !0")
-        both = emit.new(f"insertelement {wide} {both}, i64 {one}, i32 {lane}")
-    kind = f"<{2 * lanes} x i32>"
-    words = emit.new(f"bitcast {wide} {both} to {kind}")
+        side, at = lane % 4 // 2, lane // 4 * 2 + lane % 2
+        both[side] = emit.new(f"insertelement {wide} {both[side]}, i64 {one}, i32 {at}")
+        numbers.append(2 * (size * side + at))
+    low, high = (emit.new(f"bitcast {wide} {part} to {kind}") for part in both)
     halves = []
     for half in range(2):
-        numbers = ", ".join(f"i32 {2 * lane + half}" for lane in range(lanes))
-        halves.append(emit.part(f"shufflevector {kind} {words}, {kind} poison, <{lanes} x i32> <{numbers}>", "u", True))
+        chosen = ", ".join(f"i32 {number + half}" for number in numbers)
+        halves.append(emit.part(f"shufflevector {kind} {low}, {kind} {high}, <{lanes} x i32> <{chosen}>", "u", True))
     return halves
 
 

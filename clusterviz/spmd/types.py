@@ -47,11 +47,6 @@ class Type:
         return bool(self.element) and self.size > 1 and self.of is None
 
     @property
-    def is_matrix(self) -> bool:
-        """Whether it is a matrix of columns."""
-        return bool(self.element) and self.of is not None
-
-    @property
     def is_array(self) -> bool:
         """Whether it is an array."""
         return not self.element and self.of is not None

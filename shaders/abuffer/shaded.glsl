@@ -69,6 +69,6 @@ void begin_all(dvec3 position, int brick) {
     begin_before(position, brick);
 }
 
-void take_all(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool both) {
-    take_before(mixed, next, k, at, span, both);
+void take_all(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool both) {
+    take_before(mixed, next, k, at, middle, length, both);
 }

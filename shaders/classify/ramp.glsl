@@ -34,12 +34,24 @@ void absorb_within(inout vec4 sum, Class of, float from, float to, float units) 
     absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt / 12.0), change * (1.0 - tilt * tilt / 20.0));
 }
 
-// Whole segments from `low` up to `high`; `per_scalar` is the slab's length over the difference of its scalars.
-void absorb_between(inout vec4 sum, int low, int high, bool rises, float per_scalar) {
-    dvec4 at_low = sums[2 * low], passed = sums[2 * high] - at_low;
+// The next whole segments from `low` up to `high`, from the slab's front on: all, or, as one line has the colours of several only where they
+// hide little of each other, a quarter. `per_scalar` is the slab's length over the difference of its scalars.
+void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, float per_scalar) {
+    int begin = low, end = high;
+    dvec4 at_begin = sums[2 * begin], passed = sums[2 * end] - at_begin;
+    if (high - low > 1 && passed.x * double(per_scalar) > 1.0LF) {
+        int quarter = (high - low + 3) / 4;
+        if (rises) end = low + quarter;
+        else begin = high - quarter;
+        at_begin = sums[2 * begin];
+        passed = sums[2 * end] - at_begin;
+    }
+    if (rises) low = end;
+    else high = begin;
     if (!(passed.x > 0.0LF)) return;
-    dvec3 mean = passed.yzw / passed.x;
-    dvec3 moment = (sums[2 * high + 1].xyz - sums[2 * low + 1].xyz - at_low.x * passed.yzw) / (passed.x * passed.x);
+    double per = 1.0LF / passed.x;
+    dvec3 mean = passed.yzw * per;
+    dvec3 moment = (sums[2 * end + 1].xyz - sums[2 * begin + 1].xyz - at_begin.x * passed.yzw) * per * per;
     vec3 change = clamp(vec3(12.0LF * moment - 6.0LF * mean), -1.5, 1.5);
     absorb(sum, float(min(passed.x * double(per_scalar), 1e30LF)), vec3(mean), rises ? change : -change);
 }
@@ -54,7 +66,7 @@ vec4 integrated(Class front, Class back, float units) {
     absorb_within(sum, front, front.s, leaves, is_one ? units : per_scalar * abs(leaves - front.s));
     if (is_one) return sum;
     int low = min(front.segment, back.segment) + 1, high = max(front.segment, back.segment);
-    if (low < high) absorb_between(sum, low, high, rises, per_scalar);
+    while (low < high) absorb_next(sum, low, high, rises, per_scalar);
     absorb_within(sum, back, enters, back.s, per_scalar * abs(back.s - enters));
     return sum;
 }

@@ -1,7 +1,6 @@
 // Isosurfaces of one of several volumes in a slab: those that the ray meets in the slab's part in the volume (root.glsl).
-void meet_surfaces(int at, dvec2 span) {
-    double middle = 0.5LF * (span.x + span.y);
-    vec2 part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);
+void meet_surfaces(int at, double middle, float length) {
+    vec2 part = part_within(middle, length);
     if (!(part.x < part.y)) return;
     float from = float(at);
     Walk walk = walk_from(here, stride, from + part.x);

@@ -1,2 +1,2 @@
 // One of several volumes, without isosurfaces.
-void meet_surfaces(int at, dvec2 span) {}
+void meet_surfaces(int at, double middle, float length) {}

@@ -10,7 +10,7 @@ vec4 absorption(float s, vec3 beyond, float length) {
     return depth * lit(vec4(entry.rgb, 1.0), gradient, here, beyond, true);
 }
 
-void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool first, bool second) {
+void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool first, bool second) {
     first = first && is_inside(k);
     second = second && is_inside(k + 1);
     if (first || second) {
@@ -20,7 +20,7 @@ void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, b
         first = first && s >= buckets.w;
         second = second && t >= buckets.w;
         if (first || second) {
-            if (first) mix_in(mixed, absorption(s, beyond, float(span.y - span.x)), NUMBER);
+            if (first) mix_in(mixed, absorption(s, beyond, length), NUMBER);
             if (second) mix_in(next, absorption(t, later, 1.0), NUMBER);
         }
     }

@@ -4,16 +4,16 @@ void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
     sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0);
 }
 
-vec4 absorption(int at, dvec2 span) {
+vec4 absorption(int at, double middle, float length) {
     vec2 part, ends;
-    if (!find_ends(at, span, part, ends)) return vec4(0.0);
+    if (!find_ends(at, middle, length, part, ends)) return vec4(0.0);
     vec4 sum = vec4(0.0);
-    vec3 middle = here.beyond + (float(at) + 0.5 * (part.x + part.y)) * stride;
-    take_slab(sum, class_at(ends.x), class_at(ends.y), frame.optics.x * (part.y - part.x), here, middle);
+    take_slab(sum, class_at(ends.x), class_at(ends.y), frame.optics.x * (part.y - part.x), here,
+              here.beyond + (float(at) + 0.5 * (part.x + part.y)) * stride);
     return sum;
 }
 
-void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool first, bool second) {
-    if (first) mix_in(mixed, absorption(at, span), NUMBER);
-    if (ABREAST && second) mix_in(next, absorption(at + 1, span + dvec2(1.0LF)), NUMBER);
+void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool first, bool second) {
+    if (first) mix_in(mixed, absorption(at, middle, length), NUMBER);
+    if (ABREAST && second) mix_in(next, absorption(at + 1, middle + 1.0LF, 1.0), NUMBER);
 }

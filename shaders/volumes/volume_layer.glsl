@@ -46,10 +46,14 @@ void begin_all(dvec3 position, int brick) {
     met_at = NO_SLAB;
 }
 
-// Part of a slab in the volume, in slabs from its midpoint, and the field at both ends, sampled once for two adjacent slabs.
-bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
-    double middle = 0.5LF * (span.x + span.y);
-    part = vec2(max(within.x, span.x) - middle, min(within.y, span.y) - middle);
+// Part of a slab in the volume, in slabs from its midpoint.
+vec2 part_within(double middle, float length) {
+    return vec2(max(float(within.x - middle), -0.5 * length), min(float(within.y - middle), 0.5 * length));
+}
+
+// The same, and the field at both ends, sampled once for two adjacent slabs.
+bool find_ends(int at, double middle, float length, out vec2 part, out vec2 ends) {
+    part = part_within(middle, length);
     ends = vec2(0.0);
     if (!(part.x < part.y)) return false;
     bool is_known = met_at == at && part.x == -0.5;
@@ -61,19 +65,18 @@ bool find_ends(int at, dvec2 span, out vec2 part, out vec2 ends) {
 }
 
 // Absorption of a slab, and of the next one, which is whole.
-void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool first, bool second);
-void meet_surfaces(int at, dvec2 span);
+void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool first, bool second);
+void meet_surfaces(int at, double middle, float length);
 
 bool is_uncut(double middle) {
     return WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
 }
 
-void take_all(inout Mixed mixed, inout Mixed next, int k, int at, dvec2 span, bool both) {
-    take_before(mixed, next, k, at, span, both);
+void take_all(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool both) {
+    take_before(mixed, next, k, at, middle, length, both);
     if (here.brick < 0) return;
-    double middle = 0.5LF * (span.x + span.y);
-    if (IN_VOLUME) absorbing(mixed, next, k, at, span, is_uncut(middle), both && is_uncut(middle + 1.0LF));
-    meet_surfaces(at, span);
+    if (IN_VOLUME) absorbing(mixed, next, k, at, middle, length, is_uncut(middle), both && is_uncut(middle + 1.0LF));
+    meet_surfaces(at, middle, length);
 }
 
 void slope_all(int volume, float offset) {

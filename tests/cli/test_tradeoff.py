@@ -18,6 +18,7 @@ from clusterviz.report.tradeoff.measure import Cost, Measured, cost_from_json
 from clusterviz.scene import Scene
 
 FIELD = "field:gaussian:12"
+LOOK = Path(__file__).parents[2] / "examples/looks/octants.glsl"
 SMALL = ("--size", "32x24", "--frames", "1")
 KEYS = {"clusterviz", "scene", "ranks", "size", "frames", "renderer", "verdict", "truth", "settings", "failed"}
 KEYS |= {"left_out", "drift", "rounds", "judged_by"}
@@ -28,9 +29,11 @@ COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -> None:
+    """On one rank, of a scene with a shader, which the reference does not read."""
     out = tmp_path / "out"
     options = ("--ranks", str(ranks), "--knobs", "filter", "--budget", "30", "-D", "cluster.brick=4")
     options += ("-D", "cluster.transport=messages")
+    options += ("-D", f"volumes.0.shader={LOOK}") * (ranks == 1)
     outcome = cli("tradeoff", FIELD, "-o", str(out), *SMALL, *options)
     assert (outcome.status, outcome.err) == (0, "")
     assert "As the scene is, a frame takes" in outcome.out
@@ -38,7 +41,7 @@ def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -
     numbers = json.loads((out / "tradeoff.json").read_text())
     assert set(numbers) == KEYS
     assert (numbers["ranks"], numbers["size"], numbers["frames"]) == (ranks, [32, 24], 1)
-    assert numbers["truth"]["source"] == "reference"
+    assert numbers["truth"]["source"] == ("renderer" if ranks == 1 else "reference")
     scene, *others = numbers["settings"]
     assert (scene["kind"], scene["changes"]) == ("scene", {})
     assert [one["changes"] for one in others] == [{"filter": "hardware"}]

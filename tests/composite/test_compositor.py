@@ -58,7 +58,7 @@ def drawn(case: Case, algorithm: str, root: int = 0) -> np.ndarray | None:
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_algorithm_with_any_number_of_ranks(algorithm: str, kind: str) -> None:
     """In the last cases there are more ranks than pixels, or sides that no number divides."""
-    cases = [random_case(ranks, kind) for ranks in range(1, 17 if kind not in OPERATORS else 10)]
+    cases = [random_case(ranks, kind) for ranks in (*range(1, 9), *((13, 16) if kind not in OPERATORS else (9,)))]
     cases += [dense_case(11, kind, size) for size in ((1, 1), (1, 9), (9, 1), (2, 1), (37, 3))]
     for case in cases:
         case.check(drawn(case, algorithm), case.ranks - 1)
@@ -108,7 +108,7 @@ def test_every_transport(transport: str, data: st.DataObject, ranks: int, seed: 
     case.check(made, 2 + ranks if transport != "shared" else 1)
 
 
-@pytest.mark.mpi(ranks=[2, 3, 5, 7], timeout=120)
+@pytest.mark.mpi(ranks=[2, 5], timeout=120)
 def test_mpi_equals_loopback(mpi_ranks: int) -> None:
     from clusterviz.comm.mpi import MpiChannel
     from clusterviz.composite import compile_kernels

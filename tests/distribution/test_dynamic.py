@@ -131,7 +131,7 @@ def test_swaps_fall_back_where_bricks_of_others_lie_between(ranks: int, moves: l
     assert "direct-send" in {str(frame.statistics.per_rank[0].compositing["algorithm"]) for frame in frames}
 
 
-@pytest.mark.mpi(ranks=[3, 5, 7], timeout=120)
+@pytest.mark.mpi(ranks=[3, 5], timeout=120)
 def test_bricks_move_over_mpi(mpi_ranks: int) -> None:
     channel = MpiChannel()
     scenes = views(8)

@@ -197,30 +197,40 @@ def draw(
 ) -> RenderResult:
     """Draw one box of bricks, by default all, by OpenGL, or without a context by the CPU."""
     piece = Piece(0, box or build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
-    return _draw(where, prepared, (piece,), **limits)[0]
+    return _draw(where, prepared, (piece,), **limits)[0][0]
 
 
 def drawn(where: moderngl.Context | None, prepared: Prepared, parts: int = 1, **limits: Any) -> tuple[np.ndarray, int]:
     """The finished picture, float64 (h, w, 4), merged from the boxes of a tree drawn apart, and the samples taken."""
+    return drawn_in(where, prepared, (parts,), **limits)[0]
+
+
+def drawn_in(
+    where: moderngl.Context | None, prepared: Prepared, numbers: tuple[int, ...], **limits: Any
+) -> list[tuple[np.ndarray, int]]:
+    """What `drawn` returns for each of several numbers of parts, of bricks that are loaded once."""
     plan = prepared.plan
-    pieces = leaf_pieces(build_tree(plan.cost, parts), plan.cost, plan.eye_in_bricks(), plan.view.forward)
-    results = _draw(where, prepared, pieces, **limits)
-    merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
-    return finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)
+    trees = [build_tree(plan.cost, parts) for parts in numbers]
+    pieces = [leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward) for tree in trees]
+    found = []
+    for results in _draw(where, prepared, *pieces, **limits):
+        merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
+        found.append((finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)))
+    return found
 
 
 def _draw(
     where: moderngl.Context | None,
     prepared: Prepared,
-    pieces: tuple[Piece, ...],
+    *pictures: tuple[Piece, ...],
     block_bytes: int | None = None,
     width: Width | None = None,
-) -> list[RenderResult]:
-    """The results of pieces; `width` is that of the CPU's vectors."""
+) -> list[list[RenderResult]]:
+    """The results of the pieces of each picture; `width` is that of the CPU's vectors."""
     plan = prepared.plan
     caster = Raycaster(where, plan, block_bytes) if where else VectorCaster(plan, width)
     caster.load(plan, prepared.shown)
-    results = caster.draw(plan, pieces)
+    results = [caster.draw(plan, pieces) for pieces in pictures]
     if isinstance(caster, Raycaster):
         caster.release()
     return results

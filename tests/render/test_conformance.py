@@ -21,11 +21,11 @@ from render.scenes import (
     FAINT,
     LIGHTS,
     LIT,
-    SHAPE,
     TURNED,
     camera_at,
     clip_of,
     drawn,
+    drawn_in,
     lights_in,
     noise,
     prepare,
@@ -65,6 +65,8 @@ def mode(bound: float = 1e-5, few: int = 0, samples: bool = True, voxels: Any = 
     return Mode(keys, bound, few, samples, voxels)
 
 
+SHAPE = (12, 18, 20)
+"""Samples (z, y, x): nothing divides the numbers of cells."""
 LAMPS = LIT | {"lights": "far"}
 SURFACES = {"isosurfaces": ((0.55, 0.4), (0.7, 0.4), (0.3, 1.0))}
 THRESHOLD = {"threshold": 0.75}
@@ -208,7 +210,7 @@ def rows(mode: str, **several: Any) -> list[Row]:
     return [Row(mode, **{name: value}, **dict(others)) for value in values]
 
 
-SMALL = Grid((9, 8, 11))
+SMALL, LARGER = Grid((9, 8, 11)), Grid((19, 23, 26))
 PEAKS = (
     (0.0, 0.0),
     *((p + d, a) for p, a in ((0.35, 0.3), (0.55, 0.6), (0.8, 0.9)) for d, a in ((-0.03, 0.0), (0.0, a), (0.03, 0.0))),
@@ -245,6 +247,9 @@ SPECIAL = [
     *rows("jittered", keys=[{"clip": "both"}, LAMPS, {"step": 100.0}], step=1.7),
     *rows("gradient opacity", keys=[CUBIC, NEAREST, LAMPS, {"isosurfaces": ((0.5, 0.6),)}], dtype="float32"),
     *rows("table", keys=[{"transfer_2d": TABLE[:n, 9 - m :, 3]} for n, m in ((5, 9), (1, 9), (5, 1), (1, 1))]),
+    # Dense slabs that cross all of the transfer function; an eye between voxels, in a plane beside invalid ones.
+    Row("split", "on-a-face", LARGER, "float32", "opacity 1", 2.2),
+    Row("split", "on-an-edge", replace(LARGER, spacing=(1.0, 2.0, 1.0)), "float64", "invalid voxels", 40.0),
     Row("table", keys=PREINTEGRATED | {"transfer_2d": TABLE[..., 3], "shade": False}),
     *rows("texture unit", keys=[CUBIC, LAMPS, CUBIC | LAMPS, LAMPS | {"gradient": "smooth"}]),
     # Thousands of slabs, in several dispatches: a driver may leave all loops of an invocation after 65535 passes.
@@ -254,11 +259,6 @@ SPECIAL = [
     Row("lit", grid=SMALL, keys=LONG | {"lights": "many"}, step=8e-3),
 ]
 ROWS = [*covering(), *SPECIAL]
-OPEN = {
-    ("split", "on-a-face", "mirrored", "opacity 1"): "slabs of two voxels that end on faces of bricks: a few pixels",
-    ("split", "on-an-edge", "axes exchanged", "invalid voxels"): "OpenGL, not the CPU, differs beside invalid voxels",
-}
-"""Differences that are not explained yet."""
 NARROWER = [
     Row("composite", "inside"),
     Row("nearest", "outside", dtype="float32"),
@@ -333,8 +333,13 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
     expected = render_reference(scene, grid, voxels)
     prepared = prepare(scene, voxels, grid, brick)
     for where in dict.fromkeys((context, None)):
-        own, little = ({}, {"block_bytes": block_bytes}) if where else ({"width": width},) * 2
-        (picture, samples), (merged, taken) = drawn(where, prepared, **own), drawn(where, prepared, parts, **little)
+        if where:
+            (picture, samples), (merged, taken) = (
+                drawn(where, prepared),
+                drawn(where, prepared, parts, block_bytes=block_bytes),
+            )
+        else:
+            (picture, samples), (merged, taken) = drawn_in(None, prepared, (1, parts), width=width)
         for found in (picture, merged):
             error = np.abs(found - expected).max(axis=-1) / (scale_of(expected) or 1.0)
             assert np.count_nonzero(~(error <= shown.bound)) <= shown.few, (
@@ -348,11 +353,7 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
 
 @pytest.mark.gl
 @pytest.mark.parametrize("row", ROWS, ids=str)
-def test_pictures_are_those_of_the_reference(
-    context: moderngl.Context, row: Row, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    if reason := OPEN.get((row.mode, row.camera, row.grid, row.extreme)):
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row, tmp_path: Path) -> None:
     # A constant field has neither gradients nor surfaces, nor, here, a threshold; and the one cell is invalid.
     constant = row.extreme == "constant" and row.mode in ("gradient opacity", "surfaces", "first-hit")
     empty = constant or (row.extreme, row.grid) == ("invalid voxels", "one cell")

@@ -10,6 +10,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
+from render import scenes
 from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, smooth
 
 from clusterviz.comm import LoopbackChannel
@@ -17,7 +18,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.shader import shader_folder
-from clusterviz.partition import Piece
+from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.render.cpu import caster as casters
 from clusterviz.render.crossing import Crossing
@@ -84,24 +85,28 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met surface_list"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers met_none no_prefetch no_profile raycast sums"
+WITHOUT_CODE = "buffers met_none no_prefetch no_profile pitch raycast sums"
 ON_CPUS = {
     "jittered uint16": "cells_in_words cells_u16 linear_cells packets skips tiles words",
     "maximum of float32": "cells_f32",
     "surfaces": "cells_u8 extremes_u8",
     "coherent": "packets_starts",
+    "opacity of one half": "packets_crossing",
+    "first hit": "pitches",
 }
 """Looks that machine code draws, too, and the files of CPUs in which a probe looks."""
 OF_16_LANES = "classified_pieces piece_rows pieces"
 """Files of CPUs whose vectors have 16 numbers."""
-NOT_PROBED = "packets_crossing pitch pitches profile_clock profile_counts words_wide"
-"""Of layers on CPUs, bricks of several sizes, large memory, and the profiler."""
+NOT_PROBED = "profile_clock profile_counts words_wide"
+"""Of the profiler, and of memory by its addresses, which are indices of nothing that the interpreter has."""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}
 """Weights of the texture unit have about 8 bits."""
 
 
-def dispatches(look: str, folder: Path, brick: int = 8) -> tuple[Plan, tuple[Piece, ...], dict[Any, Any]]:
-    """The plan of a look, its pieces and its bricks."""
+def dispatches(
+    look: str, folder: Path, brick: int = 8, in_units: bool = False
+) -> tuple[Plan, tuple[Piece, ...], dict[Any, Any]]:
+    """The plan of a look, its pieces and its bricks, or a single brick of several units."""
     dtype, keys, _ = LOOKS[look]
     if "transfer_2d" in keys:
         np.save(folder / "table.npy", np.random.default_rng(1).random((4, 6, 4)) * 0.8)
@@ -115,6 +120,9 @@ def dispatches(look: str, folder: Path, brick: int = 8) -> tuple[Plan, tuple[Pie
         scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
     if "one half" in look:
         scene = scene.model_copy(update={"image": scene.image.model_copy(update={"layers": ("depth", "normal")})})
+    if in_units:
+        made = scenes.prepare(scene, voxels[0], GRID, 8, ((), (), ()))
+        return made.plan, (Piece(0, build_tree(made.plan.cost, 1).leaves[0].trimmed),), made.bricks
     cluster = scene.cluster.model_copy(update={"brick": brick})
     scene = scene.model_copy(update={"cluster": cluster, "automatic": False})
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(each, GRID) for each in voxels])
@@ -191,7 +199,8 @@ def check_taken(places: list[str], probes: list[Probe], mine: list[Taken], their
 def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     look: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan, pieces, bricks = dispatches(look, tmp_path, 16)  # one brick, as others lie elsewhere
+    in_units = "pitches" in ON_CPUS[look]
+    plan, pieces, bricks = dispatches(look, tmp_path, 16, in_units)  # one brick, as others lie elsewhere
     seen: dict[str, Any] = {}
     compiled, table = casters.compiled_variant, casters.addresses
 
@@ -208,11 +217,13 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     monkeypatch.setattr(casters, "compiled_variant", recorded_variant)
     caster = casters.VectorCaster(plan)
     caster.load(plan, dict(bricks))
-    drawn, source, lanes = caster.draw(plan, pieces)[0].partial.rgba, seen["variant"].source, seen["variant"].cpu.lanes
+    rays = [Crossing.behind(np.zeros(SIZE[::-1], np.float32))] * plan.march.crossing
+    drawn = caster.draw(plan, pieces, crossings=rays)[0].partial.rgba
+    source, lanes = seen["variant"].source, seen["variant"].cpu.lanes
     text = source.text.replace("local_size_x = 8, local_size_y = 8", f"local_size_x = {lanes}")
     dispatch = Dispatch(replace(source, text=text), (1, 1, 1), seen["uniforms"], dict(copies(seen["buffers"])))
     reached = executed(dispatch)
-    assert drawn.max() > 0.1
+    assert drawn.max() > 0.1 or rays
     rgba = dispatch.buffers[1].view(np.float32)[: drawn.size].reshape(drawn.shape)
     assert np.abs(rgba - drawn).max() <= 2e-6 * drawn.max()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import CPU_VARIABLE, has_features, machine
+from clusterviz.render.storage import HEADER_WORDS
+from clusterviz.scene.values import Scene
 from clusterviz.spmd import calls
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
-from clusterviz.spmd.machine_code import addresses, function_of, object_code, texture_block
+from clusterviz.spmd.machine_code import addresses, code_of, function_of, object_code, texture_block
 from clusterviz.spmd.parser import parse
 
 PROGRAM = """
@@ -260,3 +263,13 @@ def test_an_intrinsic_equals_its_meaning_in_glsl(text: str) -> None:
     found = [run(text, np.arange(64), 16, intrinsics, b7=words, b9=pieces) for intrinsics in (False, True)]
     assert np.array_equal(*found)
     assert len(set(found[0].tolist())) > 10
+
+
+def test_idle_lanes_read_behind_the_header_of_several_volumes() -> None:
+    """Its small integers would be denormal float32 numbers, which take long to multiply."""
+    functions = "layout(std140, binding = 0) uniform volumeBlock { vec4 volume; };" + (
+        "int f(int x) { if (x > 3) return 0; return int(words_at(x, 0, 0).x); }"
+    )
+    code = code_of(ShaderSource(PROGRAM.format(functions=functions), ("test",)), "f", 16)
+    (idle,) = re.findall(r"select <16 x i1> \S+, <16 x i32> \S+, <16 x i32> splat \(i32 (\d+)\)", code)
+    assert int(idle) == HEADER_WORDS * Scene.model_fields["volumes"].metadata[0].max_length

@@ -22,6 +22,7 @@ from clusterviz.plan.geometry import Primitives
 from clusterviz.render.multi_volume_bricks import Part, pack_parts, parts_of
 from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored
+from clusterviz.spmd.intrinsics import IDLE_WORD
 
 LEAST_CHUNK = 1 << 24  # bytes of an array; nobody has them before they are written
 
@@ -182,8 +183,8 @@ class Memory:
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
-        # A cubic spline reads three voxels beyond, along every axis.
-        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in slot.parts or (slot,)))
+        # A cubic spline reads three voxels beyond, along every axis; of lanes that are idle, beyond any header.
+        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in slot.parts or (slot,)) + IDLE_WORD)
         self._kept: dict[Index, Kept] = {}
 
     @property
