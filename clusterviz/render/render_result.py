@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,6 +64,20 @@ class RenderResult:
     occluded: int = 0
     frame_coherence: FrameCoherence | None = None
     fragments: int = 0
+
+
+def joined_bands(rect: Rect, drawn: Sequence[RenderResult]) -> RenderResult:
+    """Return the result of a rectangle that was drawn in bands of whole squares, from top to bottom."""
+    rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
+    return RenderResult(
+        PartialImage(rect, rgba),
+        sum(each.samples for each in drawn),
+        drawn[0].bricks,
+        sum(each.seconds_render for each in drawn),
+        sum(each.seconds_readback for each in drawn),
+        work,
+        fragments=sum(each.fragments for each in drawn),
+    )
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:

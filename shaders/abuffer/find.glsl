@@ -1,4 +1,4 @@
-// Fragments of a pixel: `begin_list`, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
+// Fragments of a pixel: `begin_list`, which is false if they are known, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
 // Find a fragment that lies in this box; key.
 bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
@@ -10,11 +10,7 @@ bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     return owned(cell_of(midpoint(ray, slab_at_position(position, ray.slabs))));
 }
 
-void find_all(ivec2 pixel, int tile) {
-    Ray ray = ray_through(pixel + frame.rect.xy);
-    cut(ray, false);
-    face_primitives(ray);
-    begin_list(pixel.y * frame.rect.z + pixel.x);
+void find_in(Ray ray, int tile) {
     int begin = int(tile_begin[tile]), end = int(tile_begin[tile + 1]);
     uvec2 last = uvec2(0xffffffffu), found;
     for (int pass = SOME_OPAQUE ? 0 : 1; pass < (ALL_OPAQUE ? 1 : 2); ++pass) {
@@ -30,5 +26,15 @@ void find_all(ivec2 pixel, int tile) {
         }
     }
     if (SOME_OPAQUE && last.y != 0xffffffffu) put(last);
-    end_list(pixel.y * frame.rect.z + pixel.x);
+}
+
+void find_all(ivec2 pixel, int tile) {
+    int number = pixel.y * frame.rect.z + pixel.x;
+    if (begin_list(number)) {
+        Ray ray = ray_through(pixel + frame.rect.xy);
+        cut(ray, false);
+        face_primitives(ray);
+        find_in(ray, tile);
+    }
+    end_list(number);
 }

@@ -16,6 +16,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.reference import render_reference
+from clusterviz.render.abuffer import tiles
 from clusterviz.render.cpu.width import WIDTHS
 from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
@@ -209,3 +210,27 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
     found = drawn(None, scene, (), entries)
     assert np.abs(found - expected(scene, (), entries)).max() <= 1e-6
     assert found[..., 0].max() == 0.5
+
+
+@EACH
+def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_of((), "inside", size=(40, 45))
+    first = drawn(where, scene, (), LIT)
+    monkeypatch.setattr(tiles, "MOST_BYTES", 40 * 8 * 8 * 9)
+    assert np.array_equal(drawn(where, scene, (), LIT), first)
+
+
+@EACH
+def test_many_fragments_in_one_pixel(where: Any, caster: str) -> None:
+    """Far beyond what is sorted at once, and elsewhere none."""
+    count = 3000 if where else 10000
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1.5, 0]]) * 0.1 + [10.2, 10.2, 0]
+    depths = np.random.default_rng(1).permutation(np.linspace(2, 18, count))
+    vertices = (corners + depths[:, None, None] * [0, 0, 1]).reshape(-1, 3)
+    mesh = Mesh("m", vertices, np.arange(3 * count).reshape(-1, 3), {}, {"z": depths})
+    camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=2.0)
+    scene = scene_of((), size=(10, 10)).model_copy(update={"camera": camera})
+    entries = ((section(shade=False, scalars="z", opacity=0.001, clim=(2.0, 18.0)), mesh),)
+    found = drawn(where, scene, (), entries)
+    assert 1 <= (found[..., 3] > 0).sum() <= 2
+    assert np.abs(found - expected(scene, (), entries)).max() <= 2e-5

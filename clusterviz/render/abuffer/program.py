@@ -14,7 +14,7 @@ from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
-from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK, TILE
+from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BLOCK, GPU_TILE
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
@@ -152,7 +152,8 @@ class FindVariant:
         lines = [
             "#define BEGINS " + ("" if self.step == "count" else "readonly"),
             "#define KEYS",
-            f"const int LIST_TILE = {TILE}, PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
+            f"const int LIST_TILE = {CPU_TILE if self.lanes else GPU_TILE}, EARLY = {EARLY};",
+            f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",

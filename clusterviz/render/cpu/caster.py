@@ -29,6 +29,7 @@ from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
+from clusterviz.render.abuffer.tiles import ManyFragmentsError
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
@@ -44,6 +45,7 @@ from clusterviz.render.render_result import (
     Progress,
     RenderResult,
     footprint,
+    joined_bands,
     no_progress,
 )
 from clusterviz.render.sizes import is_far_apart
@@ -169,7 +171,7 @@ class VectorCaster:
             rays: Starts | Crossing | None = crossings[number] if crossings else None
             if plan.march.frame_coherence is not None:
                 rays = Starts.of(self._last_frame, plan, piece, rect)
-            drawn.append(self._draw_piece(plan, rect, shown, (started, part), rays))
+            drawn.append(self._draw_rect(plan, rect, shown, (started, part), rays))
         return drawn
 
     def release(self) -> None:
@@ -225,6 +227,18 @@ class VectorCaster:
             cast,
             self._tables.table(plan.multi_volume.geometry if plan.multi_volume else (), bricks, self.pool.primitives),
         )
+
+    def _draw_rect(
+        self, plan: Plan, rect: Rect, shown: _Shown, report: tuple[float, Progress], rays: Starts | Crossing | None
+    ) -> RenderResult:
+        """Draw a rectangle of pixels, or its halves if it has too many fragments."""
+        try:
+            return self._draw_piece(plan, rect, shown, report, rays)
+        except ManyFragmentsError:
+            middle = rect.y_begin + max(SQUARE, rect.height // 2 // SQUARE * SQUARE)
+            halves = replace(rect, y_end=middle), replace(rect, y_begin=middle)
+            each = [self._draw_rect(plan, half, shown, (perf_counter(), no_progress), None) for half in halves]
+            return joined_bands(rect, each)
 
     def _draw_piece(
         self,
