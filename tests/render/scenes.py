@@ -197,19 +197,19 @@ def draw(
 ) -> RenderResult:
     """Draw one box of bricks, by default all, by OpenGL, or without a context by the CPU."""
     piece = Piece(0, box or build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
-    return _draw(where, prepared, (piece,), **limits)[0]
+    return draw_pieces(where, prepared, (piece,), **limits)[0]
 
 
 def drawn(where: moderngl.Context | None, prepared: Prepared, parts: int = 1, **limits: Any) -> tuple[np.ndarray, int]:
     """The finished picture, float64 (h, w, 4), merged from the boxes of a tree drawn apart, and the samples taken."""
     plan = prepared.plan
     pieces = leaf_pieces(build_tree(plan.cost, parts), plan.cost, plan.eye_in_bricks(), plan.view.forward)
-    results = _draw(where, prepared, pieces, **limits)
+    results = draw_pieces(where, prepared, pieces, **limits)
     merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
     return finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)
 
 
-def _draw(
+def draw_pieces(
     where: moderngl.Context | None,
     prepared: Prepared,
     pieces: tuple[Piece, ...],

@@ -15,6 +15,7 @@ from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
 from clusterviz.render.abuffer import tiles
 from clusterviz.render.cpu.width import WIDTHS
@@ -180,6 +181,19 @@ def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
         limits: dict[str, Any] = {"block_bytes": 1 << 16} if where else {"width": WIDTHS[-1]}
         found = drawn(where, scene_of(parts, "inside", brick, step=step), parts, LIT, leaves, **limits)
         assert np.abs(found - first).max() <= 2e-6, brick
+
+
+@EACH
+def test_bricks_of_other_ranks_within_a_box_are_left_to_them(where: Any, caster: str) -> None:
+    """Every second brick of the whole box."""
+    scene = prepared(scene_of((), "outside", 9), (), LIT)
+    box, layout = build_tree(scene.plan.cost, 1).leaves[0].box, scene.plan.layout
+    even = np.indices(layout.counts_zyx).sum(axis=0) % 2 == 0
+    counts = [
+        scenes.draw_pieces(where, scene, (Piece(0, box, own),))[0].fragments for own in (even, ~even, even | ~even)
+    ]
+    assert min(counts) > 0
+    assert counts[0] + counts[1] == counts[2]
 
 
 def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:

@@ -43,6 +43,7 @@ def find_fragments(
     table: PrimitiveTable,
     rect: Rect,
     uniforms: Blocks,
+    offsets: NDArray[Any],
     lanes: int,
     run: Run,
     threads: tuple[Executor, int],
@@ -52,6 +53,7 @@ def find_fragments(
     Parameters
     ----------
     uniforms : blocks of the volumes' program
+    offsets : int32 (z, y, x) of the bricks of the box; negative: not drawn
     run : runs a program in all threads, given the table of addresses, the counter of tiles, and their number
     threads : their pool and number
 
@@ -76,7 +78,7 @@ def find_fragments(
     keys, early = np.zeros((1, 2), np.uint32), np.empty((rect.pixels, EARLY, 2), np.uint32)
     for variant in find_variants(plan, lanes):
         state = np.zeros(COUNTER + 1, np.uint32)
-        passed = buffers | {2: state, 16: early, 8: keys, 9: lists.begins, 10: lists.rows}
+        passed = buffers | {2: state, 3: offsets, 16: early, 8: keys, 9: lists.begins, 10: lists.rows}
         run(compiled_pass(variant), addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
         if variant.step == "count":
             np.cumsum(begins, out=begins)

@@ -260,7 +260,9 @@ class VectorCaster:
         buffers, fragments = shown.buffers | {1: pixels, 2: state}, 0
         if shown.geometry:
             threads = _pool(os.getpid()), self._threads
-            found = find_fragments(plan, shown.geometry, rect, uniforms, self._width.lanes, self._take_tiles, threads)
+            found = find_fragments(
+                plan, shown.geometry, rect, uniforms, buffers[3], self._width.lanes, self._take_tiles, threads
+            )
             uniforms, buffers, fragments = uniforms | found[0], buffers | found[1], found[2]
         assert shown.cast, "there are bricks"
         self._run(shown.cast, addresses(uniforms, buffers, ONE_GROUP, shown.textures), state, rect, progress)
