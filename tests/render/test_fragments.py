@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import moderngl
@@ -18,7 +19,7 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
 from clusterviz.render.abuffer import tiles
-from clusterviz.render.cpu.width import WIDTHS
+from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
@@ -248,3 +249,25 @@ def test_many_fragments_in_one_pixel(where: Any, caster: str) -> None:
     found = drawn(where, scene, (), entries)
     assert 1 <= (found[..., 3] > 0).sum() <= 2
     assert np.abs(found - expected(scene, (), entries)).max() <= 2e-5
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 1e9), (1e-9, 0.0), (1e9, 0.0)])
+def test_neither_units_nor_the_origin_matter(scale: float, offset: float) -> None:
+    """From within the meshes; with one lane, too."""
+    first, near = drawn(None, scene_of((), "inside"), (), PLAIN), CAMERAS["inside"]
+    places = {name: tuple(scale * x + offset for x in getattr(near, name)) for name in ("position", "focal_point")}
+    scene = scene_of((), "inside").model_copy(update={"camera": near.model_copy(update=places)})
+    entries = tuple(
+        (one, replace(mesh, vertices=scale * mesh.vertices.astype(np.float64) + offset)) for one, mesh in PLAIN
+    )
+    assert np.abs(drawn(None, scene, (), entries, width=Width(1, "one lane")) - first).max() <= 1e-6
+
+
+@pytest.mark.parametrize(("position", "scale"), [((-20, 10, 9), 8.0), ((10, 10, -20), None), ((10, 10, 9), None)])
+def test_a_plane_alone(position: tuple[float, float, float], scale: float | None) -> None:
+    """Seen edge-on, from its front, and from within."""
+    corners = np.array([[4.0, 4, 9], [16, 4, 9], [16, 16, 9], [4, 16, 9]])
+    entries = ((section(opacity=0.5), Mesh("m", corners, np.array([[0, 2, 1], [0, 3, 2]]))),)
+    camera = Camera(position=position, focal_point=(12, 10.001, 9), view_up=(0.1, 0.2, 1), parallel_scale=scale)
+    scene = scene_of(()).model_copy(update={"camera": camera})
+    assert np.abs(drawn(None, scene, (), entries) - expected(scene, (), entries)).max() <= 1e-6
