@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import on_ranks, pixels
+from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
@@ -66,6 +66,8 @@ WAYS: list[tuple[int, dict[str, Any]]] = [
     (1, {"brick": 64}),
     (1, {"brick": 5}),
     (3, {"brick": 6}),
+    (2, {"brick": 5, "distribution": "interleaved"}),
+    (2, {"brick": 7, "distribution": "replicated"}),
     (3, {"brick": 6, "mode": "sort-first"}),
     (5, {"brick": 7, "mode": "hybrid", "groups": 2}),
     (7, {"brick": 40}),  # more ranks than bricks
@@ -83,6 +85,16 @@ def test_the_picture_is_the_reference_however_bricks_are_dealt_out(volumes: int)
     for ranks, cluster in WAYS:
         (found,) = on_ranks(ranks, [with_settings(scene, cluster)], given)
         assert compare(pixels(found), expected, 2e-5).count == 0, (ranks, cluster)
+
+
+@pytest.mark.gl
+def test_primitives_migrate_with_the_voxels_of_their_bricks() -> None:
+    scene, given = scene_of(*THREE)
+    around = [(44, 37, 40), (-30, 20, 10), (8, 60, 7), (44, 37, -40), (20, -50, 30), (-40, -37, 4)]
+    scenes = [with_settings(scene, {"position": place, "brick": 5}) for place in around]
+    frames = on_ranks(3, moving(scenes), given)
+    check_same(frames, [on_ranks(1, [scene], given)[0] for scene in scenes])
+    assert so_far(frames, "bricks_received") > 0
 
 
 @pytest.mark.gl
