@@ -266,8 +266,9 @@ class Raycaster:
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
-        ahead, squares, fragments = 1 + rect.pixels, groups[0] * groups[1], 0
+        ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         geometry = plan.multi_volume.geometry if plan.multi_volume else ()
+        fragments = np.zeros((rect.height, rect.width) if geometry else (0, 0), np.int32)
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             if isinstance(starts, Crossing):

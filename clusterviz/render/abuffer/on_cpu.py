@@ -47,8 +47,8 @@ def find_fragments(
     lanes: int,
     run: Run,
     threads: tuple[Executor, int],
-) -> tuple[Blocks, Blocks, int]:
-    """Return uniform blocks and storage buffers of geometry by their bindings, and the number of fragments.
+) -> tuple[Blocks, Blocks, NDArray[np.int32]]:
+    """Return uniform blocks and storage buffers of geometry by their bindings, and the fragments of pixels (h, w).
 
     Parameters
     ----------
@@ -88,4 +88,5 @@ def find_fragments(
             keys = np.empty((int(begins[-1]), 2), np.uint32)
     if shading:
         own[LIGHTING_BINDING] = shading.block()
-    return own, buffers | {8: keys}, int(begins[-1])
+    counts = (begins[1:] - begins[:-1]).view(np.int32)
+    return own, buffers | {8: keys}, counts.reshape(rect.height, rect.width)

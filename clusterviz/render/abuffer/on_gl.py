@@ -40,8 +40,8 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
 
 def bind_fragments(
     context: moderngl.Context, programs: Programs, plan: Plan, table: PrimitiveTable, rect: Rect, make: Make
-) -> int:
-    """Find fragments and bind them for drawing; return their number.
+) -> NDArray[np.int32]:
+    """Find fragments and bind them for drawing; return the number of each pixel (h, w).
 
     Parameters
     ----------
@@ -74,7 +74,6 @@ def bind_fragments(
     keys = make(np.zeros((1, 2), np.uint32))
     begins.bind_to_storage_buffer(11)
     make(np.zeros((rect.pixels, EARLY, 2), np.uint32)).bind_to_storage_buffer(16)
-    total = 0
     for variant in find_variants(plan):
         keys.bind_to_storage_buffer(8)
         run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
@@ -89,7 +88,7 @@ def bind_fragments(
             begins.write(ends.tobytes())
             keys = make(np.zeros((total, 2), np.uint32))
     _sort_long(keys, counts[1:], ends[:-1])
-    return total
+    return counts[1:].view(np.int32).reshape(rect.height, rect.width)
 
 
 def _sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:

@@ -257,7 +257,7 @@ class VectorCaster:
         uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
         if isinstance(rays, Crossing):
             frame["first_box"], pixels = 0, rays.pixels[0]
-        buffers, fragments = shown.buffers | {1: pixels, 2: state}, 0
+        buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
         if shown.geometry:
             threads = _pool(os.getpid()), self._threads
             found = find_fragments(
