@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from clusterviz.data.geometry import Geometry
     from clusterviz.data.source import Grid, Source
     from clusterviz.image import compare, read_image, write_image
     from clusterviz.image.picture import Image
@@ -74,7 +75,7 @@ def render(
 
     Parameters
     ----------
-    scene : Scene, path, array, data source, or list of these
+    scene : Scene, path, array, data source, mesh, or list of arrays and sources
         A scene, the path of a scene file or data file, or an array (z, y, x) of any integer or float type. An
         object with `name`, `grid`, `dtype` and `read` is a data source (see `clusterviz.data.source`); each rank reads
         its own boxes. A list of arrays and data sources gives one volume each. All ranks pass the same scene.
@@ -86,7 +87,9 @@ def render(
         Scene keys by their last names: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5, position=(5, 0, 0),
         background="black", brick=32; `clusterviz schema` lists them. Keys of a volume apply to the first one; other
         volumes need the full path, as in ``**{"volumes.1.cmap": "hot"}``. A section is a dict or a value:
-        camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)).
+        camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)). Items of meshes, lines and points may be
+        objects in memory, alone or in place of a path: meshes=[{"path": mesh, "opacity": 0.4}], where a mesh is
+        (vertices, faces), or an object of trimesh or pyvista; lines are arrays (k, 3), points an array (n, 3).
 
     Returns
     -------
@@ -115,8 +118,11 @@ def render(
             limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
             opened, source = _scene_and_source(scene, grid)
-            opened = with_settings(opened, settings)
-            if source is not None and any(v.time is not None or v.channel is not None for v in opened.volumes):
+            named, geometries = _named_geometry(dict(settings))
+            opened = with_settings(opened, named)
+            if geometries:
+                source = _joined_sources(opened, source, geometries)
+            elif source is not None and any(v.time is not None or v.channel is not None for v in opened.volumes):
                 allowed = "array[time], array[..., channel]"
                 raise InputError("only files have time steps and channels", where="render", allowed=allowed)
         rendered = render_frame(opened, channel, source)
@@ -129,15 +135,62 @@ def render(
             channel.close()
 
 
-def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Source | list[Source] | None]:
-    """Return the scene of an argument of `render`, and the data source if it is not a file."""
+def _named_geometry(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Geometry | None]]]:
+    """Return settings with a name in place of each object in meshes, lines and points, and the objects."""
+    from clusterviz.data.geometry import as_geometry
+    from clusterviz.scene.field_types import Section
+    from clusterviz.scene.surfaces import SURFACES
+
+    found: dict[str, list[Geometry | None]] = {}
+    for name in SURFACES.keys() & settings.keys():
+        items, sections = settings[name], []
+        is_one = not isinstance(items, (list, tuple)) or (name == "meshes" and isinstance(items, tuple))
+        found[name] = []
+        for number, item in enumerate([items] if is_one else items):
+            section: Any = item if isinstance(item, (dict, Section)) else {"path": item}
+            given = section.get("path") if isinstance(section, dict) else None
+            if given is None or isinstance(given, (str, os.PathLike)):
+                found[name].append(None)
+            else:
+                found[name].append(as_geometry(given, name, f"{name}[{number}]"))
+                section = {**section, "path": "array"}
+            sections.append(section)
+        settings[name] = sections
+    return settings, found
+
+
+def _joined_sources(scene: Scene, source: Any, geometries: dict[str, list[Geometry | None]]) -> list[Any]:
+    """Return what is given for each volume and surface of a scene; None: the file is read."""
+    from clusterviz.scene.surfaces import SURFACES
+
+    given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
+    joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
+    for name in SURFACES:
+        count = len(getattr(scene, name))
+        if name in geometries:
+            joined += geometries[name]
+        else:  # as the scene was given: geometry in memory, or files
+            joined += rest[:1] * count if rest else [None] * count
+    return joined
+
+
+def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
+    """Return the scene of an argument of `render`, and the data if it is not a file."""
     from clusterviz.data import open_scene
+    from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, as_geometry
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume
+    from clusterviz.scene.surfaces import SURFACES, as_sections
 
     if isinstance(given, (list, tuple)):
         return _several(given, grid)
+    if hasattr(given, "faces") or isinstance(given, (Geometry, Mesh, Lines, Points)):
+        geometry = as_geometry(given, "meshes", "render")
+        parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
+        each = [section(path="array") for name, section in SURFACES.items() if parts[name]]
+        sections: dict[str, Any] = as_sections(each)
+        return Scene(**sections, automatic=True), [geometry] * len(each)
     if hasattr(given, "__array__"):
         import numpy as np
 

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from types import UnionType
+from types import SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -192,6 +192,29 @@ def test_the_help_of_a_section_lists_its_keys_on_two_screens(kind: Any) -> None:
     assert sum(1 + len(line) // 120 for line in lines) <= 100
     assert all(f" {name} : " in text for name in kind.model_fields)
     assert "model_validate" not in text
+
+
+@pytest.mark.gl
+def test_a_mesh_in_memory_is_drawn_in_whatever_form_it_comes() -> None:
+    vertices = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [4, 4, 1.0]])
+    faces = np.array([[0, 1, 3], [0, 3, 2]])
+    forms: list[Any] = [
+        (vertices, faces),
+        SimpleNamespace(vertices=vertices, faces=faces),  # as trimesh
+        SimpleNamespace(points=vertices, faces=np.array([4, 0, 1, 3, 2]), point_data={}, cell_data={}),  # as pyvista
+    ]
+    sheet = {"color": "red", "opacity": 0.5, "shade": False}
+    for form in forms:
+        found = clusterviz.render(clusterviz.Scene(), meshes=[{"path": form, **sheet}], size=(20, 16))
+        assert found is not None
+        assert set(np.unique(found[..., 3]).tolist()) == {0.0, 0.5}
+        np.testing.assert_array_equal(found[..., 0], found[..., 3])
+    volume = np.ones((4, 4, 4), np.float32)
+    both = clusterviz.render(volume, meshes=[*forms, (vertices + 1, faces)], opacity=0.1, size=(20, 16))
+    assert both is not None
+    assert both[..., 3].max() == 1
+    with pytest.raises(DataError, match=r"meshes\[1\]: not geometry; found int"):
+        clusterviz.render(clusterviz.Scene(), meshes=[forms[0], {"path": 3}])
 
 
 CHOICES = {

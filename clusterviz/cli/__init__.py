@@ -73,6 +73,11 @@ COMMANDS: dict[str, Command] = {
         "Show what each pixel, and each line of the shader, costs, as a page.",
         "clusterviz profile scene.yaml -o profile",
     ),
+    "complexity": Command(
+        "clusterviz.cli.complexity",
+        "Count the fragments of meshes, lines and points at each pixel, as a page.",
+        "clusterviz complexity scene.yaml -o complexity --orbit 360 --frames 36",
+    ),
     "bench": Command(
         "clusterviz.cli.bench",
         "Measure one part: compositing, ray casting, kernels, the network.",

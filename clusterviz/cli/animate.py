@@ -275,9 +275,8 @@ def command(
     with agree(channel, 0, "scene"):
         opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
         keys = load_path(path) if path else None
-        if orbit is not None and (opened.camera.position, opened.camera.parallel_scale) == (None, None):
-            opened = opened.model_copy(update={"camera": opened.camera.model_copy(update={"fit": "orbit"})})
-        count = _frames(orbit, keys, frames, fps, str(path))
+        opened = opened if orbit is None else fit_to_orbit(opened)
+        count = frame_count(orbit, keys, frames, fps, str(path))
     with agree(channel, 0, "output"):
         files = FrameFiles(output, resume, bool(opened.image.layers)) if channel.rank == 0 else None
         if channel.rank == 0:
@@ -311,7 +310,14 @@ def command(
             print_info(f"frame coherence: {movie.frame_coherence}")
 
 
-def _frames(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
+def fit_to_orbit(scene: Scene) -> Scene:
+    """Return a scene whose camera, if it is chosen automatically, shows everything from all sides."""
+    if (scene.camera.position, scene.camera.parallel_scale) != (None, None):
+        return scene
+    return scene.model_copy(update={"camera": scene.camera.model_copy(update={"fit": "orbit"})})
+
+
+def frame_count(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
     """Return the number of frames.
 
     Raises

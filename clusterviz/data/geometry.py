@@ -269,6 +269,88 @@ def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> 
         raise DataError("an index of a vertex is out of range", where=where, found=wrong, allowed=allowed)
 
 
+ALLOWED_OBJECTS = {
+    "meshes": "Mesh, (vertices, faces), or an object with vertices and faces (trimesh) or points and faces (pyvista)",
+    "lines": "Lines, a list of arrays (k, 3), or an object with points and lines (pyvista)",
+    "points": "Points, an array (n, 3), or an object with points or vertices",
+}
+
+
+def as_geometry(given: Any, section: str, where: str) -> Geometry:
+    """Return geometry in memory, as users of other libraries have it, for a section of a scene.
+
+    Parameters
+    ----------
+    given : see `ALLOWED_OBJECTS`; arrays of points and cells by name are kept
+    section : meshes, lines or points
+    where : for errors
+
+    Raises
+    ------
+    DataError
+        It is none of these, or indices are out of range.
+    """
+    if isinstance(given, Geometry):
+        return given
+    if isinstance(given, Mesh):
+        return Geometry(mesh=given)
+    if isinstance(given, Lines):
+        return Geometry(lines=given)
+    if isinstance(given, Points):
+        return Geometry(points=given)
+    positions = next((getattr(given, name) for name in ("points", "vertices") if hasattr(given, name)), None)
+    cells = getattr(given, {"meshes": "faces", "lines": "lines", "points": "points"}[section], None)
+    try:
+        if section == "points":
+            placed = _positions(given if positions is None else positions)
+            return Geometry(points=Points(where, placed, _arrays(given, "point", len(placed))))
+        if section == "lines" and positions is None:
+            each = [_positions(line) for line in given]
+            offsets = np.cumsum([0, *map(len, each)])
+            return Geometry(lines=Lines(where, np.concatenate([np.empty((0, 3), np.float32), *each]), offsets))
+        if positions is None:
+            positions, cells = given
+        placed, numbers = _positions(positions), np.asarray(cells)
+        offsets, corners = _cells(numbers)
+        of_points, of_cells = _arrays(given, "point", len(placed)), _arrays(given, "cell", len(offsets) - 1)
+        if section == "lines":
+            check_indices(corners, len(placed), where)
+            along = {name: array[corners] for name, array in of_points.items()}
+            return Geometry(lines=Lines(where, placed[corners], offsets, along, of_cells))
+        triangles, polygon = triangulate(offsets, corners)
+        return Geometry(Mesh(where, placed, triangles, of_points, {n: a[polygon] for n, a in of_cells.items()}))
+    except (TypeError, ValueError) as error:
+        allowed = ALLOWED_OBJECTS[section]
+        raise DataError("not geometry", where=where, found=type(given).__name__, allowed=allowed) from error
+
+
+def _positions(given: Any) -> NDArray[Any]:
+    array = np.ascontiguousarray(given)
+    return array.astype(np.promote_types(array.dtype, np.float32), copy=False).reshape(-1, 3)
+
+
+def _cells(numbers: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return offsets and corners of cells (m, c), or of VTK's list: the number of corners before those of each cell."""
+    if numbers.ndim == 2:
+        return np.arange(len(numbers) + 1) * numbers.shape[1], numbers.ravel()
+    flat, begins = numbers.astype(np.int64), [0]
+    while begins[-1] < len(flat):
+        begins.append(begins[-1] + 1 + max(0, int(flat[begins[-1]])))
+    if begins[-1] != len(flat):
+        raise ValueError("the last cell is cut off")
+    is_corner = np.ones(len(flat), bool)
+    is_corner[begins[:-1]] = False
+    return np.array(begins) - np.arange(len(begins)), flat[is_corner]
+
+
+def _arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
+    """Return the named arrays of an object that fit: those of pyvista and trimesh."""
+    names = (f"{noun}_data", {"point": "vertex_attributes", "cell": "face_attributes"}[noun])
+    found: Any = next((getattr(given, name) for name in names if hasattr(given, name)), {})
+    arrays = {str(name): np.asarray(found[name]) for name in found.keys()}  # noqa: SIM118 (not all are mappings)
+    return {n: a for n, a in arrays.items() if a.dtype.kind in "iufb" and a.ndim in (1, 2) and len(a) == count}
+
+
 def _check_positions(positions: NDArray[Any], where: str) -> None:
     if positions.ndim != 2 or positions.shape[1] != 3 or positions.dtype not in (np.float32, np.float64):
         found = f"{positions.dtype} {positions.shape}"

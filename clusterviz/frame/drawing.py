@@ -39,12 +39,14 @@ class Drawing:
     Attributes
     ----------
     sample_counts : for each piece drawn last its rectangle, and its samples as `RenderResult.work`
+    fragments : for each piece drawn last, as `RenderResult.fragments`
     """
 
     def __init__(self, reader: BrickReader) -> None:
         self._reader = reader
         self._renderers: RendererCache | None = None
         self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
+        self.fragments: list[NDArray[np.int32]] = []
         self._received: dict[Index, tuple[int, Stored]] = {}
         self._pieces: list[Piece] = []
 
@@ -107,13 +109,14 @@ class Drawing:
         with run.local("render"):
             mine = work.pieces_of(run.channel.rank)
             pieces = mine if tiles is None else self._in_tiles(mine, tiles)
-            self.sample_counts, self._pieces = [], mine if tiles is None else []
+            self.sample_counts, self.fragments, self._pieces = [], [], mine if tiles is None else []
             if self._renderers is None or work.plan is None:
                 return [], RankFrame({})
             began, began_cpu = perf_counter(), process_time()
             drawn = self._renderers.draw(work.plan, pieces, partial(run.options.progress, "render"))
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - began_cpu)
             self.sample_counts = [(each.partial.rect, each.work) for each in drawn]
+            self.fragments = [each.fragments for each in drawn]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)
                 began = run.clock.add_span("readback", began, each.seconds_readback)

@@ -167,7 +167,8 @@ class FrameLoop:
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        return DrawnFrame(run.frame, work, partials, counts, self._infos, self._changes(run, work), layers)
+        found = self._infos, self._changes(run, work), layers, self._drawing.fragments
+        return DrawnFrame(run.frame, work, partials, counts, *found)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""

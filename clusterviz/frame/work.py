@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.comm import abort_on_failure, mark_agreed
 from clusterviz.data.source import Index
@@ -79,6 +80,7 @@ class DrawnFrame:
     infos : info of each volume and surface
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
+    fragments : of each partial image, as `RenderResult.fragments`
     """
 
     number: int
@@ -88,6 +90,7 @@ class DrawnFrame:
     infos: tuple[Info, ...] = ()
     changes: tuple[Change, ...] = ()
     layers: Sequence[tuple[PartialImage, PartialImage]] = ()
+    fragments: Sequence[NDArray[np.int32]] = ()
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, fron
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
 from clusterviz.render.abuffer.primitives import TableCache
+from clusterviz.render.abuffer.tiles import ManyFragmentsError
 from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
@@ -41,6 +42,7 @@ from clusterviz.render.render_result import (
     Progress,
     RenderResult,
     footprint,
+    joined_bands,
     no_progress,
 )
 from clusterviz.render.storage import slot_of
@@ -228,20 +230,15 @@ class Raycaster:
         while top < rect.y_end:
             began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
             own = starts and starts.rows(top - rect.y_begin, band.y_end - rect.y_begin)
-            drawn.append(self._draw_piece(plan, band, _only(tables), started, own, ONLY if tables.alone else 1))
+            try:
+                drawn.append(self._draw_piece(plan, band, _only(tables), started, own, ONLY if tables.alone else 1))
+            except ManyFragmentsError:
+                rows = max(TILE, band.height // 2 // TILE * TILE)
+                continue
             started = perf_counter()
             progress((band.y_end - rect.y_begin) / rect.height)
             top, rows = band.y_end, max(TILE, int(rows * PROGRESS_SECONDS / (started - began)) // TILE * TILE)
-        rgba, work = (np.concatenate(part) for part in zip(*((d.partial.rgba, d.work) for d in drawn), strict=True))
-        seconds = sum(each.seconds_render for each in drawn), sum(each.seconds_readback for each in drawn)
-        return RenderResult(
-            PartialImage(rect, rgba),
-            sum(each.samples for each in drawn),
-            tables.bricks,
-            *seconds,
-            work,
-            fragments=sum(each.fragments for each in drawn),
-        )
+        return joined_bands(rect, drawn)
 
     def _draw_layers(
         self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Rays | None
@@ -269,8 +266,9 @@ class Raycaster:
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
-        ahead, squares, fragments = 1 + rect.pixels, groups[0] * groups[1], 0
+        ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         geometry = plan.multi_volume.geometry if plan.multi_volume else ()
+        fragments = np.zeros((rect.height, rect.width) if geometry else (0, 0), np.int32)
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             if isinstance(starts, Crossing):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,7 +51,7 @@ class RenderResult:
     seconds_render, seconds_readback : time for drawing, and for reading pixels back
     occluded : bricks not drawn, as all rays ended in front of them
     frame_coherence : counts of rays; None without frame coherence
-    fragments : number of fragments of meshes, lines and points
+    fragments : int32 (h, w), fragments of meshes, lines and points at each pixel; (0, 0) without any of these
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -63,7 +63,22 @@ class RenderResult:
     work: NDArray[np.uint32] = field(default_factory=lambda: np.zeros((0, 0), np.uint32))
     occluded: int = 0
     frame_coherence: FrameCoherence | None = None
-    fragments: int = 0
+    fragments: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+
+
+def joined_bands(rect: Rect, drawn: Sequence[RenderResult]) -> RenderResult:
+    """Return the result of a rectangle that was drawn in bands of whole squares, from top to bottom."""
+    parts = ((d.partial.rgba, d.work, d.fragments) for d in drawn)
+    rgba, work, fragments = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return RenderResult(
+        PartialImage(rect, rgba),
+        sum(each.samples for each in drawn),
+        drawn[0].bricks,
+        sum(each.seconds_render for each in drawn),
+        sum(each.seconds_readback for each in drawn),
+        work,
+        fragments=fragments,
+    )
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:

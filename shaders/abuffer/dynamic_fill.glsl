@@ -1,8 +1,13 @@
 // Stores fragments in the part of `key` that was counted for each pixel.
-uint place;
+int place;
 
-void begin_list(int pixel) {
-    place = fragment_begin[pixel];
+bool begin_list(int pixel) {
+    place = int(fragment_begin[pixel]);
+    int count = int(fragment_begin[pixel + 1]) - place;
+    if (count > EARLY) return true;
+    for (int n = 0; n < count; ++n) key[place + n] = early[EARLY * pixel + n];
+    place += count;
+    return false;
 }
 
 void put(uvec2 fragment) {
@@ -10,5 +15,5 @@ void put(uvec2 fragment) {
 }
 
 void end_list(int pixel) {
-    sort(int(fragment_begin[pixel]), int(place));
+    sort(int(fragment_begin[pixel]), place);
 }

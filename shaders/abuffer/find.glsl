@@ -1,5 +1,5 @@
-// Fragments of a pixel: `begin_list`, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
-// Find a fragment that lies in this box; key.
+// Fragments of a pixel: `begin_list`, which is false if they are known, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
+// Find a fragment that lies in a brick of this box, and its key.
 bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
     found = uvec2(0u);
@@ -7,14 +7,13 @@ bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     found = uvec2(sorted_bits(hit.depth), 2u * uint(row) + uint(side));
     double position = position_of(hit.depth);
     if (position < ray.kept.x || position > ray.kept.y) return false;
-    return owned(cell_of(midpoint(ray, slab_at_position(position, ray.slabs))));
+    ivec3 cell = cell_of(midpoint(ray, slab_at_position(position, ray.slabs)));
+    if (!owned(cell)) return false;
+    ivec3 brick = cell / BRICK - frame.bricks_begin.xyz, count = frame.bricks_count.xyz;
+    return brick_offset[(brick.z * count.y + brick.y) * count.x + brick.x] >= 0; // else another rank's
 }
 
-void find_all(ivec2 pixel, int tile) {
-    Ray ray = ray_through(pixel + frame.rect.xy);
-    cut(ray, false);
-    face_primitives(ray);
-    begin_list(pixel.y * frame.rect.z + pixel.x);
+void find_in(Ray ray, int tile) {
     int begin = int(tile_begin[tile]), end = int(tile_begin[tile + 1]);
     uvec2 last = uvec2(0xffffffffu), found;
     for (int pass = SOME_OPAQUE ? 0 : 1; pass < (ALL_OPAQUE ? 1 : 2); ++pass) {
@@ -30,5 +29,15 @@ void find_all(ivec2 pixel, int tile) {
         }
     }
     if (SOME_OPAQUE && last.y != 0xffffffffu) put(last);
-    end_list(pixel.y * frame.rect.z + pixel.x);
+}
+
+void find_all(ivec2 pixel, int tile) {
+    int number = pixel.y * frame.rect.z + pixel.x;
+    if (begin_list(number)) {
+        Ray ray = ray_through(pixel + frame.rect.xy);
+        cut(ray, false);
+        face_primitives(ray);
+        find_in(ray, tile);
+    }
+    end_list(number);
 }

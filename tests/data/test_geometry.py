@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,16 @@ from data.checks import refused
 from data.mesh_writers import FILES, HEAT, LABEL, OFFSETS, PATH, TRIANGLES, VERTICES
 
 from clusterviz.data import MESH_EXTENSIONS, mesh_format_of, open_source, read_geometry
-from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, merge_equal, triangulate, triangulate_strips
+from clusterviz.data.geometry import (
+    Geometry,
+    Lines,
+    Mesh,
+    Points,
+    as_geometry,
+    merge_equal,
+    triangulate,
+    triangulate_strips,
+)
 from clusterviz.errors import DataError
 
 ROOT = Path(__file__).parents[2]
@@ -397,3 +407,48 @@ def test_a_tree_of_nodes_may_be_deep(tmp_path: Path) -> None:
     ring = json.dumps({"asset": {"version": "2.0"}, "nodes": [{"children": [1]}, {"children": [0]}]})
     (tmp_path / "a.gltf").write_text(ring)
     refused(lambda: read_geometry(tmp_path / "a.gltf"), "no tree", "each is a child")
+
+
+def test_objects_of_other_libraries_are_geometry() -> None:
+    """pyvista's cells are lists with their lengths in front, and its arrays follow the cut of polygons."""
+    heat, of_cells = np.arange(4.0), np.array([7, 8])
+    polygons = SimpleNamespace(
+        points=VERTICES,
+        faces=np.array([4, 0, 1, 2, 3, 3, 0, 2, 3]),
+        lines=np.array([2, 0, 3, 3, 1, 1, 2]),
+        point_data={"heat": heat, "names": np.array(["a"] * 4)},
+        cell_data={"label": of_cells},
+    )
+    mesh, path = as_geometry(polygons, "meshes", "m").mesh, as_geometry(polygons, "lines", "l").lines
+    assert mesh is not None
+    assert path is not None
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 2, 3]]
+    assert mesh.triangle_attributes["label"].tolist() == [7, 7, 8]
+    assert list(mesh.vertex_attributes) == ["heat"]
+    np.testing.assert_array_equal(path.points, VERTICES[[0, 3, 1, 1, 2]])
+    assert path.offsets.tolist() == [0, 2, 5]
+    assert path.point_attributes["heat"].tolist() == [0, 3, 1, 1, 2]
+    loose = as_geometry([VERTICES[:2], VERTICES[1:]], "lines", "l").lines
+    assert loose is not None
+    assert loose.offsets.tolist() == [0, 2, 5]
+    for given in (VERTICES.tolist(), polygons, Points("p", VERTICES)):
+        points = as_geometry(given, "points", "p").points
+        assert points is not None
+        np.testing.assert_array_equal(points.positions, VERTICES)
+    whole = Geometry(mesh=mesh)
+    assert as_geometry(whole, "meshes", "m") is whole
+
+
+@pytest.mark.parametrize(
+    ("given", "section", "said"),
+    [
+        (3, "meshes", "not geometry; found int; allowed Mesh"),
+        ("bone", "points", "not geometry; found str"),
+        ((VERTICES, TRIANGLES + 1), "meshes", "out of range"),
+        (SimpleNamespace(points=VERTICES, lines=np.array([2, 0, 9])), "lines", "out of range; found 9"),
+        (SimpleNamespace(points=VERTICES, faces=np.array([3, 0, 1])), "meshes", "not geometry"),
+        (VERTICES.ravel()[:-1], "points", "not geometry; found ndarray"),
+    ],
+)
+def test_objects_that_are_no_geometry(given: Any, section: str, said: str) -> None:
+    refused(lambda: as_geometry(given, section, "m"), f"m: .*{said}")

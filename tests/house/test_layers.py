@@ -31,7 +31,7 @@ LEVELS = (
     ("frame",),
     ("report.output",),
     ("report.scale", "report.tradeoff", "viewer", "debugger"),
-    ("report.profile",),
+    ("report.profile", "report.complexity"),
     ("cli",),
     ("__main__",),
 )

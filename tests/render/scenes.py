@@ -197,7 +197,7 @@ def draw(
 ) -> RenderResult:
     """Draw one box of bricks, by default all, by OpenGL, or without a context by the CPU."""
     piece = Piece(0, box or build_tree(prepared.plan.cost, 1).leaves[0].trimmed)
-    return _draw(where, prepared, (piece,), **limits)[0][0]
+    return draw_pieces(where, prepared, (piece,), **limits)[0][0]
 
 
 def drawn(where: moderngl.Context | None, prepared: Prepared, parts: int = 1, **limits: Any) -> tuple[np.ndarray, int]:
@@ -213,13 +213,13 @@ def drawn_in(
     trees = [build_tree(plan.cost, parts) for parts in numbers]
     pieces = [leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward) for tree in trees]
     found = []
-    for results in _draw(where, prepared, *pieces, **limits):
+    for results in draw_pieces(where, prepared, *pieces, **limits):
         merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
         found.append((finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)))
     return found
 
 
-def _draw(
+def draw_pieces(
     where: moderngl.Context | None,
     prepared: Prepared,
     *pictures: tuple[Piece, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import moderngl
@@ -15,8 +16,10 @@ from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
-from clusterviz.render.cpu.width import WIDTHS
+from clusterviz.render.abuffer import tiles
+from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
@@ -181,6 +184,20 @@ def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
         assert np.abs(found - first).max() <= 2e-6, brick
 
 
+@EACH
+def test_bricks_of_other_ranks_within_a_box_are_left_to_them(where: Any, caster: str) -> None:
+    """Every second brick of the whole box."""
+    scene = prepared(scene_of((), "outside", 9), (), LIT)
+    box, layout = build_tree(scene.plan.cost, 1).leaves[0].box, scene.plan.layout
+    even = np.indices(layout.counts_zyx).sum(axis=0) % 2 == 0
+    counts = [
+        scenes.draw_pieces(where, scene, (Piece(0, box, own),))[0][0].fragments for own in (even, ~even, even | ~even)
+    ]
+    assert counts[0].any()
+    assert counts[1].any()
+    assert np.array_equal(counts[0] + counts[1], counts[2])
+
+
 def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
     """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included."""
     cells = np.stack(np.meshgrid(np.arange(9), np.arange(9), indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
@@ -209,3 +226,49 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
     found = drawn(None, scene, (), entries)
     assert np.abs(found - expected(scene, (), entries)).max() <= 1e-6
     assert found[..., 0].max() == 0.5
+
+
+@EACH
+def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_of((), "inside", size=(40, 45))
+    first = drawn(where, scene, (), LIT)
+    monkeypatch.setattr(tiles, "MOST_BYTES", 40 * 8 * 8 * 9)
+    assert np.array_equal(drawn(where, scene, (), LIT), first)
+
+
+@EACH
+def test_many_fragments_in_one_pixel(where: Any, caster: str) -> None:
+    """Far beyond what is sorted at once, and elsewhere none."""
+    count = 3000 if where else 10000
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1.5, 0]]) * 0.1 + [10.2, 10.2, 0]
+    depths = np.random.default_rng(1).permutation(np.linspace(2, 18, count))
+    vertices = (corners + depths[:, None, None] * [0, 0, 1]).reshape(-1, 3)
+    mesh = Mesh("m", vertices, np.arange(3 * count).reshape(-1, 3), {}, {"z": depths})
+    camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=2.0)
+    scene = scene_of((), size=(10, 10)).model_copy(update={"camera": camera})
+    entries = ((section(shade=False, scalars="z", opacity=0.001, clim=(2.0, 18.0)), mesh),)
+    found = drawn(where, scene, (), entries)
+    assert 1 <= (found[..., 3] > 0).sum() <= 2
+    assert np.abs(found - expected(scene, (), entries)).max() <= 2e-5
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 1e9), (1e-9, 0.0), (1e9, 0.0)])
+def test_neither_units_nor_the_origin_matter(scale: float, offset: float) -> None:
+    """From within the meshes; with one lane, too."""
+    first, near = drawn(None, scene_of((), "inside"), (), PLAIN), CAMERAS["inside"]
+    places = {name: tuple(scale * x + offset for x in getattr(near, name)) for name in ("position", "focal_point")}
+    scene = scene_of((), "inside").model_copy(update={"camera": near.model_copy(update=places)})
+    entries = tuple(
+        (one, replace(mesh, vertices=scale * mesh.vertices.astype(np.float64) + offset)) for one, mesh in PLAIN
+    )
+    assert np.abs(drawn(None, scene, (), entries, width=Width(1, "one lane")) - first).max() <= 1e-6
+
+
+@pytest.mark.parametrize(("position", "scale"), [((-20, 10, 9), 8.0), ((10, 10, -20), None), ((10, 10, 9), None)])
+def test_a_plane_alone(position: tuple[float, float, float], scale: float | None) -> None:
+    """Seen edge-on, from its front, and from within."""
+    corners = np.array([[4.0, 4, 9], [16, 4, 9], [16, 16, 9], [4, 16, 9]])
+    entries = ((section(opacity=0.5), Mesh("m", corners, np.array([[0, 2, 1], [0, 3, 2]]))),)
+    camera = Camera(position=position, focal_point=(12, 10.001, 9), view_up=(0.1, 0.2, 1), parallel_scale=scale)
+    scene = scene_of(()).model_copy(update={"camera": camera})
+    assert np.abs(drawn(None, scene, (), entries) - expected(scene, (), entries)).max() <= 1e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -129,3 +130,26 @@ def test_a_former_name_of_a_key_is_read_with_a_note() -> None:
     for make in makers:
         with pytest.warns(FutureWarning, match="leaping is called frame_coherence now"):
             assert make().quality.frame_coherence
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "value"),
+    [
+        (["opacity=0.3"], "meshes.0.opacity", 0.3),  # there is no volume
+        (["meshes.0.opacity=0.3"], "meshes.0.opacity", 0.3),
+        (["radius=2"], "points.0.radius", 2.0),
+        (["shading=flat"], "meshes.0.shading", "flat"),
+        (["volumes=[{path: a}]", "opacity=0.3"], "volumes.0.opacity", 0.3),
+        (["volumes=[{path: a}]", "culling=back"], "meshes.0.culling", "back"),
+    ],
+)
+def test_a_last_name_is_that_of_a_surface_if_no_volume_has_it(
+    tmp_path: Path, options: list[str], key: str, value: object
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    has_points = key.startswith("points")
+    scene.write_text("points: [{path: p.csv}]" if has_points else "meshes: [{path: m.ply}]")
+    found: Any = load_scene(scene, options)
+    assert getattr(found, key.split(".")[0])[0].path.startswith(str(tmp_path)) or key.startswith("volumes")
+    section, _, name = key.split(".")
+    assert getattr(getattr(found, section)[0], name) == value

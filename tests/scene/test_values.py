@@ -51,8 +51,35 @@ def test_numpy_numbers_and_arrays_are_taken() -> None:
     assert type(made.opacity) is float
 
 
+def beside(mesh: dict[str, Any], **sections: Any) -> dict[str, Any]:
+    """A mesh with further keys, and other sections."""
+    return {"meshes": [{"path": "a.ply", **mesh}], **sections}
+
+
+SQUASHED = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+SURFACES = "not with meshes, lines or points"
 COHERENT, NOT_WITH = {"quality": {"frame_coherence": True}}, "quality.frame_coherence: not with"
 BAD = [
+    (beside({"colour": "red"}), "meshes[0].colour: unknown key, did you mean color?", "colour", "path, color"),
+    (beside({"color": "ivroy"}), "meshes[0].color", '"ivroy"', "a CSS colour name"),
+    (beside({"color": "transparent"}), "meshes[0].color", '"transparent"', "a CSS colour name, #rrggbb, or [r, g, b]"),
+    (beside({"opacity": 2}), "meshes[0].opacity", "2", "at most 1"),
+    (beside({"opacity": "linear"}), "meshes[0].opacity: no scalars", "", "a number, or scalars beside it"),
+    (beside({"shading": "round"}), "meshes[0].shading", '"round"', "smooth, flat"),
+    (beside({"transform": SQUASHED}), "meshes[0].transform: not affine and invertible", "[[1", "4 rows of 4 numbers"),
+    (beside({"transform": SQUASHED[:3]}), "meshes[0].transform", "[[1", "a list, such as [[1, 0, 0, 10]"),
+    ({"lines": [{"path": "a", "radius": 0}]}, "lines[0].radius", "0", "more than 0"),
+    ({"points": [{"path": "a", "radius": -1}]}, "points[0].radius", "-1", "more than 0"),
+    ({"points": [{"path": "a", "radius": True}]}, "points[0].radius: not a radius", "true", "the name of an array"),
+    ({"meshes": [{}]}, "meshes[0].path: missing", "", "a value, such as"),
+    (
+        beside({}, volumes=[{"path": "a", "blending": "maximum"}]),
+        f"volumes[0].blending: {SURFACES}",
+        "maximum",
+        "alone",
+    ),
+    (beside({}, quality={"filter": "hardware"}), f"quality.filter: {SURFACES}", '"hardware"', "one volume alone"),
+    (beside({}, image={"layers": ["depth"]}), f"image.layers: {SURFACES}", '["depth"]', "[], or volumes alone"),
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
     (volume(spacing=[1, 1]), "volumes[0].spacing", "[1, 1]", "a list, such as [0.5, 0.5, 1.2]"),
     (volume(origin=[1, 1, NAN]), "volumes[0].origin[2]", "NaN", "a finite number"),

@@ -14,7 +14,7 @@ from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
-from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, make_lists, prepare_tiles
+from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BINDING, check_memory, make_lists, prepare_tiles
 from clusterviz.spmd.machine_code import addresses, compiled
 
 Blocks = dict[int, NDArray[Any]]
@@ -43,21 +43,29 @@ def find_fragments(
     table: PrimitiveTable,
     rect: Rect,
     uniforms: Blocks,
+    offsets: NDArray[Any],
     lanes: int,
     run: Run,
     threads: tuple[Executor, int],
-) -> tuple[Blocks, Blocks, int]:
-    """Return uniform blocks and storage buffers of geometry by their bindings, and the number of fragments.
+) -> tuple[Blocks, Blocks, NDArray[np.int32]]:
+    """Return uniform blocks and storage buffers of geometry by their bindings, and the fragments of pixels (h, w).
 
     Parameters
     ----------
     uniforms : blocks of the volumes' program
+    offsets : int32 (z, y, x) of the bricks of the box; negative: not drawn
     run : runs a program in all threads, given the table of addresses, the counter of tiles, and their number
     threads : their pool and number
+
+    Raises
+    ------
+    ManyFragmentsError
+        The rectangle should be divided.
     """
+    check_memory(rect, 0)
     shading = lit_layer(plan)
     lights = len(shading.lights) if shading else 0
-    lists = make_lists(plan, table, rect, lights, *threads)
+    lists = make_lists(plan, table, rect, lights, CPU_TILE, *threads)
     own: Blocks = {GEOMETRY_BINDING: lists.block}
     begins = np.zeros(rect.pixels + 1, np.uint32)
     buffers: Blocks = {
@@ -67,16 +75,18 @@ def find_fragments(
         14: table.layers,
         15: table.attributes,
     }
-    keys = np.zeros((1, 2), np.uint32)
+    keys, early = np.zeros((1, 2), np.uint32), np.empty((rect.pixels, EARLY, 2), np.uint32)
     for variant in find_variants(plan, lanes):
         state = np.zeros(COUNTER + 1, np.uint32)
-        passed = buffers | {2: state, 8: keys, 9: lists.begins, 10: lists.rows}
+        passed = buffers | {2: state, 3: offsets, 16: early, 8: keys, 9: lists.begins, 10: lists.rows}
         run(compiled_pass(variant), addresses(uniforms | own, passed, ONE_GROUP), state, len(lists.begins) - 1)
         if variant.step == "count":
             np.cumsum(begins, out=begins)
+            check_memory(rect, int(begins[-1]))
             if not begins[-1]:
                 break
             keys = np.empty((int(begins[-1]), 2), np.uint32)
     if shading:
         own[LIGHTING_BINDING] = shading.block()
-    return own, buffers | {8: keys}, int(begins[-1])
+    counts = (begins[1:] - begins[:-1]).view(np.int32)
+    return own, buffers | {8: keys}, counts.reshape(rect.height, rect.width)

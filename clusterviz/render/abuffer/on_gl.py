@@ -17,8 +17,14 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
-from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, TILE, make_lists, prepare_tiles
+from clusterviz.render.abuffer.program import (
+    LIGHTING_BINDING,
+    MOST_SORTED,
+    FindVariant,
+    find_variants,
+    lit_layer,
+)
+from clusterviz.render.abuffer.tiles import EARLY, GEOMETRY_BINDING, GPU_TILE, check_memory, make_lists, prepare_tiles
 
 Make = Callable[[NDArray[Any]], moderngl.Buffer]
 Programs = Mapping[FindVariant, moderngl.ComputeShader]
@@ -34,16 +40,23 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
 
 def bind_fragments(
     context: moderngl.Context, programs: Programs, plan: Plan, table: PrimitiveTable, rect: Rect, make: Make
-) -> int:
-    """Find fragments and bind them for drawing; return their number.
+) -> NDArray[np.int32]:
+    """Find fragments and bind them for drawing; return the number of each pixel (h, w).
 
     Parameters
     ----------
     programs : compiled; the uniform blocks of the frame and of clipping are bound
     make : makes a buffer, of at least one byte
+
+    Raises
+    ------
+    ManyFragmentsError
+        The rectangle should be divided.
     """
+    most = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+    check_memory(rect, 0, most)
     shading, threads = lit_layer(plan), kernel_threads()
-    lists = make_lists(plan, table, rect, len(shading.lights) if shading else 0, _pool(), threads)
+    lists = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
     make(lists.block).bind_to_uniform_block(GEOMETRY_BINDING)
     if shading:
         make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
@@ -60,21 +73,22 @@ def bind_fragments(
     begins = make(np.zeros(rect.pixels + 1, np.uint32))
     keys = make(np.zeros((1, 2), np.uint32))
     begins.bind_to_storage_buffer(11)
-    total = 0
+    make(np.zeros((rect.pixels, EARLY, 2), np.uint32)).bind_to_storage_buffer(16)
     for variant in find_variants(plan):
         keys.bind_to_storage_buffer(8)
-        run_compute(programs[variant], (-(-rect.width // TILE), -(-rect.height // TILE)))
+        run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
         context.memory_barrier()
         if variant.step == "count":
             counts = np.frombuffer(begins.read(), np.uint32)
             ends = np.cumsum(counts, dtype=np.uint32)
             total = int(ends[-1])
+            check_memory(rect, total, most)
             if not total:
                 break
             begins.write(ends.tobytes())
             keys = make(np.zeros((total, 2), np.uint32))
     _sort_long(keys, counts[1:], ends[:-1])
-    return total
+    return counts[1:].view(np.int32).reshape(rect.height, rect.width)
 
 
 def _sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:

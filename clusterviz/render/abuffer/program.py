@@ -14,7 +14,7 @@ from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
-from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK, TILE
+from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BLOCK, GPU_TILE
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
@@ -116,8 +116,9 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     opaque = {layer.opaque for layer in layers}
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
+    brick = 0 if lanes else plan.layout.brick
     steps: tuple[Pass, ...] = ("count", "fill") if layers else ()
-    return [FindVariant(step, plan.march.jittered, planes, kinds_of(plan), which, lanes) for step in steps]
+    return [FindVariant(step, plan.march.jittered, planes, kinds_of(plan), which, brick, lanes) for step in steps]
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ class FindVariant:
     jittered, planes : as in `Variant`
     kinds : as in `GeometryVariant`
     opaque : which layers are opaque
+    brick : cells along the side of a brick; on a CPU a variable
     lanes : of a CPU's vectors; 0 for a GPU
     """
 
@@ -138,6 +140,7 @@ class FindVariant:
     planes: int
     kinds: tuple[Kind, ...]
     opaque: Literal["no", "some", "all"]
+    brick: int
     lanes: int = 0
 
     @property
@@ -152,14 +155,15 @@ class FindVariant:
         lines = [
             "#define BEGINS " + ("" if self.step == "count" else "readonly"),
             "#define KEYS",
-            f"const int LIST_TILE = {TILE}, PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
+            f"const int LIST_TILE = {CPU_TILE if self.lanes else GPU_TILE}, EARLY = {EARLY};",
+            f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
-            f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;",
+            f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
         if self.lanes:
-            planes = f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
+            planes = f"int BRICK = sizes[0].cells.w, PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
             lines[-1:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
         return assemble(
             "abuffer.glsl",

@@ -10,7 +10,6 @@ from typing import Any
 
 import numba
 
-TILE = 8  # pixels along its side, as LIST_TILE in find_tiles.glsl
 ROUNDED = 1e-6  # of float32 coordinates, with a margin
 MARGIN = 1e-2  # pixels
 LENS = 8  # numbers of `lens_of`
@@ -37,12 +36,13 @@ def move(matrix, unit, positions, radii, target):  # type: ignore[no-untyped-def
         target[n, 3] = radii[n] * unit[0] if len(radii) else 0.0
 
 
-def list_tiles(lens, kind, row, vertices, corners, places, rows):  # type: ignore[no-untyped-def]
+def list_tiles(lens, tile, kind, row, vertices, corners, places, rows):  # type: ignore[no-untyped-def]
     """Count the primitives of each tile, or write their rows.
 
     Parameters
     ----------
     lens : float64 (LENS,)
+    tile : pixels along its side
     kind : of the primitives, as in primitives.glsl
     row : number of the first one
     vertices : float32 (n, 4)
@@ -75,14 +75,14 @@ def list_tiles(lens, kind, row, vertices, corners, places, rows):  # type: ignor
         if is_behind:
             continue
         # Centres of pixels.
-        i, i_end, j, j_end = 0, TILE * across - 1, 0, TILE * down - 1
+        i, i_end, j, j_end = 0, tile * across - 1, 0, tile * down - 1
         if is_ahead:
             i, i_end = _pixel(math.ceil(x_low - MARGIN), i, i_end + 1), _pixel(math.floor(x_high + MARGIN), -1, i_end)
             j, j_end = _pixel(math.ceil(y_low - MARGIN), j, j_end + 1), _pixel(math.floor(y_high + MARGIN), -1, j_end)
         if i > i_end or j > j_end:
             continue
-        for v in range(j // TILE, j_end // TILE + 1):
-            for u in range(i // TILE, i_end // TILE + 1):
+        for v in range(j // tile, j_end // tile + 1):
+            for u in range(i // tile, i_end // tile + 1):
                 if len(rows):
                     rows[places[v, u]] = row + n
                 places[v, u] += 1

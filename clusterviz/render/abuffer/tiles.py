@@ -17,7 +17,8 @@ from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 
-TILE = 8  # as in tile_kernel.py
+CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
+EARLY = 8  # fragments of a pixel that are kept as they are counted
 LEAST = 1 << 13  # primitives or vertices of a task
 GEOMETRY = np.dtype(
     [
@@ -44,9 +45,37 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "float64[::1]; int64; int64; float32[:,::1]; int32[:,::1]; int64[:,::1]; uint32[::1]",
+    "float64[::1]; int64; int64; int64; float32[:,::1]; int32[:,::1]; int64[:,::1]; uint32[::1]",
     _SOURCES,
 )
+
+
+MOST_BYTES = 1 << 30
+"""Memory for the fragments of a rectangle, beyond which it is divided."""
+LEAST_ROWS = 8
+"""Rows of pixels that are not divided."""
+
+
+class ManyFragmentsError(Exception):
+    """A rectangle needs more memory for its fragments than is meant for them, and can be divided."""
+
+
+def check_memory(rect: Rect, fragments: int, most: int = 0) -> None:
+    """Check the memory of a rectangle's fragments.
+
+    Parameters
+    ----------
+    fragments : found so far
+    most : bytes of the largest buffer; 0: only `MOST_BYTES` counts
+
+    Raises
+    ------
+    ManyFragmentsError
+        It is too much.
+    """
+    size = 8 * max(fragments, EARLY * rect.pixels)
+    if rect.height > LEAST_ROWS and size > min(MOST_BYTES, most or MOST_BYTES):
+        raise ManyFragmentsError
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +102,7 @@ def prepare_tiles() -> None:
         kernel.prepare()
 
 
-def camera_block(plan: Plan, rect: Rect, lights: int) -> NDArray[np.void]:
+def camera_block(plan: Plan, rect: Rect, lights: int, tile: int) -> NDArray[np.void]:
     """Return the block `geometry`; `GEOMETRY` (1,).
 
     The camera's coordinates are relative to the point of the domain that is nearest to the eye, on every rank.
@@ -87,7 +116,7 @@ def camera_block(plan: Plan, rect: Rect, lights: int) -> NDArray[np.void]:
         axis /= np.linalg.norm(axis)
         block[name][0] = *axis, -(axis @ centre)
     block["eye"][0, 0] = block["forward"][0, :3] @ (eye - centre)
-    across, down = -(-rect.width // TILE), -(-rect.height // TILE)
+    across, down = -(-rect.width // tile), -(-rect.height // tile)
     block["counts"][0] = len(plan.multi_volume.geometry), across, across * down, lights
     return block
 
@@ -107,16 +136,19 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope])
 
 
-def make_lists(plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, threads: Executor, count: int) -> TileLists:
+def make_lists(
+    plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, tile: int, threads: Executor, count: int
+) -> TileLists:
     """Return the lists of a rectangle of pixels.
 
     Parameters
     ----------
     lights : number of lights
+    tile : pixels along the side of a tile
     threads : do the work, in `count` tasks
     """
     assert plan.multi_volume, "there is geometry"
-    block = camera_block(plan, rect, lights)
+    block = camera_block(plan, rect, lights, tile)
     lens = lens_of(plan, block, rect)
     camera = np.stack([block[name][0] for name in ("right", "up", "forward")])
     vertices = np.empty((table.vertices, 4), np.float32)
@@ -142,7 +174,7 @@ def make_lists(plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, threa
 
     def list_all(rows: NDArray[np.uint32]) -> None:
         waiting = [
-            threads.submit(_LIST, lens, kind, row, vertices, corners, own, rows)
+            threads.submit(_LIST, lens, tile, kind, row, vertices, corners, own, rows)
             for (kind, row, corners), own in zip(shares, places, strict=True)
         ]
         for one in waiting:

@@ -29,6 +29,7 @@ from clusterviz.plan.multi_volume import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
+from clusterviz.render.abuffer.tiles import ManyFragmentsError
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
@@ -44,6 +45,7 @@ from clusterviz.render.render_result import (
     Progress,
     RenderResult,
     footprint,
+    joined_bands,
     no_progress,
 )
 from clusterviz.render.sizes import is_far_apart
@@ -169,7 +171,7 @@ class VectorCaster:
             rays: Starts | Crossing | None = crossings[number] if crossings else None
             if plan.march.frame_coherence is not None:
                 rays = Starts.of(self._last_frame, plan, piece, rect)
-            drawn.append(self._draw_piece(plan, rect, shown, (started, part), rays))
+            drawn.append(self._draw_rect(plan, rect, shown, (started, part), rays))
         return drawn
 
     def release(self) -> None:
@@ -226,6 +228,18 @@ class VectorCaster:
             self._tables.table(plan.multi_volume.geometry if plan.multi_volume else (), bricks, self.pool.primitives),
         )
 
+    def _draw_rect(
+        self, plan: Plan, rect: Rect, shown: _Shown, report: tuple[float, Progress], rays: Starts | Crossing | None
+    ) -> RenderResult:
+        """Draw a rectangle of pixels, or its halves if it has too many fragments."""
+        try:
+            return self._draw_piece(plan, rect, shown, report, rays)
+        except ManyFragmentsError:
+            middle = rect.y_begin + max(SQUARE, rect.height // 2 // SQUARE * SQUARE)
+            halves = replace(rect, y_end=middle), replace(rect, y_begin=middle)
+            each = [self._draw_rect(plan, half, shown, (perf_counter(), no_progress), None) for half in halves]
+            return joined_bands(rect, each)
+
     def _draw_piece(
         self,
         plan: Plan,
@@ -243,10 +257,12 @@ class VectorCaster:
         uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
         if isinstance(rays, Crossing):
             frame["first_box"], pixels = 0, rays.pixels[0]
-        buffers, fragments = shown.buffers | {1: pixels, 2: state}, 0
+        buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
         if shown.geometry:
             threads = _pool(os.getpid()), self._threads
-            found = find_fragments(plan, shown.geometry, rect, uniforms, self._width.lanes, self._take_tiles, threads)
+            found = find_fragments(
+                plan, shown.geometry, rect, uniforms, buffers[3], self._width.lanes, self._take_tiles, threads
+            )
             uniforms, buffers, fragments = uniforms | found[0], buffers | found[1], found[2]
         assert shown.cast, "there are bricks"
         self._run(shown.cast, addresses(uniforms, buffers, ONE_GROUP, shown.textures), state, rect, progress)

@@ -1,0 +1,75 @@
+"""`clusterviz complexity`: count the fragments of meshes, lines and points at each pixel, and write a page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clusterviz.cli.animate import fit_to_orbit, frame_count
+from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.instrumentation import start
+from clusterviz.comm import agree
+from clusterviz.data import open_scene
+from clusterviz.errors import InputError
+from clusterviz.report.complexity.measure import Report, measure
+from clusterviz.report.complexity.page import NUMBERS, PAGE, as_json, write_report
+from clusterviz.report.output import check_folder, replacing_folder
+from clusterviz.report.tradeoff.page import check_libraries
+
+
+def command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    orbit: Annotated[
+        float | None, typer.Option(metavar="DEGREES", help="Turn about the focal point, round view_up.")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Number of frames of the orbit.")] = None,
+    define: Define = None,
+    size: Size = None,
+    device: DeviceOption = None,
+    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+) -> None:
+    """Count the fragments of meshes, lines and points at each pixel; under mpirun, on all ranks."""
+    channel, _ = start()
+    with agree(channel, 0, "scene"):
+        if orbit is None and frames is not None:
+            raise InputError("nothing moves", where="--frames", found=frames, allowed="--orbit DEGREES beside it")
+        count = 1 if orbit is None else frame_count(orbit, None, frames, 1.0, "")
+        opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
+        if not opened.surfaces:
+            where, allowed = f"{scene}: meshes, lines, points", "a scene with one of them"
+            raise InputError("nothing to count", where=where, allowed=allowed)
+        opened = opened if orbit is None else fit_to_orbit(opened)
+    with agree(channel, 0, "output"):
+        if channel.rank == 0:
+            check_libraries()
+            check_folder(output, NUMBERS)
+    names = [f"frame {number + 1} of {count}" for number in range(count)]
+    with show_progress(names if channel.rank == 0 else ()) as progress:
+        report = measure(opened, channel, device_choice, (orbit, count), progress)
+    with agree(channel, count, "write"):
+        if report is not None:
+            with replacing_folder(output, NUMBERS) as temporary:
+                write_report(temporary, Path(scene).name, report)
+    if report is None:
+        return
+    if as_numbers:
+        print(json.dumps(as_json(report), indent=2))
+        return
+    print_info(summary(report))
+    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+
+
+def summary(report: Report) -> str:
+    """Return the depth complexity of the first frame in a few lines."""
+    first = report.frames[0]
+    memory = ", ".join(f"{name} {size / 2**20:.1f} MiB" for name, size in first.fill_bytes.items())
+    shares = ", ".join(f"{size}: {count / max(1, first.covered):.1%}" for size, count in first.classes.items())
+    return (
+        f"fragments  {first.fragments:,}, at most {first.maximum:,} and on average {first.mean:.1f} at "
+        f"{first.covered:,} of {first.pixels:,} pixels\nclasses    {shares}\nmemory     {memory}"
+    )
