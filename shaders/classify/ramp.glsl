@@ -13,8 +13,6 @@ bool is_valid(float s) {
 }
 
 Class class_at(float s) {
-    // Nothing is visible below: any segment there does.
-    if (s < buckets.w) return Class(s, 0, 0.0, 0.0, 0.0, vec3(0.0), vec3(0.0), vec3(0.0));
     int segment = segment_of(is_valid(s) ? s : 0.0);
     vec4 a = part_of(segment, 0), b = part_of(segment, 1), c = part_of(segment, 2);
     return Class(s, segment, a.x, a.y, c.w, vec3(a.zw, b.x), b.yzw, c.xyz);
