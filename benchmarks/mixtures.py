@@ -15,7 +15,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from looks import whole_pieces
+from blend_modes import whole_pieces
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source

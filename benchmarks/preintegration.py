@@ -17,7 +17,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from looks import planned, whole_pieces
+from blend_modes import planned, whole_pieces
 
 from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample

@@ -15,7 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from looks import planned, whole_pieces
+from blend_modes import planned, whole_pieces
 from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_device

@@ -44,12 +44,21 @@ def function_address(name: str, sources: Iterable[bytes], make: Callable[[], byt
     sources : sources of the code
     make : compiles an object file with the function; called only if no file is found
     """
-    path, code = _find(name, sources)
-    if code is None:
+
+    def compile_it() -> bytes:
         on_compiling(name)
-        code = make()
-        _save(path, code)
-    return load_function(code, name)
+        return make()
+
+    return load_function(kept(_file_of(name, sources), compile_it), name)
+
+
+def kept(file: str, make: Callable[[], bytes]) -> bytes:
+    """Return what is kept in a file of this name, in one of `folders`; `make` returns it if there is no such file."""
+    path, content = _find(file)
+    if content is None:
+        content = make()
+        _save(path, content)
+    return content
 
 
 def load_function(code: bytes, name: str) -> int:
@@ -116,16 +125,19 @@ def has_features(*names: str) -> bool:
 
 def object_path(name: str, sources: Iterable[bytes]) -> Path:
     """Return the path of a function's object file, which need not exist."""
-    return _find(name, sources)[0]
+    return _find(_file_of(name, sources))[0]
 
 
-def _find(name: str, sources: Iterable[bytes]) -> tuple[Path, bytes | None]:
-    """Return the path and the code of a function's object file; without a file the path for it, and None."""
-    file = f"{name}-{fingerprint(sources)}.o"
+def _file_of(name: str, sources: Iterable[bytes]) -> str:
+    return f"{name}-{fingerprint(sources)}.o"
+
+
+def _find(file: str) -> tuple[Path, bytes | None]:
+    """Return the path and the content of a file that is kept; without a file the path for it, and None."""
     for each in folders():
-        code = read_code(each / file)
-        if code is not None:
-            return each / file, code
+        content = read_code(each / file)
+        if content is not None:
+            return each / file, content
     return folder() / file, None
 
 

@@ -296,8 +296,8 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
 
     look, rows = None, None
     if volume.shader is not None:
-        # The compiler takes a while to import, and few scenes need it.
-        from clusterviz.spmd.look import read_look
+        # Few scenes need it.
+        from clusterviz.spmd.look_files import read_look
 
         look, rows = read_look(volume.shader), _look_units(clim, grid)
     if volume.transfer_2d is None:

@@ -205,9 +205,9 @@ class Variant:
     def _on_cpu(self) -> dict[str, Files]:
         """Return the slots of files that a CPU does in its own way."""
         assert self.cpu, "a GPU draws"
-        starts = "packets_starts.glsl" if self.frame_coherence else "packets.glsl"
-        starts = "packets_crossing.glsl" if self.crossing else starts
-        found: dict[str, Files] = {"PACKETS": starts, "MAIN": "tiles.glsl"}
+        packets: Files = "packets_crossing.glsl" if self.crossing else "packets.glsl", "drawn_once.glsl"
+        packets = "packets_starts.glsl" if self.frame_coherence and not self.crossing else packets
+        found: dict[str, Files] = {"PACKETS": packets, "MAIN": "tiles.glsl"}
         if self.cpu.wide:
             found["WORDS"] = "words_wide.glsl"
         if self.cpu.pitched:
@@ -222,8 +222,8 @@ class Variant:
         found["SCALAR"] = field_file(self.filter, self.slot, True)
         if found["SCALAR"] == "linear_cells.glsl":
             found["PREFETCH"] = NOTHING
-            if self.surfaces and self.slot.kind == "u8":
-                found["CELL"] = ("extremes_u8.glsl", *cell_files(self.filter)[1:])
+            if self.surfaces and self.slot.kind != "f32":
+                found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.filter)[1:])
         if self.cpu.pieces:
             found["SEGMENT"] = ("segment.glsl", "piece_rows.glsl", "pieces.glsl")
         return found
@@ -381,6 +381,8 @@ class Variant:
         lines = [
             glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
             f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
+            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces.
+            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes)).lower()}; // of a brick are samples",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",

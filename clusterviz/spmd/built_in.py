@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from clusterviz.kernels.objects import has_features
 from clusterviz.spmd.emitter import Emitter, Part, constant
 
 Parts = list[Part]
@@ -116,6 +117,15 @@ def _power(emit: Emitter, x: Part, y: Part) -> Part:
     return emit.select(emit.compare(">", x, number(0.0)), found, number(0.0))
 
 
+def _fraction(emit: Emitter, a: Part) -> Part:
+    """Return what a number is above the whole one below: rounded down by AVX-512, in one step instead of three."""
+    if not (a.varying and a.element == "f" and emit.lanes == 16 and has_features("avx512dq")):
+        return emit.binary("-", a, emit.call("floor", a.element, a))
+    name, kind = "llvm.x86.avx512.mask.reduce.ps.512", emit.kind("f", True)
+    emit.declare(name, kind, [kind, "i32", kind, "i16", "i32"])
+    return emit.part(f"call {kind} @{name}({emit.of(a)}, i32 9, {kind} zeroinitializer, i16 -1, i32 4)", "f", True)
+
+
 def _call(name: str) -> Function:
     return _each(lambda emit, *parts: emit.call(name, parts[0].element, *parts))
 
@@ -208,7 +218,7 @@ BUILT_INS: dict[str, Function] = {
     "isinf": _each(lambda emit, a: emit.compare("==", emit.call("fabs", a.element, a), constant(a.element, math.inf))),
     "pow": _each(_power),
     "fma": _call("fmuladd"),
-    "fract": _each(lambda emit, a: emit.binary("-", a, emit.call("floor", a.element, a))),
+    "fract": _each(_fraction),
     "inversesqrt": _each(lambda emit, a: emit.binary("/", constant(a.element, 1.0), emit.call("sqrt", a.element, a))),
     "abs": _each(_absolute),
     "min": _each(least),

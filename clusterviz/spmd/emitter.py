@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from clusterviz.kernels.objects import cpu, has_features
 from clusterviz.spmd.ir import Number
@@ -267,6 +267,11 @@ class Emitter:
             word = "zext" if given in "bu" else "sext"
         return self.part(f"{word} {self.of(part)} to {self.kind(element, part.varying)}", element, part.varying)
 
+    def nearest(self, part: Part) -> Part:
+        """Return the nearest integer of a float, in one step where rounding and converting take two."""
+        lanes = f"v{self.lanes}" * part.varying
+        return self.call("lrint", "i", part, suffix=f"{lanes}i32.{lanes}f32")
+
     def clock(self) -> list[Part]:
         """Return the low and the high word of the CPU's cycle counter."""
         self.declare("llvm.readcyclecounter", "i64", [])
@@ -277,6 +282,17 @@ class Emitter:
     def bits(self, part: Part, element: str) -> Part:
         """Return the same bits as another element."""
         return self.part(f"bitcast {self.of(part)} to {self.kind(element, part.varying)}", element, part.varying)
+
+    def offsets(self, part: Part, lanes: Iterable[int]) -> list[str]:
+        """Return unsigned integers of lanes as 64 bits each: two are taken at once, and divided outside of vectors."""
+        if not part.varying or self.lanes == 1:
+            return [self.new(f"zext i32 {self.lane(part, lane).text} to i64") for lane in lanes]
+        kind, found = f"<{self.lanes // 2} x i64>", []
+        pairs = self.new(f"bitcast {self.of(part)} to {kind}")
+        for lane in lanes:
+            both = self.new(f"extractelement {kind} {pairs}, i32 {lane // 2}")
+            found.append(self.new(f"lshr i64 {both}, 32" if lane % 2 else f"and i64 {both}, {(1 << 32) - 1}"))
+        return found
 
     def lane(self, part: Part, number: int) -> Part:
         """Return the part of one lane."""

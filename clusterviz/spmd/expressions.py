@@ -223,8 +223,10 @@ class Expressions(Blocks):
         return [self._load(cell) for cell in cells]
 
     def _construct(self, node: Construct) -> Parts:
+        elements, first = elements_of(node.type), node.arguments[0]
+        if isinstance(first, BuiltIn) and first.name == "round" and first.type.element == "f" and elements[0] == "i":
+            return [self.emit.nearest(part) for part in self.value(first.arguments[0])]
         given = [part for one in node.arguments for part in self.value(one)]
-        elements = elements_of(node.type)
         if len(given) == 1:
             given *= len(elements)
         return [self.emit.convert(part, element) for part, element in zip(given, elements, strict=False)]
@@ -264,15 +266,18 @@ class Expressions(Blocks):
         chosen = emit.spread(emit.select(self._full(), more, constant(more.element, neutral)))
         total = emit.reduced("add" if adds else f"{prefix}min", chosen)
         if isinstance(target, Name):
+            # A work group is one thread.
             (cell,) = self._bindings[id(target.variable)]
             assert isinstance(cell, Cell)
-            address = cell.address
+            old = self._load(cell)
+            new = emit.binary("+", old, total) if adds else least(emit, old, total)
+            emit.line(f"store {emit.of(new)}, ptr {cell.address}")
         else:
             assert isinstance(target, Memory)
             place, words = self._place(target)
             address = emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}")
-        word = "add" if adds else f"{prefix}min".removeprefix("s")
-        old = emit.part(f"atomicrmw {word} ptr {address}, {emit.of(total)} monotonic", more.element, False)
+            word = "add" if adds else f"{prefix}min".removeprefix("s")
+            old = emit.part(f"atomicrmw {word} ptr {address}, {emit.of(total)} monotonic", more.element, False)
         # Each lane's own: what the lanes before it have added.
         found = emit.spread(old)
         for lane in range(1, self.lanes):

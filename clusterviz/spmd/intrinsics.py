@@ -10,7 +10,7 @@ from clusterviz.spmd.emitter import Part, constant
 if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator
 
-
+BELOW = 1 << 28  # words before the first brick's that addresses without a sign reach, more than lie beside a brick
 IDLE_WORD = 32
 """Word that idle lanes read of the first brick of several volumes: behind its header (render/storage.py), whose small
 integers would be denormal float32 numbers, which a CPU multiplies slowly."""
@@ -26,11 +26,11 @@ def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int])
     if more.varying:
         word, more = emit.binary("+", word, more), constant("i", 0)
     is_wide = generator.has_block("BasesBlock")
-    brick = brick if is_wide else emit.binary("+", brick, word)
+    brick = brick if is_wide else emit.binary("+", emit.binary("+", brick, word), constant("i", BELOW))
     if generator.mask is not None:
-        idle = constant("i", IDLE_WORD if generator.has_block("volumeBlock") else 0)
-        brick = emit.select(generator.mask, brick, constant("i", 0) if is_wide else idle)
-        word = emit.select(generator.mask, word, idle) if is_wide else word
+        idle = IDLE_WORD if generator.has_block("volumeBlock") else 0
+        brick = emit.select(generator.mask, brick, constant("i", 0 if is_wide else idle + BELOW))
+        word = emit.select(generator.mask, word, constant("i", idle)) if is_wide else word
     if is_wide:
         bases, found = generator.address_of("BasesBlock"), []
         word = emit.binary("+", word, more)
@@ -39,9 +39,9 @@ def _places(generator: Generator, given: list[list[Part]], lanes: Sequence[int])
             base = emit.new(f"load ptr, ptr {row}, align 8, !invariant.load !0")
             found.append(emit.new(f"getelementptr i32, ptr {base}, {emit.of(emit.lane(word, lane))}"))
         return found
-    base = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, {emit.of(more)}")
-    numbers = [emit.new(f"zext i32 {emit.lane(brick, lane).text} to i64") for lane in lanes]
-    return [emit.new(f"getelementptr i32, ptr {base}, i64 {number}") for number in numbers]
+    base = emit.new(f"getelementptr i32, ptr {generator.address_of('VoxelsBlock')}, i64 -{BELOW}")
+    base = emit.new(f"getelementptr i32, ptr {base}, {emit.of(more)}")
+    return [emit.new(f"getelementptr i32, ptr {base}, i64 {number}") for number in emit.offsets(brick, lanes)]
 
 
 def word_at(generator: Generator, given: list[list[Part]]) -> list[Part]:
@@ -87,17 +87,17 @@ def piece_row(generator: Generator, given: list[list[Part]]) -> list[Part]:
     return [emit.part(f"call {kind} @{name}({emit.of(table)}, {emit.of(piece)})", "f", True)]
 
 
-def _by_bytes(name: str) -> Callable[[Generator, list[list[Part]]], list[Part]]:
-    """Return an intrinsic that does an operation of LLVM's with the bytes of words."""
+def _in_parts(name: str, bits: int) -> Callable[[Generator, list[list[Part]]], list[Part]]:
+    """Return an intrinsic that does an operation of LLVM's with the parts of words, of so many bits each."""
 
     def found(generator: Generator, given: list[list[Part]]) -> list[Part]:
         emit, ((a,), (b,)) = generator.emit, given
         a, b = emit.spread_all(a, b)
-        size = 4 * (generator.lanes if a.varying else 1)
-        kind, full = f"<{size} x i8>", f"llvm.{name}.v{size}i8"
+        size = 32 // bits * (generator.lanes if a.varying else 1)
+        kind, full = f"<{size} x i{bits}>", f"llvm.{name}.v{size}i{bits}"
         emit.declare(full, kind, [kind, kind])
-        bytes_of = [emit.new(f"bitcast {emit.of(one)} to {kind}") for one in (a, b)]
-        both = emit.new(f"call {kind} @{full}({kind} {bytes_of[0]}, {kind} {bytes_of[1]})")
+        parts = [emit.new(f"bitcast {emit.of(one)} to {kind}") for one in (a, b)]
+        both = emit.new(f"call {kind} @{full}({kind} {parts[0]}, {kind} {parts[1]})")
         return [emit.part(f"bitcast {kind} {both} to {emit.kind('u', a.varying)}", "u", a.varying)]
 
     return found
@@ -108,8 +108,9 @@ PREFETCHED = {16: (0, 3, 6, 9, 12, 15), 8: (0, 2, 5, 7), 4: (0, 3), 1: (0,)}
 
 
 def prefetch_word(generator: Generator, given: list[list[Part]]) -> list[Part]:
-    """Prefetch the cache lines of some lanes' words."""
-    emit = generator.emit
+    """Prefetch the cache lines of some lanes' words; those of the first lane are `more` words behind, or of any."""
+    emit, (brick, word, (more,)) = generator.emit, given
+    given = [brick, word, [emit.part(f"freeze {emit.of(emit.lane(more, 0))}", "i", False)]]
     emit.declare("llvm.prefetch.p0", "void", ["ptr", "i32", "i32", "i32"])
     for place in _places(generator, given, PREFETCHED[generator.lanes]):
         emit.line(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
@@ -121,6 +122,8 @@ INTRINSICS: dict[str, Callable[[Generator, list[list[Part]]], list[Part]]] = {
     "words_at": words_at,
     "piece_row": piece_row,
     "prefetch_word": prefetch_word,
-    "least_bytes": _by_bytes("umin"),
-    "most_bytes": _by_bytes("umax"),
+    "least_bytes": _in_parts("umin", 8),
+    "most_bytes": _in_parts("umax", 8),
+    "least_halves": _in_parts("umin", 16),
+    "most_halves": _in_parts("umax", 16),
 }

@@ -79,11 +79,12 @@ def _compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], No
 
 def code_sources(source: ShaderSource, lanes: int) -> tuple[bytes, ...]:
     """Return what decides which machine code a shader becomes: the shader, and the files of the compiler."""
-    return (source.text.encode(), str(lanes).encode(), *_compiler())
+    return (source.text.encode(), str(lanes).encode(), *compiler_files())
 
 
 @cache
-def _compiler() -> tuple[bytes, ...]:
+def compiler_files() -> tuple[bytes, ...]:
+    """Return the contents of the compiler's files."""
     folders = Path(__file__).parent, Path(__file__).parent.parent / "kernels"
     return tuple(path.read_bytes() for folder in folders for path in sorted(folder.glob("*.py")))
 

@@ -127,9 +127,8 @@ class Blocks(Variables):
         if self.mask is not None:
             words = emit.select(self.mask, words, constant("i", 0))
         quads = []
-        for lane in range(lanes):
-            place = emit.new(f"zext i32 {emit.lane(words, lane).text} to i64")
-            place = emit.new(f"getelementptr i32, ptr {base}, i64 {place}")
+        for number in emit.offsets(words, range(lanes)):
+            place = emit.new(f"getelementptr i32, ptr {base}, i64 {number}")
             quads.append(emit.new(f"load <4 x {LLVM[element]}>, ptr {place}, align 4, !invariant.load !0"))
 
         def mixed(a: str, b: str, numbers: Sequence[int], size: int) -> str:

@@ -13,12 +13,12 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     vec2 part = vec2(-0.5, middle + middle + 0.5);
     // Two samples at once where a processor would wait for one of them.
     for (int at = from; at < to; at += (TWO_AT_ONCE ? 2 : 1) * length) {
-        int next = at + length;
+        int next = min(at + length, to - length);
         vec3 here = fma(vec3(float(at) + middle), slab, place.beyond), there = fma(vec3(float(next) + middle), slab, place.beyond);
-        prefetch(place.brick, place.cell, here + AHEAD * slab);
-        if (TWO_AT_ONCE) prefetch(place.brick, place.cell, there + AHEAD * slab);
+        prefetch(place.brick, place.cell, here, AHEAD * slab);
+        if (TWO_AT_ONCE) prefetch(place.brick, place.cell, there, AHEAD * slab);
         float s = scalar_at(place.brick, place.cell, here), t = TWO_AT_ONCE ? scalar_at(place.brick, place.cell, there) : 0.0;
-        bool both = TWO_AT_ONCE && next < to;
+        bool both = TWO_AT_ONCE && next > at;
         if (is_seen(s) || (both && is_seen(t))) {
             take(sum, s, place, here);
             note(origin + at, part, sum.a, 0);

@@ -13,8 +13,6 @@ bool is_valid(float s) {
 }
 
 Class class_at(float s) {
-    // Nothing is visible below: any segment there does.
-    if (s < buckets.w) return Class(s, 0, 0.0, 0.0, 0.0, vec3(0.0), vec3(0.0), vec3(0.0));
     int segment = segment_of(is_valid(s) ? s : 0.0);
     vec4 a = part_of(segment, 0), b = part_of(segment, 1), c = part_of(segment, 2);
     return Class(s, segment, a.x, a.y, c.w, vec3(a.zw, b.x), b.yzw, c.xyz);
@@ -27,11 +25,11 @@ void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change);
 void absorb_within(inout vec4 sum, Class of, float from, float to, float units) {
     float x = (0.5 * (from + to) - of.start) * of.per_scalar, d = (to - from) * of.per_scalar;
     x = of.per_scalar == 0.0 ? 0.0 : x;
-    float kappa = max(of.kappa.x + x * (of.kappa.y + x * of.kappa.z) + of.kappa.z * d * d / 12.0, 0.0);
+    float kappa = max(of.kappa.x + x * (of.kappa.y + x * of.kappa.z) + of.kappa.z * d * d * (1.0 / 12.0), 0.0);
     // Difference of absorption between back and front, which shifts the mean colour.
     float tilt = kappa > 0.0 ? clamp((of.kappa.y + 2.0 * of.kappa.z * x) * d / kappa, -4.0, 4.0) : 0.0;
     vec3 change = of.change * d;
-    absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt / 12.0), change * (1.0 - tilt * tilt / 20.0));
+    absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt * (1.0 / 12.0)), change * (1.0 - tilt * tilt * (1.0 / 20.0)));
 }
 
 // The next whole segments from `low` up to `high`, from the slab's front on: all, or, as one line has the colours of several only where they

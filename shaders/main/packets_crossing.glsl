@@ -26,13 +26,3 @@ void take_start(int packet) {
     at_passed = passed.at;
     middle_passed = passed.middle;
 }
-
-bool is_drawn() {
-    return true;
-}
-
-void begin_tile() {}
-
-bool has_late_rays() {
-    return false;
-}

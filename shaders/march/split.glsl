@@ -122,11 +122,16 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         leave = min(leave, double(min(first + slabs_in_batch, int(s) + slabs)));
         while (s < leave) {
             double to = min(floor(s) + 1.0LF, leave);
-            Class back = class_at(scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab));
-            vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
-            take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
-            note(int(s), WHOLE_SLAB, batch.a, 0);
-            front = back;
+            float s_back = scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab);
+            if (front.s < buckets.w && s_back < buckets.w) {
+                front.s = s_back; // of the same class
+            } else {
+                Class back = class_at(s_back);
+                vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
+                take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
+                note(int(s), WHOLE_SLAB, batch.a, 0);
+                front = back;
+            }
             count_run(ray, int(s), int(ceil(to)) - int(ceil(s)));
             s = to;
             ++samples;

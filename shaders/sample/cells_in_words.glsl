@@ -9,9 +9,12 @@ int word_of(ivec3 place) {
     return FIRST_WORD + words_to(place);
 }
 
-// Word of a cell `away` from another one: whole numbers below 2^24, so that float32 is exact.
+// Word of a cell `away` from another one: whole numbers below 2^24, so that float32 is exact. Rounding may put the cell beside its brick, where there
+// are words, too (render/cpu/memory.py).
 int word_of(ivec3 cell, vec3 away) {
-    return word_of(cell) + int(fma(away.z, float(SLICE_WORDS), fma(away.y, float(ROW_WORDS), away.x)));
+    float lowest = float(words_to(-REACH - 1 - cell)), highest = float(words_to(SLOT_CELLS + REACH - cell));
+    float words = fma(away.z, float(SLICE_WORDS), fma(away.y, float(ROW_WORDS), away.x));
+    return word_of(cell) + int(round(clamp(words, lowest, highest)));
 }
 
 // Voxel of a word, as stored; and the cell and the four rows of four voxels that begin there, as in cells.glsl.

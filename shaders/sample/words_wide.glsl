@@ -10,7 +10,7 @@ uvec2 words_at(int brick, int word, int more) {
     return uvec2(word_at(brick, word + more), word_at(brick, word + more + 1));
 }
 
-void prefetch_word(int brick, int word) {}
+void prefetch_word(int brick, int word, int more) {}
 
 int part_in(int brick, int begin, int volume) {
     return brick + 1 + volume;

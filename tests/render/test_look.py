@@ -14,10 +14,13 @@ from render.scenes import LIT, SHAPE, TURNED, camera_at, drawn, prepare, scene_o
 
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
+from clusterviz.kernels import objects
 from clusterviz.reference import render_reference
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import variant_of
-from clusterviz.spmd.look import SIGNATURE, make_look, read_look
+from clusterviz.spmd import look_checks, look_files
+from clusterviz.spmd.look_checks import SIGNATURE, make_look
+from clusterviz.spmd.look_files import read_look
 from clusterviz.spmd.tokens import WORD
 
 GRID = Grid(SHAPE, (0.05, 0.07, 0.06), (-0.61, -0.83, -0.55), TURNED)
@@ -122,3 +125,23 @@ def test_no_change_of_a_look_ends_in_another_error() -> None:
             make_look("".join(changed), "look.glsl")
             accepted += 1
     assert 10 < accepted < 200
+
+
+def test_a_look_is_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What became of it is kept; a mistake is not."""
+    path, (kept, changed) = tmp_path / "own.glsl", (tmp_path / "kept", "const int A = 3;\n")
+    path.write_text(BODY.format("return vec4(value);"))
+    monkeypatch.setattr(objects, "folders", lambda: (kept,))
+    first = read_look(str(path))
+    assert [file.suffix for file in kept.iterdir()] == [".json"]
+    monkeypatch.setattr(look_checks, "parse", {}.popitem)
+    look_files._read.cache_clear()
+    assert read_look(str(path)) == first
+    path.write_text(changed + path.read_text())
+    with pytest.raises(InputError, match="popitem"):
+        read_look(str(path))
+    monkeypatch.undo()
+    path.write_text("x")
+    for _ in range(2):
+        with pytest.raises(InputError, match="expected"):
+            read_look(str(path))

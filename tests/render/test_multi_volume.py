@@ -232,10 +232,13 @@ def test_neither_parts_nor_bricks_change_where_slabs_end(context: moderngl.Conte
 
 
 @pytest.mark.gl
-def test_both_casters_take_the_same_samples_but_few(context: moderngl.Context) -> None:
+@pytest.mark.parametrize("name", ["bytes beside turned floats with holes", "surfaces beside integrals"])
+def test_both_casters_draw_the_same_and_take_the_same_samples_but_few(context: moderngl.Context, name: str) -> None:
     """Whether anything is visible is asked where windows end, and by OpenGL 16 slabs behind a run's begin, too."""
-    (found, samples), (other, others) = (drawn(where, scene_of(PAIR), PAIR) for where in (None, context))
-    assert np.abs(found - other).max() <= BOUND
+    parts, sections, (*_, camera) = BY_CPU[name]
+    scene = scene_of(parts, camera, **sections)
+    (found, samples), (other, others) = (drawn(where, scene, parts) for where in (None, context))
+    assert wrong(found, other, 2e-6) == 0
     assert abs(samples - others) <= 0.05 * others
 
 

@@ -64,6 +64,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "nearest, surfaces": ("uint8", SURFACES | {"interpolation": "nearest"}, "cell_nearest"),
     "surfaces": ("uint8", SURFACES, "cell_linear extremes"),
+    "surfaces of uint16": ("uint16", SURFACES, ""),
     "pre-integrated, split": (
         "float32",
         INTEGRATED | {"borders": "split"},
@@ -85,11 +86,12 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met surface_list"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers met_none no_prefetch no_profile pitch raycast sums"
+WITHOUT_CODE = "buffers met_none no_prefetch no_profile packets pitch raycast sums"
 ON_CPUS = {
-    "jittered uint16": "cells_in_words cells_u16 linear_cells packets skips tiles words",
+    "jittered uint16": "cells_in_words cells_u16 drawn_once linear_cells skips tiles words",
     "maximum of float32": "cells_f32",
     "surfaces": "cells_u8 extremes_u8",
+    "surfaces of uint16": "extremes_u16",
     "coherent": "packets_starts",
     "opacity of one half": "packets_crossing",
     "first hit": "pitches",

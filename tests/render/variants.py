@@ -9,7 +9,7 @@ from clusterviz.render.storage import Slot
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.render.volume_layers import VolumeVariant
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.spmd.look import make_look
+from clusterviz.spmd.look_checks import make_look
 
 LOOKS = {
     "loops": make_look(
