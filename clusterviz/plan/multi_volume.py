@@ -102,6 +102,9 @@ class VolumeLayer:
     preintegrated: bool = False
 
 
+Resolve = Literal["static", "peeling"]
+
+
 @dataclass(frozen=True, eq=False)
 class MultiVolume:
     """Several volumes in one domain.
@@ -113,6 +116,7 @@ class MultiVolume:
     geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
     brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
     reach : cells beyond its own in which a brick has primitives
+    resolve : how a pixel's fragments come in order: sorted at once, or some at a time as rays come to them
     """
 
     domain: Domain
@@ -120,6 +124,7 @@ class MultiVolume:
     geometry: tuple[GeometryLayer, ...] = ()
     brick: int = 0
     reach: int = 0
+    resolve: Resolve = "static"
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:

@@ -238,7 +238,7 @@ class Variant:
         if self.crossing:
             return (STARTS_BLOCK, "planes.glsl", "crossing.glsl")
         if self.geometry:
-            return (GEOMETRY_BLOCK, "primitives.glsl", "fragments.glsl")
+            return (GEOMETRY_BLOCK, "primitives.glsl", f"resolve_{self.geometry.resolve}.glsl", "fragments.glsl")
         return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
 
     @property

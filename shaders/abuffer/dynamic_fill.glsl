@@ -15,5 +15,5 @@ void put(uvec2 fragment) {
 }
 
 void end_list(int pixel) {
-    sort(int(fragment_begin[pixel]), place);
+    if (SORTED) sort(int(fragment_begin[pixel]), place);
 }

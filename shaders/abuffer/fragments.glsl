@@ -1,18 +1,16 @@
 // Fragments of a pixel in the order in which its ray meets them; rays start where they enter the box.
-int fragment_at, fragment_end; // the next one in `key`, and the end of the pixel's
-
+// The scheme of resolving defines begin_fragments, has_fragment, nearest_fragment, next_fragment, fragments_left and go_back.
 void face(Ray ray);
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object);
 
 double next_position() {
-    return position_of(depth_of(key[fragment_at].x));
+    return position_of(depth_of(nearest_fragment().x));
 }
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
-    fragment_at = int(fragment_begin[pixel]);
-    fragment_end = int(fragment_begin[pixel + 1]);
+    begin_fragments(pixel);
     // The dispatch before has composited those in front.
-    while (!begins && fragment_at < fragment_end && slab_at_position(next_position(), ray.slabs) < slab) ++fragment_at;
+    while (!begins && has_fragment() && slab_at_position(next_position(), ray.slabs) < slab) next_fragment();
     if (!HAS_VOLUMES) slab = ray.slabs;
 }
 
@@ -28,7 +26,7 @@ bool is_late() {
 
 // Composite what lies in front of the slab with which the ray goes on, and that no slab of the march has come to.
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
-    if (fragment_at >= fragment_end || is_done(sum)) return;
+    if (!has_fragment() || is_done(sum)) return;
     face(ray);
     vec4 rest = vec4(0.0);
     in_order(rest, vec4(0.0), slab < ray.slabs ? slab - 1 : NO_SLAB, 0.0, 1.0, 0);

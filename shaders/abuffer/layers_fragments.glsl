@@ -7,7 +7,8 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     float begin = -0.5 * length;
     int n = 0;
     for (;;) {
-        double position = fragment_at < fragment_end ? next_position() : 1e300LF;
+        double position = 1e300LF;
+        if (has_fragment()) position = next_position();
         bool is_here = position < double(k) + 0.5LF;
         float place = clamp(float(position - double(k)) - middle, begin, 0.5 * length);
         vec4 light = vec4(0.0);
@@ -16,8 +17,8 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
             light = surface_light[n];
             ++n;
         } else if (is_here) {
-            light = light_of(key[fragment_at].y, position);
-            ++fragment_at;
+            light = light_of(nearest_fragment().y, position);
+            next_fragment();
         } else break;
         sum += (1.0 - sum.a) * absorbed(depth.a * (place - begin) / length) * vec4(colour, 1.0);
         sum += (1.0 - sum.a) * light;

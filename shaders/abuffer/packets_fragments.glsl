@@ -1,17 +1,16 @@
 // Lists of fragments of the rays of a tile, packet by packet.
-ivec2 kept_fragments[1024 / (PACKET_WIDTH * PACKET_HEIGHT)];
+uvec4 kept_fragments[1024 / (PACKET_WIDTH * PACKET_HEIGHT)];
 
 void reset_start() {
-    fragment_at = fragment_end = 0;
+    go_back(uvec4(0u));
 }
 
 void keep_start(int packet) {
-    kept_fragments[packet] = ivec2(fragment_at, fragment_end);
+    kept_fragments[packet] = fragments_left();
 }
 
 void take_start(int packet) {
-    fragment_at = kept_fragments[packet].x;
-    fragment_end = kept_fragments[packet].y;
+    go_back(kept_fragments[packet]);
 }
 
 bool is_drawn() {

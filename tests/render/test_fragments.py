@@ -229,6 +229,20 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
 
 
 @EACH
+def test_fragments_are_peeled_in_the_order_in_which_they_are_sorted(where: Any, caster: str) -> None:
+    """More than are peeled at once, and equal ones."""
+    scene, entries = scene_of((), "inside"), (*LIT, *LIT, *PLAIN, *MIXED)
+    given = prepared(scene, (), entries)
+    mixed = given.plan.multi_volume
+    assert mixed is not None
+    pictures = [
+        scenes.drawn(where, Prepared(replace(given.plan, multi_volume=replace(mixed, resolve=each)), given.bricks))[0]
+        for each in ("static", "peeling")
+    ]
+    assert np.array_equal(*pictures)
+
+
+@EACH
 def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of((), "inside", size=(40, 45))
     first = drawn(where, scene, (), LIT)

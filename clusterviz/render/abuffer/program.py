@@ -12,6 +12,7 @@ from typing import Literal
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.multi_volume import Resolve
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
 from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BLOCK, GPU_TILE
@@ -48,11 +49,13 @@ class GeometryVariant:
     lights : rows of the block of lights; 0: nothing is lit
     near : some lights have a place
     kinds : of primitives, in alphabetical order
+    resolve : how the fragments of a pixel come in order
     """
 
     lights: int
     near: bool
     kinds: tuple[Kind, ...]
+    resolve: Resolve
 
     @property
     def constants(self) -> str:
@@ -107,7 +110,7 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan))
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), plan.multi_volume.resolve)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
@@ -118,7 +121,9 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
     steps: tuple[Pass, ...] = ("count", "fill") if layers else ()
-    return [FindVariant(step, plan.march.jittered, planes, kinds_of(plan), which, brick, lanes) for step in steps]
+    resolve: Resolve = plan.multi_volume.resolve if plan.multi_volume else "static"
+    common = plan.march.jittered, planes, kinds_of(plan), which, brick, resolve, lanes
+    return [FindVariant(step, *common) for step in steps]
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,7 @@ class FindVariant:
     kinds : as in `GeometryVariant`
     opaque : which layers are opaque
     brick : cells along the side of a brick; on a CPU a variable
+    resolve : as in `GeometryVariant`
     lanes : of a CPU's vectors; 0 for a GPU
     """
 
@@ -141,6 +147,7 @@ class FindVariant:
     kinds: tuple[Kind, ...]
     opaque: Literal["no", "some", "all"]
     brick: int
+    resolve: Resolve
     lanes: int = 0
 
     @property
@@ -159,6 +166,7 @@ class FindVariant:
             f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
+            f"const bool SORTED = {_bool(self.resolve == 'static')};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
             f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
