@@ -1,4 +1,6 @@
 // Fragments of a pixel: `begin_list`, which is false if they are known, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
+double BRICKS_PER_CELL = 1.0LF / double(BRICK);
+
 // Find a fragment that lies in a brick of this box, and its key.
 bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
@@ -9,7 +11,8 @@ bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     if (position < ray.kept.x || position > ray.kept.y) return false;
     ivec3 cell = cell_of(midpoint(ray, slab_at_position(position, ray.slabs)));
     if (!owned(cell)) return false;
-    ivec3 brick = cell / BRICK - frame.bricks_begin.xyz, count = frame.bricks_count.xyz;
+    // Instead of integer division, as in march.glsl.
+    ivec3 brick = ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL) - frame.bricks_begin.xyz, count = frame.bricks_count.xyz;
     return brick_offset[(brick.z * count.y + brick.y) * count.x + brick.x] >= 0; // else another rank's
 }
 

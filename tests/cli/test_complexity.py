@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from cli.pages import check_page
 from clusterviz.comm import run_loopback
 from clusterviz.data import open_scene
 from clusterviz.report.complexity.measure import FrameComplexity, measure
+from clusterviz.report.complexity.page import histogram_figure
+from clusterviz.report.output import svg_of
 
 SQUARES = [(1.0 + n, 7.1 - 0.5 * n) for n in range(12)]
 """Depth and half the side of each of several squares, one behind the other."""
@@ -66,6 +69,11 @@ def test_page_and_numbers(cli: Callable[..., Any], scene: str, tmp_path: Path) -
     assert len(check_page(page)) == 2
     assert page.count("<svg") == 2
     assert "1 to 8" in page
+
+
+def test_nothing_in_view_is_drawn_without_a_warning() -> None:
+    with warnings.catch_warnings(action="error"):
+        assert "<svg" in svg_of(histogram_figure(FrameComplexity(np.array([5]), {})))
 
 
 def test_memory_by_hand() -> None:

@@ -207,7 +207,7 @@ def test_else_the_renderer_is_and_is_checked_against_float64() -> None:
 
 @pytest.mark.parametrize("fault", ["large", "unknown"])
 def test_what_the_reference_cannot_draw_is_said(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> Any:
+    def refuse(*_: Any, **__: Any) -> Any:
         raise InputError("no such look")
 
     if fault == "large":

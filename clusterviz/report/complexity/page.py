@@ -132,7 +132,7 @@ def histogram_figure(frame: FrameComplexity) -> Any:
     width = -(-max(1, frame.maximum) // BARS)
     begins = np.arange(1, max(2, len(frame.histogram)), width)
     bars = np.add.reduceat(frame.histogram[1:], begins - 1) if frame.maximum else np.zeros(1)
-    for axes, scale in zip(figure.subplots(1, 2), ("linear", "log"), strict=True):
+    for axes, scale in zip(figure.subplots(1, 2), ("linear", "log" if frame.covered else "linear"), strict=True):
         axes.stairs(bars, np.append(begins, begins[-1] + width) - 0.5, fill=True, color="#0072B2")
         of = f" of {width} numbers" if width > 1 else ""
         axes.set(xlabel="fragments", ylabel=f"pixels{of}", yscale=scale)
