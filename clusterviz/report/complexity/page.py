@@ -136,6 +136,7 @@ def histogram_figure(frame: FrameComplexity) -> Any:
         axes.stairs(bars, np.append(begins, begins[-1] + width) - 0.5, fill=True, color="#0072B2")
         of = f" of {width} numbers" if width > 1 else ""
         axes.set(xlabel="fragments", ylabel=f"pixels{of}", yscale=scale)
+        axes.xaxis.get_major_locator().set_params(integer=True)
         if scale == "log":
             axes.set_ylim(bottom=0.7)
         for limit in frame.classes:
