@@ -20,7 +20,7 @@ SMALL = 2.0
 
 
 def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> dict[str, str]:
-    """Return warnings about content that the picture does not show, and about surfaces apart from all else.
+    """Return warnings about content that the picture does not show, and about surfaces far from all else.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ LEFT_OUT = {
 
 
 def _surface_warnings(scene: Scene, volumes: Sequence[VolumeInfo], surfaces: Sequence[SurfaceInfo]) -> dict[str, str]:
-    """Return warnings about what cannot be drawn, and about entries whose box meets no other box."""
+    """Return warnings about what cannot be drawn, and about entries that lie farther from all others than they are long."""
     found: dict[str, str] = {}
     boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
     boxes += [info.grown_box(section) for section, info in zip(scene.surfaces, surfaces, strict=True)]
@@ -80,7 +80,8 @@ def _surface_warnings(scene: Scene, volumes: Sequence[VolumeInfo], surfaces: Seq
             continue
         mine = boxes[len(volumes) + number]
         others = [box for n, box in enumerate(boxes) if n != len(volumes) + number and len(box)]
-        if others and not any((mine[0] <= box[1]).all() and (box[0] <= mine[1]).all() for box in others):
+        gaps = [np.linalg.norm(np.maximum(0, np.maximum(mine[0] - box[1], box[0] - mine[1]))) for box in others]
+        if gaps and min(gaps) > np.linalg.norm(mine[1] - mine[0]):
             text = f"{_box(mine)} lies apart from all other content"
             found[key] = f"{name}: {text}: check the units (mm or m) and transform"
     return found

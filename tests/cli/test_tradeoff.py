@@ -28,12 +28,16 @@ COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
 @pytest.mark.fresh
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_page_and_numbers(ranks: int, cli: Callable[..., Any], tmp_path: Path) -> None:
-    """On one rank, of a scene with a shader, which the reference does not read."""
+def test_page_and_numbers(
+    ranks: int, cli: Callable[..., Any], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """On one rank, of a scene with a shader, which the reference does not know."""
     out = tmp_path / "out"
     options = ("--ranks", str(ranks), "--knobs", "filter", "--budget", "30", "-D", "cluster.brick=4")
     options += ("-D", "cluster.transport=messages")
-    options += ("-D", f"volumes.0.shader={LOOK}") * (ranks == 1)
+    look = tmp_path_factory.mktemp("look") / "mine.glsl"
+    look.write_text(LOOK.read_text())
+    options += ("-D", f"volumes.0.shader={look}") * (ranks == 1)
     outcome = cli("tradeoff", FIELD, "-o", str(out), *SMALL, *options)
     assert (outcome.status, outcome.err) == (0, "")
     assert "As the scene is, a frame takes" in outcome.out
