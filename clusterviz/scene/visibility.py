@@ -65,7 +65,7 @@ LEFT_OUT = {
 
 
 def _surface_warnings(scene: Scene, volumes: Sequence[VolumeInfo], surfaces: Sequence[SurfaceInfo]) -> dict[str, str]:
-    """Return warnings about what cannot be drawn, and about entries that lie farther from all others than they are long."""
+    """Return warnings about what cannot be drawn, and entries farther from all others than they are long."""
     found: dict[str, str] = {}
     boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
     boxes += [info.grown_box(section) for section, info in zip(scene.surfaces, surfaces, strict=True)]
