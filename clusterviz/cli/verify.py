@@ -246,6 +246,8 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
     """Return whether the number of samples is independent of the configuration: no ray starts late or ends early."""
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
+    # Rays end at opaque surfaces, but not those of ranks behind them.
+    changing |= any(not isinstance(one.opacity, float) or one.opacity == 1.0 for one in scene.surfaces)
     return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
 
 

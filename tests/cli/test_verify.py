@@ -15,7 +15,7 @@ from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
 from clusterviz.image import write_image
-from clusterviz.scene import scene_of_data
+from clusterviz.scene import Scene, scene_of_data
 
 SCENE = ("field:marschner-lobb:20", "--size", "32x24")
 WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
@@ -166,6 +166,12 @@ def test_a_launcher_that_is_named_starts_every_job(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("CLUSTERVIZ_LAUNCHER", "srun --mpi=pmix --label='a b'")
     for ranks in (1, 3):
         assert job_command(ranks, ["info"])[:5] == ["srun", "--mpi=pmix", "--label=a b", "-n", str(ranks)]
+
+
+def test_samples_are_counted_where_no_surface_ends_rays() -> None:
+    for opacity, fixed in ((0.4, True), (1.0, False), ([[0.0, 0.1], [1.0, 1.0]], False)):
+        scene = Scene.model_validate({"meshes": [{"path": "a.ply", "scalars": "s", "opacity": opacity}]})
+        assert verify._has_fixed_sample_count(scene) == fixed
 
 
 def test_slabs_cut_at_the_faces_of_bricks_are_compared_among_equal_bricks(monkeypatch: pytest.MonkeyPatch) -> None:
