@@ -15,10 +15,11 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.errors import DeviceError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
-from clusterviz.render.abuffer import tiles
+from clusterviz.render.abuffer import on_gl, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
@@ -248,6 +249,15 @@ def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypa
     first = drawn(where, scene, (), LIT)
     monkeypatch.setattr(tiles, "MOST_BYTES", 40 * 8 * 8 * 9)
     assert np.array_equal(drawn(where, scene, (), LIT), first)
+
+
+@pytest.mark.gl
+def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "llvmpipe" not in context.info["GL_RENDERER"]:
+        pytest.skip("another driver ends no loops")
+    monkeypatch.setattr(on_gl, "LLVMPIPE_ITERATIONS", 100)
+    with pytest.raises(DeviceError, match="too many primitives in a tile for llvmpipe; found "):
+        drawn(context, scene_of((), "inside"), (), LIT)
 
 
 @EACH

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.placement import kernel_threads
+from clusterviz.errors import DeviceError
 from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
@@ -26,6 +27,10 @@ from clusterviz.render.abuffer.program import (
 )
 from clusterviz.render.abuffer.tiles import EARLY, GEOMETRY_BINDING, GPU_TILE, check_memory, make_lists, prepare_tiles
 
+LLVMPIPE_ITERATIONS = 65535
+"""Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
+FIND_ITERATIONS, DRAW_ITERATIONS = 3, 16
+"""Bounds for a primitive of a tile in each pass over them, and for a fragment of a pixel; each layer adds one."""
 Make = Callable[[NDArray[Any]], moderngl.Buffer]
 Programs = Mapping[FindVariant, moderngl.ComputeShader]
 
@@ -52,11 +57,17 @@ def bind_fragments(
     ------
     ManyFragmentsError
         The rectangle should be divided.
+    DeviceError
+        llvmpipe would leave out primitives or fragments.
     """
     most = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
     check_memory(rect, 0, most)
     shading, threads = lit_layer(plan), kernel_threads()
     lists = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
+    layers = len(table.layers)
+    _check_loops(
+        context, int(np.diff(lists.begins).max(initial=0)), 2 * (FIND_ITERATIONS + layers), "primitives in a tile"
+    )
     make(lists.block).bind_to_uniform_block(GEOMETRY_BINDING)
     if shading:
         make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
@@ -83,6 +94,7 @@ def bind_fragments(
             ends = np.cumsum(counts, dtype=np.uint32)
             total = int(ends[-1])
             check_memory(rect, total, most)
+            _check_loops(context, int(counts[1:].max(initial=0)), DRAW_ITERATIONS + layers, "fragments in a pixel")
             if not total:
                 break
             begins.write(ends.tobytes())
@@ -90,6 +102,13 @@ def bind_fragments(
     if plan.multi_volume and plan.multi_volume.resolve == "static":
         _sort_long(keys, counts[1:], ends[:-1])
     return counts[1:].view(np.int32).reshape(rect.height, rect.width)
+
+
+def _check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:
+    """Refuse what llvmpipe would not draw to the end."""
+    if "llvmpipe" in context.info["GL_RENDERER"] and found * iterations > LLVMPIPE_ITERATIONS:
+        allowed = f"{LLVMPIPE_ITERATIONS // iterations}; CPUs draw any number (--device cpu)"
+        raise DeviceError(f"too many {of} for llvmpipe; found {found}; allowed {allowed}")
 
 
 def _sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:
