@@ -61,8 +61,7 @@ class GeometryLayer:
     Attributes
     ----------
     kind : of its primitives
-    first_number : number of primitives in the entries before it
-    count : number of its own
+    count : number of its primitives
     index_from_file : float64 (3, 4), maps (x, y, z, 1) of the file to cells of the domain
     colour_of : what `Primitives.colours` belongs to; "": all have `rgba`
     channels : columns of `Primitives.colours`
@@ -78,7 +77,6 @@ class GeometryLayer:
     """
 
     kind: Kind
-    first_number: int
     count: int
     index_from_file: Floats
     colour_of: Literal["", "vertices", "primitives"]

@@ -180,8 +180,7 @@ def make_multi_volume(
     reach = max(1, math.ceil(step_world / domain.spacing / 2))
     geometry: list[GeometryLayer] = []
     for section, surface in zip(scene.surfaces, surfaces, strict=True):
-        first = sum(layer.count for layer in geometry)
-        layer = surface.layer(section, scene.lights, BrickGrid(domain, layout, reach), first)
+        layer = surface.layer(section, scene.lights, BrickGrid(domain, layout, reach))
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0)
         geometry.append(layer)
     return MultiVolume(domain, tuple(volume_layers), tuple(geometry), layout.brick, reach), cost

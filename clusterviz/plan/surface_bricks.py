@@ -121,7 +121,7 @@ class KnownSurface:
         )
         self._counts: dict[Any, NDArray[np.int64]] = {}
 
-    def layer(self, section: SurfaceSection, lights: tuple[Light, ...], grid: BrickGrid, first: int) -> GeometryLayer:
+    def layer(self, section: SurfaceSection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
         """Return the layer of a plan.
 
         Parameters
@@ -129,7 +129,6 @@ class KnownSurface:
         section : completed
         lights : of the scene
         grid : of the plan
-        first : number of primitives in the entries before
         """
         channels = _channels(section, self.info.arrays, self._key)
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
@@ -140,7 +139,6 @@ class KnownSurface:
         of = "" if not channels else "primitives" if is_direction else self.info.arrays[section.scalars or ""][0]
         return GeometryLayer(
             KINDS[type(section)],
-            first,
             self.info.count,
             grid.index_from_file(section),
             of,

@@ -178,7 +178,6 @@ def test_open_keys_are_completed_by_the_content() -> None:
     assert all(isinstance(each.radius, float) for each in scene.points)
     plan = opened.plan(scene)
     assert [layer.count for layer in plan.multi_volume.geometry] == [8, 1, 0, 5]
-    assert [layer.first_number for layer in plan.multi_volume.geometry] == [0, 8, 9, 9]
 
 
 def test_frame_coherence_is_off_with_surfaces_and_that_is_said() -> None:
