@@ -139,10 +139,10 @@ def _named_geometry(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Geome
     """Return settings with a name in place of each object in meshes, lines and points, and the objects."""
     from clusterviz.data.geometry import as_geometry
     from clusterviz.scene.field_types import Section
-    from clusterviz.scene.surfaces import SURFACES
+    from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 
     found: dict[str, list[Geometry | None]] = {}
-    for name in SURFACES.keys() & settings.keys():
+    for name in GEOMETRY_SECTIONS.keys() & settings.keys():
         items, sections = settings[name], []
         is_one = not isinstance(items, (list, tuple)) or (name == "meshes" and isinstance(items, tuple))
         found[name] = []
@@ -160,12 +160,12 @@ def _named_geometry(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Geome
 
 
 def _joined_sources(scene: Scene, source: Any, geometries: dict[str, list[Geometry | None]]) -> list[Any]:
-    """Return what is given for each volume and surface of a scene; None: the file is read."""
-    from clusterviz.scene.surfaces import SURFACES
+    """Return what is given for each volume and entry of geometry of a scene; None: the file is read."""
+    from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 
     given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
     joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
-    for name in SURFACES:
+    for name in GEOMETRY_SECTIONS:
         count = len(getattr(scene, name))
         if name in geometries:
             joined += geometries[name]
@@ -181,14 +181,14 @@ def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume
-    from clusterviz.scene.surfaces import SURFACES, as_sections
+    from clusterviz.scene.geometry import GEOMETRY_SECTIONS, as_sections
 
     if isinstance(given, (list, tuple)):
         return _several(given, grid)
     if hasattr(given, "faces") or isinstance(given, (Geometry, Mesh, Lines, Points)):
         geometry = as_geometry(given, "meshes", "render")
         parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
-        each = [section(path="array") for name, section in SURFACES.items() if parts[name]]
+        each = [section(path="array") for name, section in GEOMETRY_SECTIONS.items() if parts[name]]
         sections: dict[str, Any] = as_sections(each)
         return Scene(**sections, automatic=True), [geometry] * len(each)
     if hasattr(given, "__array__"):

@@ -27,8 +27,8 @@ from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
 from clusterviz.scene import cluster, values
 from clusterviz.scene.field_types import Section
+from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.overrides import Settings, with_settings
-from clusterviz.scene.surfaces import SURFACES
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Light
@@ -241,7 +241,13 @@ def _words(kind: Any) -> list[str]:
 
 def test_the_types_of_settings_are_those_of_the_scene() -> None:
     expected: dict[str, str] = {}
-    for section in (*(section for _, section in SECTIONS), *SURFACES.values(), Light, Transfer2d, clusterviz.Scene):
+    for section in (
+        *(section for _, section in SECTIONS),
+        *GEOMETRY_SECTIONS.values(),
+        Light,
+        Transfer2d,
+        clusterviz.Scene,
+    ):
         for name, kind in get_type_hints(section, include_extras=True).items():
             if name in section.model_fields:
                 expected.setdefault(name, " | ".join(dict.fromkeys(_words(kind))))

@@ -40,7 +40,7 @@ def command(
             raise InputError("nothing moves", where="--frames", found=frames, allowed="--orbit DEGREES beside it")
         count = 1 if orbit is None else frame_count(orbit, None, frames, 1.0, "")
         opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
-        if not opened.surfaces:
+        if not opened.geometry:
             where, allowed = f"{scene}: meshes, lines, points", "a scene with one of them"
             raise InputError("nothing to count", where=where, allowed=allowed)
         opened = opened if orbit is None else fit_to_orbit(opened)

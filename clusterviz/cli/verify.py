@@ -34,7 +34,7 @@ from clusterviz.frame import render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
-from clusterviz.plan.surface_bricks import part_of
+from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -73,14 +73,14 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     Parameters
     ----------
-    scene : a scene with volumes or surfaces
+    scene : a scene with volumes or geometry
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
     sources = [open_volume(volume) for volume in scene.volumes]
-    geometries = [read_geometry(section.path) for section in scene.surfaces]
+    geometries = [read_geometry(section.path) for section in scene.geometry]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
         limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
@@ -89,7 +89,7 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
     rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries])
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
-    pairs = zip(rendered.scene.surfaces, geometries, strict=True)
+    pairs = zip(rendered.scene.geometry, geometries, strict=True)
     surfaces: list[Any] = [(section, part_of(section, geometry)) for section, geometry in pairs]
     expected = render_reference(rendered.scene, [source.grid for source in sources], voxels, surfaces=surfaces)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
@@ -218,7 +218,7 @@ def command(
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
-    content = [*(f"volumes.{number}" for number in range(len(opened.volumes))), *opened.surface_keys]
+    content = [*(f"volumes.{number}" for number in range(len(opened.volumes))), *opened.geometry_keys]
     chosen = configurations if every else covering_subset(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
@@ -232,7 +232,7 @@ def command(
         announce,
         _has_fixed_sample_count(opened),
     )
-    comparison = compare_with_reference(opened) if reference and (opened.volumes or opened.surfaces) else None
+    comparison = compare_with_reference(opened) if reference and (opened.volumes or opened.geometry) else None
     if json:
         _print_json(results, comparison)
     elif verbosity() is not Verbosity.QUIET:
@@ -247,7 +247,7 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
     # Rays end at opaque surfaces, but not those of ranks behind them.
-    changing |= any(not isinstance(one.opacity, float) or one.opacity == 1.0 for one in scene.surfaces)
+    changing |= any(not isinstance(one.opacity, float) or one.opacity == 1.0 for one in scene.geometry)
     return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
 
 
@@ -347,7 +347,7 @@ def run_all(
     scene, overrides : as given to `clusterviz render`
     configurations : at least one configuration
     tolerance : the largest difference of two pictures
-    faint : keys of the volumes and surfaces that the ownership check, which runs once for each number of ranks, brick
+    faint : keys of the volumes and geometry that the ownership check, which runs once for each number of ranks, brick
         size, mode, tiling and distribution, makes nearly transparent; none for no such check
     splits : whether slabs are cut at brick faces, so that pictures are compared within one brick size
     announce : called with the number of jobs, and after the first with the time expected

@@ -107,7 +107,7 @@ class MemoryBudget:
         sizes = cpu_bytes(plan) if self.on_cpu else np.zeros(plan.cost.shape, np.int64)
         if self.by_opengl or not self.on_cpu:
             sizes = np.maximum(sizes, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
-        for layer in plan.multi_volume.geometry if plan.multi_volume else ():
+        for layer in plan.content.geometry if plan.content else ():
             sizes = sizes + layer.nbytes
         return np.where(plan.cost > 0, sizes, 0)
 
@@ -133,10 +133,10 @@ def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryB
 def cpu_bytes(plan: Plan) -> NDArray[np.int64]:
     """Return the size of each brick in the CPU ray caster, in bytes, int64 (bz, by, bx)."""
     slot = slot_of(plan)
-    if plan.multi_volume is None:
+    if plan.content is None:
         return slot.counted(plan.layout.counts_zyx, _slot_bytes)
     sizes = np.full(plan.cost.shape, 4 * HEADER_WORDS * len(slot.parts), np.int64)
-    for layer, part in zip(plan.multi_volume.volume_layers, slot.parts, strict=True):
+    for layer, part in zip(plan.content.volume_layers, slot.parts, strict=True):
         # A brick holds only samples of the volumes that it meets.
         sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
     return sizes

@@ -1,4 +1,4 @@
-"""Opening of volumes and surfaces, completion of the scene, and reading of bricks.
+"""Opening of volumes and geometry, completion of the scene, and reading of bricks.
 
 Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. What the summaries
 say completes the scene. Later frames read the bricks that they miss.
@@ -23,17 +23,17 @@ from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
-from clusterviz.plan.multi_volume import KnownVolume, MultiVolumeBrick
-from clusterviz.plan.plan import Plan, brick_cost, make_multi_volume_plan, make_plan
+from clusterviz.plan.content import ContentBrick, KnownVolume
+from clusterviz.plan.geometry_bricks import KnownGeometry
+from clusterviz.plan.plan import Plan, brick_cost, make_content_plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
-from clusterviz.plan.surface_bricks import KnownSurface
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
-from clusterviz.scene.surfaces import SurfaceSection
+from clusterviz.scene.geometry import GeometrySection
 from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]
-"""By index the samples (z, y, x) of one volume, or the `MultiVolumeBrick` of several."""
+"""By index the samples (z, y, x) of one volume, or the `ContentBrick` of several."""
 
 
 @dataclass(frozen=True)
@@ -81,23 +81,23 @@ class OpenedVolume:
 
 
 @dataclass(frozen=True)
-class OpenedVolumes:
-    """Several opened volumes, or any number and surfaces, with the interface of `OpenedVolume`.
+class OpenedContent:
+    """Several opened volumes, or any number and geometry, with the interface of `OpenedVolume`.
 
     Attributes
     ----------
     volumes : in the order of the scene
-    surfaces : meshes, lines and points, in the order of the scene
+    geometry : meshes, lines and points, in the order of the scene
     """
 
     volumes: tuple[OpenedVolume, ...]
-    surfaces: tuple[KnownSurface, ...] = ()
+    geometry: tuple[KnownGeometry, ...] = ()
 
     @property
     def infos(self) -> tuple[Info, ...]:
-        """Information on each volume, and then on each surface, which completes a scene."""
+        """Information on each volume, and then on each entry of geometry, which completes a scene."""
         volumes: tuple[Info, ...] = tuple(info for volume in self.volumes for info in volume.infos)
-        return (*volumes, *(surface.info for surface in self.surfaces))
+        return (*volumes, *(one.info for one in self.geometry))
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -107,36 +107,36 @@ class OpenedVolumes:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
-        return make_multi_volume_plan(scene, known, self.surfaces)
+        return make_content_plan(scene, known, self.geometry)
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
-        assert plan.multi_volume is not None, "the plan is one of several volumes"
-        return plan.multi_volume.domain.grid
+        assert plan.content is not None, "the plan is one of several volumes"
+        return plan.content.domain.grid
 
-    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, MultiVolumeBrick]]:
+    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
         """Read bricks of a plan from all sources, with one pass over each volume."""
-        several = plan.multi_volume
-        if several is None:
+        content = plan.content
+        if content is None:
             raise ValueError("the plan is not one of several volumes")
         each = []
-        for volume, part in zip(self.volumes, several.volume_layers, strict=True):
+        for volume, part in zip(self.volumes, content.volume_layers, strict=True):
             met = part.cut.bricks_met()
             each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
-        pairs = zip(self.surfaces, several.geometry, strict=True)
-        geometry = [surface.read(layer, several.surface_grid, wanted) for surface, layer in pairs]
+        pairs = zip(self.geometry, content.geometry, strict=True)
+        geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
         for index in wanted:
             samples = tuple(bricks.pop(index, None) for bricks in each)
             primitives = tuple(bricks.pop(index, None) for bricks in geometry)
-            yield index, MultiVolumeBrick(index, samples, several.around, primitives)
+            yield index, ContentBrick(index, samples, content.around, primitives)
 
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that were read with the margins of a plan."""
-        around = plan.multi_volume.around if plan.multi_volume else ()
+        around = plan.content.around if plan.content else ()
         return {index: brick for index, brick in held.items() if brick.around == around}
 
 
-Opened = OpenedVolume | OpenedVolumes
+Opened = OpenedVolume | OpenedContent
 
 
 MOST_BRICKS = 1 << 17
@@ -152,7 +152,7 @@ def complete(opened: Opened | None, scene: Scene) -> Scene:
 
 
 def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
-    """Read surfaces and an equal share of each volume's bricks, summarise the volumes, complete the scene; collective.
+    """Read geometry and an equal share of each volume's bricks, summarise the volumes, complete the scene; collective.
 
     Parameters
     ----------
@@ -161,10 +161,10 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     Returns
     -------
     scene : completed
-    opened : volumes and surfaces; None if the scene has none
+    opened : volumes and geometry; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
-    if not scene.volumes and not scene.surfaces:
+    if not scene.volumes and not scene.geometry:
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
     with run.local("open", "load"):
@@ -172,15 +172,15 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         sources = _sources(scene, given)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
-        surfaces = tuple(map(_surface, scene.surfaces, scene.surface_keys, geometries))
+        geometry = tuple(map(_known, scene.geometry, scene.geometry_keys, geometries))
     summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(each, layout, summary, (_info(each, summary),))
             for each, layout, summary in zip(sources, layouts, summaries, strict=True)
         )
-        if len(opened) > 1 or surfaces:
-            several = OpenedVolumes(opened, surfaces)
+        if len(opened) > 1 or geometry:
+            several = OpenedContent(opened, geometry)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
@@ -263,12 +263,12 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
 
 
 def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any]]:
-    """Return what is given for each volume and each surface; None: the file is read."""
-    volumes, count = len(scene.volumes), len(scene.volumes) + len(scene.surfaces)
+    """Return what is given for each volume and entry of geometry; None: the file is read."""
+    volumes, count = len(scene.volumes), len(scene.volumes) + len(scene.geometry)
     each: list[Any] = [None] * count
     if given is not None:
         each = list(given) if isinstance(given, Sequence) else [given]
-        each += [None] * (len(scene.surfaces) if len(each) == volumes else 0)
+        each += [None] * (len(scene.geometry) if len(each) == volumes else 0)
     if len(each) != count:
         raise InputError("not one for each volume", where="sources", found=len(each), allowed=count)
     return each[:volumes], each[volumes:]
@@ -280,8 +280,8 @@ def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
     return [open_volume(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
 
 
-def _surface(section: SurfaceSection, key: str, given: Geometry | None) -> KnownSurface:
-    return KnownSurface(section, key, (lambda: given) if given else partial(read_geometry, section.path))
+def _known(section: GeometrySection, key: str, given: Geometry | None) -> KnownGeometry:
+    return KnownGeometry(section, key, (lambda: given) if given else partial(read_geometry, section.path))
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

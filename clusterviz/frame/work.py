@@ -77,7 +77,7 @@ class DrawnFrame:
     work : that was drawn
     partials : partial images of this rank, front to back
     counts : costs of drawing on this rank
-    infos : info of each volume and surface
+    infos : info of each volume and entry of geometry
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
     fragments : of each partial image, as `RenderResult.fragments`

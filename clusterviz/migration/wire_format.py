@@ -180,7 +180,7 @@ class WireFormat:
 
 def wire_format_of(plan: Plan, dtype: np.dtype[Any]) -> WireFormat:
     """Return the wire format of a plan's bricks."""
-    geometry = plan.multi_volume.geometry if plan.multi_volume else ()
+    geometry = plan.content.geometry if plan.content else ()
     return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, geometry)
 
 

@@ -1,4 +1,4 @@
-"""The domain of several volumes and surfaces, and the voxels of each volume that a brick of the domain needs.
+"""The domain of several volumes and geometry, and the voxels of each volume that a brick of the domain needs.
 
 The domain is the axis-aligned box around all content, with cells of the volumes' smallest spacing. Overlapping volumes
 are combined slab by slab on one rank. So ranks own bricks of the domain, not bricks of one volume. Rays, slabs,
@@ -23,12 +23,12 @@ from clusterviz.errors import InputError
 
 MOST_BRICKS = 1 << 20
 """Every rank holds arrays over all bricks."""
-MOST_WITH_SURFACES = 1 << 16
-"""Bricks are larger than asked for if there would be more around surfaces, which may lie far apart."""
-CELLS_OF_SURFACES = 512
+MOST_WITH_GEOMETRY = 1 << 16
+"""Bricks are larger than asked for if there would be more around geometry, which may lie far apart."""
+CELLS_OF_GEOMETRY = 512
 """Cells along the longest side of a domain without volumes, at least; at most twice as many."""
 GROWTH = 2.0**-10
-"""Cells by which the domain is larger than surfaces that lie beyond all volumes, or where it would be flat."""
+"""Cells by which the domain is larger than geometry that lie beyond all volumes, or where it would be flat."""
 EMPTY = np.zeros((0, 3))
 ROUNDING = 1e-9
 """Part of a cell by which an extent may exceed a whole number of cells."""
@@ -59,35 +59,35 @@ class Domain:
 
 
 def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()) -> Domain:
-    """Return the domain of volumes and surfaces; around nothing at all, a small box.
+    """Return the domain of volumes and geometry; around nothing at all, a small box.
 
     Parameters
     ----------
     boxes : low and high corners of the boxes around meshes, lines and points, float64 (2, 3) or (0, 3)
     """
-    volumes, surfaces = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
-    if not len(volumes) + len(surfaces):
-        surfaces = np.zeros((1, 3))
-    corners = np.concatenate([volumes, surfaces])
+    volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
+    if not len(volumes) + len(geometry):
+        geometry = np.zeros((1, 3))
+    corners = np.concatenate([volumes, geometry])
     longest = float(np.ptp(corners, axis=0).max()) or float(np.abs(corners).max()) or 1.0
-    widest = 2.0 ** math.floor(math.log2(longest / CELLS_OF_SURFACES))
+    widest = 2.0 ** math.floor(math.log2(longest / CELLS_OF_GEOMETRY))
     spacing = min((min(grid.spacing) for grid in grids), default=widest)
-    margin = GROWTH * spacing + 2.0**-48 * np.abs(surfaces).max(initial=0.0)
+    margin = GROWTH * spacing + 2.0**-48 * np.abs(geometry).max(initial=0.0)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    flat = (low == high) & bool(len(surfaces))
+    flat = (low == high) & bool(len(geometry))
     low = np.where(flat | (low < volumes.min(axis=0, initial=np.inf)), low - margin, low)
     high = np.where(flat | (high > volumes.max(axis=0, initial=-np.inf)), high + margin, high)
     x, y, z = (float(length) for length in (high - low) / spacing)
     return Domain((float(low[0]), float(low[1]), float(low[2])), spacing, (x, y, z))
 
 
-def domain_layout(domain: Domain, brick: int, has_surfaces: bool = False) -> BrickLayout:
+def domain_layout(domain: Domain, brick: int, has_geometry: bool = False) -> BrickLayout:
     """Return the brick layout of a domain.
 
     Parameters
     ----------
     brick : cells along the side of one
-    has_surfaces : bricks may be larger, by a power of two
+    has_geometry : bricks may be larger, by a power of two
 
     Raises
     ------
@@ -98,13 +98,13 @@ def domain_layout(domain: Domain, brick: int, has_surfaces: bool = False) -> Bri
     def count() -> float:
         return math.prod(max(1.0, length / brick) for length in domain.extent)
 
-    while has_surfaces and count() > MOST_WITH_SURFACES and brick < LARGEST_BRICK:
+    while has_geometry and count() > MOST_WITH_GEOMETRY and brick < LARGEST_BRICK:
         brick *= 2
     if count() > MOST_BRICKS:
         size = " × ".join(f"{length:.3g}" for length in domain.extent)
         raise InputError(
             "the volumes lie too far apart for their smallest spacing",
-            where="scene" if has_surfaces else "volumes",
+            where="scene" if has_geometry else "volumes",
             found=f"{size} cells of {domain.spacing:g} in bricks of {brick}",
             allowed=f"{MOST_BRICKS} bricks; cluster.brick makes them larger",
         )

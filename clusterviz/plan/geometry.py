@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from clusterviz.data.primitives import Kind
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
-from clusterviz.scene.surfaces import SurfaceSection
+from clusterviz.scene.geometry import GeometrySection
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class GeometryLayer:
     shading: Shading | None
     culling: Literal["none", "front", "back"]
     opaque: bool
-    section: SurfaceSection | None = None
+    section: GeometrySection | None = None
     position_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))
     has_normals: bool = False
     in_bricks: NDArray[np.int64] = field(default_factory=lambda: np.zeros((2, 1, 1, 1), np.int64))

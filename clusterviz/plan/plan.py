@@ -32,14 +32,14 @@ from clusterviz.plan.blend_mode import (
     spread_of,
     step_of,
 )
+from clusterviz.plan.content import Content, KnownVolume, domain_of, make_content
 from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.layers import LayeredVolume, make_layers
-from clusterviz.plan.multi_volume import KnownVolume, MultiVolume, domain_of, make_multi_volume
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
-from clusterviz.plan.surface_bricks import KnownSurface
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -102,7 +102,7 @@ class Plan:
     segments : the transfer function as the shader reads it
     layout : the bricks of the volume
     cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
-    multi_volume : the content of a scene with several volumes or with surfaces, else None. If given, index space and
+    content : the content of a scene with several volumes or with geometry, else None. If given, index space and
         bricks are the domain's, and encoding, transfer function and segments are the first volume's
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
@@ -116,7 +116,7 @@ class Plan:
     segments: Segments
     layout: BrickLayout
     cost: NDArray[np.float64]
-    multi_volume: MultiVolume | None = None
+    content: Content | None = None
     layers: tuple[LayeredVolume, ...] = ()
 
     @property
@@ -127,8 +127,8 @@ class Plan:
     @property
     def extent(self) -> tuple[float, float, float]:
         """Lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0."""
-        if self.multi_volume:
-            return self.multi_volume.domain.extent
+        if self.content:
+            return self.content.domain.extent
         z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
         return x, y, z
 
@@ -218,13 +218,13 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface] = ()) -> Plan:
-    """Make the plan of a frame with several volumes, or with surfaces.
+def make_content_plan(scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry] = ()) -> Plan:
+    """Make the plan of a frame with several volumes, or with geometry.
 
     Parameters
     ----------
     scene : a completed scene
-    volumes, surfaces : their metadata, in the order of the scene
+    volumes, geometry : their metadata, in the order of the scene
 
     Raises
     ------
@@ -233,14 +233,14 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume], surface
     """
     quality = scene.quality
     steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, surfaces).grid)
-    multi_volume, cost = make_multi_volume(scene, volumes, surfaces, step_world)
-    first = multi_volume.volume_layers[0] if volumes else _no_volume()
-    grid, layout = multi_volume.domain.grid, multi_volume.layout
+    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, geometry).grid)
+    content, cost = make_content(scene, volumes, geometry, step_world)
+    first = content.volume_layers[0] if volumes else _no_volume()
+    grid, layout = content.domain.grid, content.layout
     planes = clip_planes(scene.clip, grid)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
-    beyond[:, 3] += (multi_volume.reach if surfaces else 0) * np.linalg.norm(planes[:, :3], axis=1)
+    beyond[:, 3] += (content.reach if geometry else 0) * np.linalg.norm(planes[:, :3], axis=1)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -252,7 +252,7 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume], surface
             spread=0,
             jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes) and bool(volumes),
             frame_coherence=None
-            if surfaces
+            if geometry
             else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
         ),
         BlendMode(),
@@ -262,8 +262,8 @@ def make_multi_volume_plan(scene: Scene, volumes: Sequence[KnownVolume], surface
         first.segments,
         layout,
         np.where(clipped_bricks(beyond, layout), 0.0, cost),
-        multi_volume,
-        make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in multi_volume.volume_layers]),
+        content,
+        make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in content.volume_layers]),
     )
 
 
@@ -307,9 +307,9 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     found: list[Change] = []
     if scene.volumes:
         found += [*_of_quality(scene), *_of_light(scene)]
-    if scene.surfaces:
-        found += _with_surfaces(scene)
-    if scene.volumes or scene.surfaces:
+    if scene.geometry:
+        found += _with_geometry(scene)
+    if scene.volumes or scene.geometry:
         found += _of_cluster(scene, ranks)
     if on_cpu and scene.quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
@@ -320,7 +320,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
     volumes, quality = scene.volumes, scene.quality
     step = min(step_of(volume, quality.step, quality.classification) for volume in volumes)
     if step < quality.step:
-        text = f"slabs with surfaces or with pre-integration are at most {LONGEST_SLAB:g} voxels long"
+        text = f"slabs with geometry or with pre-integration are at most {LONGEST_SLAB:g} voxels long"
         yield Change("quality.step", quality.step, step, text)
     ramps = [is_preintegrated(volume, quality.classification) for volume in volumes]
     if quality.classification == "pre-integrated" and not all(ramps):
@@ -337,9 +337,9 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.early_termination", quality.early_termination, 0.0, "a projection hides nothing")
 
 
-def _with_surfaces(scene: Scene) -> Iterator[Change]:
+def _with_geometry(scene: Scene) -> Iterator[Change]:
     if scene.quality.frame_coherence:
-        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around surfaces")
+        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around geometry")
 
 
 def _of_light(scene: Scene) -> Iterator[Change]:

@@ -24,7 +24,7 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
-from clusterviz.scene.surfaces import SurfaceSection
+from clusterviz.scene.geometry import GeometrySection
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
 
@@ -151,7 +151,7 @@ def make_shading(
     )
 
 
-def make_surface_shading(section: SurfaceSection, lights: Sequence[Light], grid: Grid) -> Shading:
+def make_geometry_shading(section: GeometrySection, lights: Sequence[Light], grid: Grid) -> Shading:
     """Return the lighting of meshes, lines and points by normals in the world.
 
     Parameters

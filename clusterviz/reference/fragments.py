@@ -24,7 +24,7 @@ from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
+from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.transfer import interpolate, opacity_points
 from clusterviz.scene.values import Scene
 
@@ -49,7 +49,7 @@ class Fragments:
 
 
 @dataclass(frozen=True)
-class PlacedSurface:
+class PlacedGeometry:
     """Primitives of one entry of a scene, with what colours them.
 
     Attributes
@@ -61,7 +61,7 @@ class PlacedSurface:
     of_vertices, of_cells : arrays of the file by name
     """
 
-    section: SurfaceSection
+    section: GeometrySection
     primitives: Primitives
     corners: NDArray[np.int64]
     cells: NDArray[np.int64]
@@ -116,7 +116,7 @@ class PlacedSurface:
         return rgba
 
 
-def place(section: SurfaceSection, geometry: Mesh | Lines | Points) -> PlacedSurface:
+def place(section: GeometrySection, geometry: Mesh | Lines | Points) -> PlacedGeometry:
     """Return the primitives of an entry that can be drawn, in the world.
 
     Raises
@@ -135,7 +135,7 @@ def place(section: SurfaceSection, geometry: Mesh | Lines | Points) -> PlacedSur
     raise InputError("not what the section is for", where=section.path, found=found)
 
 
-def find_fragments(rays: Rays, surfaces: Sequence[PlacedSurface], scene: Scene) -> Fragments:
+def find_fragments(rays: Rays, surfaces: Sequence[PlacedGeometry], scene: Scene) -> Fragments:
     """Return the fragments of rays in the world that are not clipped.
 
     Parameters
@@ -143,7 +143,7 @@ def find_fragments(rays: Rays, surfaces: Sequence[PlacedSurface], scene: Scene) 
     surfaces : in the order of the scene
     scene : for its lights and clipping
     """
-    parts = [_of_surface(rays, surface, number, scene) for number, surface in enumerate(surfaces)]
+    parts = [_of_geometry(rays, surface, number, scene) for number, surface in enumerate(surfaces)]
     keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])
     t, rgba = (
         np.concatenate([np.empty(0), *(p[1] for p in parts)]),
@@ -155,8 +155,8 @@ def find_fragments(rays: Rays, surfaces: Sequence[PlacedSurface], scene: Scene) 
     return Fragments(begins, t[order], rgba[order])
 
 
-def _of_surface(
-    rays: Rays, surface: PlacedSurface, number: int, scene: Scene
+def _of_geometry(
+    rays: Rays, surface: PlacedGeometry, number: int, scene: Scene
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Return ray, number and primitive (k, 3), t (k,) and colours (k, 4) of one surface's fragments."""
     section, hits = surface.section, intersect(rays, surface.primitives)
@@ -180,7 +180,7 @@ def _moved(positions: NDArray[np.floating], matrix: Floats) -> Floats:
     return moved
 
 
-def _mesh(section: MeshSection, mesh: Mesh, matrix: Floats) -> PlacedSurface:
+def _mesh(section: MeshSection, mesh: Mesh, matrix: Floats) -> PlacedGeometry:
     cells = np.flatnonzero(mesh.drawable)
     vertices, corners = _moved(mesh.vertices, matrix), mesh.triangles[cells].astype(np.int64)
     normals = None
@@ -199,10 +199,12 @@ def _mesh(section: MeshSection, mesh: Mesh, matrix: Floats) -> PlacedSurface:
         for corner in corners.T:
             np.add.at(normals, corner, across)
     primitives = Triangles(vertices, corners)
-    return PlacedSurface(section, primitives, corners, cells, normals, mesh.vertex_attributes, mesh.triangle_attributes)
+    return PlacedGeometry(
+        section, primitives, corners, cells, normals, mesh.vertex_attributes, mesh.triangle_attributes
+    )
 
 
-def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedSurface:
+def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedGeometry:
     """Return the segments between different finite points; a line of one point has none."""
     points = _moved(lines.points, matrix)
     line = np.repeat(np.arange(len(lines.offsets) - 1), np.diff(lines.offsets))
@@ -221,10 +223,10 @@ def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedSurface
         raise InputError("no radius", where=section.path, allowed="a completed section")
     primitives = Segments(points[corners[:, 0]], points[corners[:, 1]], section.radius, before, after)
     cells = line[corners[:, 0]]
-    return PlacedSurface(section, primitives, corners, cells, None, lines.point_attributes, lines.line_attributes)
+    return PlacedGeometry(section, primitives, corners, cells, None, lines.point_attributes, lines.line_attributes)
 
 
-def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedSurface:
+def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedGeometry:
     centres = _moved(points.positions, matrix)
     if isinstance(section.radius, str):
         if section.radius not in points.attributes:
@@ -235,4 +237,4 @@ def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedSur
         radii = np.full(len(centres), section.radius)
     drawn = np.flatnonzero(np.isfinite(centres).all(axis=1) & (radii > 0) & np.isfinite(radii))
     primitives = Spheres(centres[drawn], radii[drawn])
-    return PlacedSurface(section, primitives, drawn[:, None], drawn, None, points.attributes, {})
+    return PlacedGeometry(section, primitives, drawn[:, None], drawn, None, points.attributes, {})

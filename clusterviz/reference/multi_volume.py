@@ -1,4 +1,4 @@
-"""Reference of several volumes and surfaces in one scene: emission and absorption of their mixture, slab by slab.
+"""Reference of several volumes and geometry in one scene: emission and absorption of their mixture, slab by slab.
 
 Rays are cut into slabs in the axis-aligned box around all content. A slab lies in every volume that contains its
 midpoint. The extinctions of these volumes add up, κ = Σ κ_i, and its colour is the mean Σ κ_i c_i / Σ κ_i. See
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.fragments import Fragments, PlacedSurface, find_fragments
+from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity
 from clusterviz.reference.lighting import lit
@@ -252,7 +252,7 @@ def march_mixture(
     step: float,
     scene: Scene,
     met: HalfOpacity | None = None,
-    surfaces: Sequence[PlacedSurface] = (),
+    surfaces: Sequence[PlacedGeometry] = (),
 ) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
 

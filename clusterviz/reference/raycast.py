@@ -139,7 +139,7 @@ def _render_mixture(
     met: HalfOpacity | None,
     surfaces: Sequence[Surface],
 ) -> Floats:
-    """Return the picture of several volumes and surfaces."""
+    """Return the picture of several volumes and geometry."""
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
         raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))

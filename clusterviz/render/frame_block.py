@@ -75,7 +75,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
     # Without a residual no ray ends early, so that ranks count the same samples whatever lies in front of them.
     residual = plan.march.residual or -1.0
-    if plan.multi_volume and any(layer.opaque for layer in plan.multi_volume.geometry):
+    if plan.content and any(layer.opaque for layer in plan.content.geometry):
         residual = max(residual, BEHIND_OPAQUE)
     record["optics"][0, :3] = plan.march.slab_units, residual, plan.blend_mode.threshold
     return record

@@ -31,10 +31,10 @@ from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
 from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.abuffer.tiles import ManyFragmentsError
 from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.content_bricks import store_as
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
-from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
     SQUARE,
@@ -47,7 +47,7 @@ from clusterviz.render.render_result import (
 )
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, variant_of
-from clusterviz.render.volume_layers import all_segments, multi_volume_blocks, multi_volume_tables
+from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
@@ -128,13 +128,13 @@ class Raycaster:
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
+        bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
         """
         if bricks:
             self._primitives = TableCache()
             self._last_frame.forget()
         # With early ray termination, a brick of one volume is uploaded only if a ray reaches it.
-        later = plan.march.residual > 0 and plan.blend_mode.traits.composited and plan.multi_volume is None
+        later = plan.march.residual > 0 and plan.blend_mode.traits.composited and plan.content is None
         put = self.pool.put_later if later else self.pool.put
         put(bricks, store_as(plan, self.slot))
 
@@ -172,9 +172,9 @@ class Raycaster:
             records.bind_to_uniform_block(1) if variant.block_bytes else records.bind_to_storage_buffer(5)
             if sums is not None:
                 buffers.bind(0, sums)
-            for binding, block in multi_volume_blocks(plan.multi_volume) if plan.multi_volume else ():
+            for binding, block in content_blocks(plan.content) if plan.content else ():
                 buffers.make(block).bind_to_uniform_block(binding)
-            for binding, texels in multi_volume_tables(plan.multi_volume) if plan.multi_volume else ():
+            for binding, texels in content_tables(plan.content) if plan.content else ():
                 buffers.table(texels).use(binding)
             if len(plan.clip):
                 buffers.make(plan.clip).bind_to_uniform_block(3)
@@ -267,7 +267,7 @@ class Raycaster:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
-        geometry = plan.multi_volume.geometry if plan.multi_volume else ()
+        geometry = plan.content.geometry if plan.content else ()
         fragments = np.zeros((rect.height, rect.width) if geometry else (0, 0), np.int32)
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
@@ -371,7 +371,7 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if plan.multi_volume and plan.multi_volume.geometry:
+    if plan.content and plan.content.geometry:
         count = min(1, len(members))
     if count < 2 or not plan.march.residual or not plan.blend_mode.traits.composited or piece.rect is not None:
         return [piece] if len(members) else []

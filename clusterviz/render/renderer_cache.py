@@ -159,6 +159,6 @@ class RendererCache:
 
 def _encodings_of(plan: Plan) -> tuple[object, ...]:
     """Return the encoding of each volume's stored bricks, None for unchanged integers, and the surfaces' reach."""
-    each = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
-    reach = plan.multi_volume.reach if plan.multi_volume else 0
+    each = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
+    reach = plan.content.reach if plan.content else 0
     return (*(encoding if encoding.kind == "f32" else None for encoding in each), reach)

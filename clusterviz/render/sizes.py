@@ -53,7 +53,7 @@ def is_far_apart(plan: Plan, voxel_bytes: int) -> bool:
 
 def sizes_block(plan: Plan, slot: Slot) -> NDArray[np.void]:
     """Return the block of a draw, `SIZES` (1 + volumes,): the first record is that of the domain, or of one volume."""
-    layers = plan.multi_volume.volume_layers if plan.multi_volume else ()
+    layers = plan.content.volume_layers if plan.content else ()
     block, unit = np.zeros(1 + len(layers), SIZES), slot.unit
     _tell_volume(block[:1], unit, plan.segments, plan.blend_mode)
     block["cells"][0, 3], block["groups"][0] = plan.layout.brick, (*unit.groups_zyx[::-1], slot.unit.group_words)

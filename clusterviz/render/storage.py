@@ -173,12 +173,12 @@ class Slot:
 def slot_of(plan: Plan) -> Slot:
     """Return the slot of a plan's bricks, with a part for each of several volumes."""
     slot = make_slot(plan.layout, plan.encoding, plan.march)
-    if plan.multi_volume is None:
+    if plan.content is None:
         return slot
     parts = (
         # The cells include the reach; it is stored so that slots of different reach differ.
         Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
-        for part in plan.multi_volume.volume_layers
+        for part in plan.content.volume_layers
     )
     return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts), mixed=True)
 

@@ -39,7 +39,7 @@ class Stored:
     low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
     voxels : number of samples before encoding
     bend : result of `group_curvature`; None without an adaptive step
-    primitives : as in `MultiVolumeBrick`
+    primitives : as in `ContentBrick`
     """
 
     samples: NDArray[Any]
@@ -59,9 +59,9 @@ def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
 
 def stamp_of(plan: Plan) -> int:
     """Return a checksum of the format in which a plan's bricks are stored; bricks of another format do not suit it."""
-    encodings = [part.encoding for part in plan.multi_volume.volume_layers] if plan.multi_volume else [plan.encoding]
+    encodings = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
     # Integers are stored unchanged, with any encoding.
-    reach = plan.multi_volume.reach if plan.multi_volume else 0
+    reach = plan.content.reach if plan.content else 0
     stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach
     return zlib.crc32(repr(stored).encode())
 
@@ -97,9 +97,9 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
     visible : bool (n, gz, gy, gx)
     """
     low, high = ranges
-    if plan.multi_volume is None:
+    if plan.content is None:
         return _visible(low, high, plan.blend_mode, plan.transfer)
-    each = enumerate(plan.multi_volume.volume_layers)
+    each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
     shape = len(low), *low.shape[2:]
     return np.asarray(np.any([np.zeros(shape, bool), *visible], axis=0))

@@ -27,11 +27,11 @@ from clusterviz.render.volume_layers import (
     TABLES_BINDING,
     VolumeVariant,
     cell_files,
+    content_files,
     density_files,
     field_file,
     gradient_file,
     light_files,
-    multi_volume_files,
     spline_file,
     volume_variants,
     voxel_files,
@@ -198,7 +198,7 @@ class Variant:
             "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
         return assemble(
-            "raycast.glsl", slots | (self._multi_volume if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
+            "raycast.glsl", slots | (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
         )
 
     @property
@@ -254,14 +254,14 @@ class Variant:
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
-    def _multi_volume(self) -> dict[str, Files]:
+    def _content(self) -> dict[str, Files]:
         """Return the slots of files that differ for several volumes."""
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
         one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
-        files = multi_volume_files(self.volumes, self.crossing, pieces, geometry)
+        files = content_files(self.volumes, self.crossing, pieces, geometry)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property
@@ -457,10 +457,10 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     uniform_bytes : the driver's largest uniform block
     """
     grading = plan.blend_mode.grading
-    volumes = volume_variants(plan.multi_volume, slot) if plan.multi_volume else ()
+    volumes = volume_variants(plan.content, slot) if plan.content else ()
     records = (
-        sum(part.segments.records.nbytes for part in plan.multi_volume.volume_layers)
-        if plan.multi_volume
+        sum(part.segments.records.nbytes for part in plan.content.volume_layers)
+        if plan.content
         else plan.segments.records.nbytes
     )
     fits = records <= uniform_bytes

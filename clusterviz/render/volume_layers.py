@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode
-from clusterviz.plan.multi_volume import MultiVolume
+from clusterviz.plan.content import Content
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
@@ -251,7 +251,7 @@ def undefine(names: Iterable[str]) -> str:
     return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
 
 
-def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVariant, ...]:
+def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
     return tuple(
         VolumeVariant(
@@ -270,7 +270,7 @@ def volume_variants(multi_volume: MultiVolume, slot: Slot) -> tuple[VolumeVarian
             part.blend_mode.grading.look if part.blend_mode.grading else None,
             len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
         )
-        for part, part_slot in zip(multi_volume.volume_layers, slot.parts, strict=True)
+        for part, part_slot in zip(content.volume_layers, slot.parts, strict=True)
     )
 
 
@@ -284,7 +284,7 @@ def density_files(preintegrated: bool) -> tuple[str, ...]:
     return ("density_ramp.glsl",) if preintegrated else ("density.glsl",)
 
 
-def multi_volume_files(
+def content_files(
     volumes: tuple[VolumeVariant, ...],
     crossing: bool = False,
     pieces: Sequence[int] | None = None,
@@ -317,11 +317,11 @@ def multi_volume_files(
     return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *layers, *looks, *each, "multi_volume.glsl")
 
 
-def multi_volume_blocks(multi_volume: MultiVolume) -> list[tuple[int, NDArray[Any]]]:
+def content_blocks(content: Content) -> list[tuple[int, NDArray[Any]]]:
     """Return the uniform blocks of several volumes, with their bindings."""
-    rows = [rows for part in multi_volume.volume_layers for rows in rows_of(part.blend_mode)]
+    rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]
     block = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
-    return [(VOLUMES_BINDING, volumes_block(multi_volume)), *block] if multi_volume.volume_layers else []
+    return [(VOLUMES_BINDING, volumes_block(content)), *block] if content.volume_layers else []
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
@@ -330,16 +330,16 @@ def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
     return [part.block() for part in (blend_mode.shading, blend_mode.grading) if part] + surfaces
 
 
-def multi_volume_tables(multi_volume: MultiVolume) -> list[tuple[int, NDArray[np.float32]]]:
+def content_tables(content: Content) -> list[tuple[int, NDArray[np.float32]]]:
     """Return the 2-D transfer functions, with the bindings of their textures."""
-    gradings = [(TABLES_BINDING + n, part.blend_mode.grading) for n, part in enumerate(multi_volume.volume_layers)]
+    gradings = [(TABLES_BINDING + n, part.blend_mode.grading) for n, part in enumerate(content.volume_layers)]
     return [(binding, one.table) for binding, one in gradings if one and one.table is not None]
 
 
-def volumes_block(multi_volume: MultiVolume) -> NDArray[np.void]:
+def volumes_block(content: Content) -> NDArray[np.void]:
     """Return the block of all volumes, `VOLUME` (n,)."""
-    blocks, first = np.zeros(len(multi_volume.volume_layers), VOLUME), 0
-    for block, part in zip(blocks, multi_volume.volume_layers, strict=True):
+    blocks, first = np.zeros(len(content.volume_layers), VOLUME), 0
+    for block, part in zip(blocks, content.volume_layers, strict=True):
         segments = part.segments
         for name, row in zip("xyz", part.cut.index_from_domain, strict=True):
             block[name] = row
@@ -357,16 +357,16 @@ def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np
 
     Records are bytes then, since there are two types of one size; sums are None if no volume has any.
     """
-    if not plan.multi_volume or not plan.multi_volume.volume_layers:
+    if not plan.content or not plan.content.volume_layers:
         return plan.segments.buckets, plan.segments.records, plan.segments.sums
-    buckets, sums, first, multi_volume = [], [], 0, plan.multi_volume
-    for part in multi_volume.volume_layers:
+    buckets, sums, first, content = [], [], 0, plan.content
+    for part in content.volume_layers:
         own = part.segments.buckets.copy()
         own["first"] += first
         buckets.append(own)
         count = len(part.segments.records)
         sums.append(np.zeros((count, SUM_ROWS)) if part.segments.sums is None else part.segments.sums)
         first += count
-    records = np.concatenate([part.segments.records.view(np.uint8) for part in multi_volume.volume_layers])
-    has_sums = any(part.preintegrated for part in multi_volume.volume_layers)
+    records = np.concatenate([part.segments.records.view(np.uint8) for part in content.volume_layers])
+    has_sums = any(part.preintegrated for part in content.volume_layers)
     return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.scene.surfaces import LinesSection, SurfaceInfo, SurfaceSection, as_sections
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
 from clusterviz.scene.values import Scene, Volume
 
 
@@ -93,37 +93,37 @@ HOUNSFIELD_COLOURS = (
 HOUNSFIELD_OPACITY = ((-400.0, 0.0), (-150.0, 0.03), (60.0, 0.03), (160.0, 0.06), (280.0, 0.5), (900.0, 0.95))
 
 
-Info = VolumeInfo | SurfaceInfo
-SURFACE_KEYS = {"color": (0.93, 0.9, 0.84), "ambient": 0.12, "diffuse": 0.85, "specular": 0.15, "specular_power": 20.0}
+Info = VolumeInfo | GeometryInfo
+GEOMETRY_KEYS = {"color": (0.93, 0.9, 0.84), "ambient": 0.12, "diffuse": 0.85, "specular": 0.15, "specular_power": 20.0}
 
 
-def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], surfaces: Sequence[SurfaceInfo] = ()) -> Scene:
-    """Return a scene whose unset keys are chosen by the classes of its volumes, and the arrays of its surfaces.
+def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo] = ()) -> Scene:
+    """Return a scene whose unset keys are chosen by the classes of its volumes, and the arrays of its geometry.
 
     Parameters
     ----------
     scene : a scene with `automatic: true`
-    infos, surfaces : information on each volume, and on each of `scene.surfaces`
+    infos, geometry : information on each volume, and on each of `scene.geometry`
     """
     if any(key in volume.model_fields_set for volume in scene.volumes for key in OPT_OUT_KEYS):
         return scene.model_copy(update={"automatic": False})
     volumes = tuple(automatic_volume(*each) for each in zip(scene.volumes, infos, strict=True))
     image = _with_defaults(scene.image, {"background": BACKGROUND})
     quality = _with_defaults(scene.quality, {"step": STEP})
-    coloured = as_sections(automatic_surface(*each) for each in zip(scene.surfaces, surfaces, strict=True))
+    coloured = as_sections(automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True))
     found = {"automatic": False, "volumes": volumes, "image": image, "quality": quality}
     return scene.model_copy(update=found | coloured)
 
 
-def automatic_surface(section: SurfaceSection, info: SurfaceInfo) -> SurfaceSection:
+def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points in the colours of the file, or lines by their direction."""
-    found: dict[str, Any] = dict(SURFACE_KEYS)
+    found: dict[str, Any] = dict(GEOMETRY_KEYS)
     colours = next((name for name in ("RGB", "RGBA") if name in info.arrays), None)
     if "color" not in section.model_fields_set and colours is not None:
         found["scalars"] = colours
     elif "color" not in section.model_fields_set and isinstance(section, LinesSection) and section.scalars is None:
         found["color_by"] = "direction"
-    chosen: SurfaceSection = _with_defaults(section, found)
+    chosen: GeometrySection = _with_defaults(section, found)
     return chosen
 
 

@@ -67,17 +67,17 @@ def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bo
         raise InvalidValueError(f"not with {problem}", allowed, key="ambient_occlusion")
 
 
-def check_several_volumes(volumes: Sequence[Any], surfaces: Sequence[Any], quality: Any, cluster: Any) -> None:
+def check_several_volumes(volumes: Sequence[Any], geometry: Sequence[Any], quality: Any, cluster: Any) -> None:
     """Refuse projections and settings that support a single volume only, and nothing else.
 
     Parameters
     ----------
-    volumes, surfaces, quality, cluster : sections of a scene; surfaces are meshes, lines and points
+    volumes, geometry, quality, cluster : sections of a scene; geometry: meshes, lines and points
     """
-    if len(volumes) < 2 and not surfaces:
+    if len(volumes) < 2 and not geometry:
         return
     with_what, allowed = "for several volumes", "one volume with it"
-    if surfaces:
+    if geometry:
         with_what, allowed = "with meshes, lines or points", "one volume alone with it"
     projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
     keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
@@ -122,14 +122,14 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], surfaces: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
-    """Refuse layers with projections, which have no depth, with slabs that are cut at bricks, and with surfaces.
+def check_layers(volumes: Sequence[Any], geometry: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+    """Refuse layers with projections, which have no depth, with slabs that are cut at bricks, and with geometry.
 
     Parameters
     ----------
-    volumes, surfaces, quality : sections of a scene; surfaces are meshes, lines and points
+    volumes, geometry, quality : sections of a scene; geometry: meshes, lines and points
     """
-    if layers and surfaces:
+    if layers and geometry:
         allowed = "[], or volumes alone"
         raise InvalidValueError("not with meshes, lines or points", allowed, key="image.layers", found=list(layers))
     problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}

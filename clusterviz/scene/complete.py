@@ -1,4 +1,4 @@
-"""Scene completion: unset keys are filled from information on the volumes and surfaces."""
+"""Scene completion: unset keys are filled from information on the volumes and geometry."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.surfaces import LinesSection, PointsSection, SurfaceInfo, SurfaceSection, as_sections
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, PointsSection, as_sections
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -22,7 +22,7 @@ from clusterviz.scene.values import Scene, Volume
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
-RADIUS_OF_DIAGONAL: dict[type[SurfaceSection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
+RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
 """Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
 """(share of clim, opacity); the lowest values, in most data air, solvent or noise, are transparent."""
@@ -36,22 +36,22 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     Parameters
     ----------
     scene : values that are set are kept
-    infos : information on each of `scene.volumes`, then on each of `scene.surfaces`
+    infos : information on each of `scene.volumes`, then on each of `scene.geometry`
 
     Returns
     -------
-    scene : volumes have cmap, clim, opacity and unit distance, surfaces clim and a radius; the camera has position,
+    scene : volumes have cmap, clim, opacity and unit distance, geometry clim and a radius; the camera has position,
         focal_point and view_up
     """
     each, known = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
     if scene.automatic:
         scene = automatic_scene(scene, each, known)
     volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
-    surfaces = [complete_surface(section, info) for section, info in zip(scene.surfaces, known, strict=True)]
-    scene = scene.model_copy(update={"volumes": volumes, **as_sections(surfaces)})
+    geometry = [complete_geometry(section, info) for section, info in zip(scene.geometry, known, strict=True)]
+    scene = scene.model_copy(update={"volumes": volumes, **as_sections(geometry)})
     if is_completed(scene.camera):
         return scene
-    boxes = [box_corners(info.grown_box(section)) for section, info in zip(surfaces, known, strict=True)]
+    boxes = [box_corners(info.grown_box(section)) for section, info in zip(geometry, known, strict=True)]
     parts = [*(visible_corners(*pair) for pair in zip(volumes, each, strict=True)), *boxes]
     corners = np.concatenate(parts or [np.zeros((1, 3))])
     if not corners.size:
@@ -63,13 +63,13 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     return scene.model_copy(update={"camera": camera})
 
 
-def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[SurfaceInfo]]:
-    """Return the information on volumes, and on surfaces."""
+def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[GeometryInfo]]:
+    """Return the information on volumes, and on geometry."""
     volumes = [info for info in infos if isinstance(info, VolumeInfo)]
-    return volumes, [info for info in infos if isinstance(info, SurfaceInfo)]
+    return volumes, [info for info in infos if isinstance(info, GeometryInfo)]
 
 
-def complete_surface(section: SurfaceSection, info: SurfaceInfo) -> SurfaceSection:
+def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points with clim and a radius."""
     found: dict[str, object] = {}
     if section.clim is None and info.scalars is not None:

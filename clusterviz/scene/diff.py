@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.surfaces import as_sections
+from clusterviz.scene.geometry import as_sections
 from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Camera, Quality, Scene
 
 CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
 """Keys of a volume that may differ between frames, like all keys of camera and quality."""
-SURFACE_CHANGING = ("color", "cmap", "opacity", "ambient", "diffuse", "specular", "specular_power")
+GEOMETRY_CHANGING = ("color", "cmap", "opacity", "ambient", "diffuse", "specular", "specular_power")
 """Keys of meshes, lines and points that may differ between frames."""
 
 
@@ -43,13 +43,13 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     found = differences(_shared_part(first), _shared_part(scene)) if scene != first else []
     if found:
         allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
-        allowed += f", or {', '.join(SURFACE_CHANGING)} of a surface" if scene.surfaces else ""
+        allowed += f", or {', '.join(GEOMETRY_CHANGING)} of a surface" if scene.geometry else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
 def _shared_part(scene: Scene) -> dict[str, Any]:
     """Return the part of a scene that all frames share."""
     volumes = tuple(volume.model_copy(update=dict.fromkeys(CHANGING)) for volume in scene.volumes)
-    surfaces = as_sections(section.model_copy(update=dict.fromkeys(SURFACE_CHANGING)) for section in scene.surfaces)
-    update = {"camera": Camera(), "volumes": volumes, "quality": Quality(), **surfaces}
+    geometry = as_sections(section.model_copy(update=dict.fromkeys(GEOMETRY_CHANGING)) for section in scene.geometry)
+    update = {"camera": Camera(), "volumes": volumes, "quality": Quality(), **geometry}
     return scene.model_copy(update=update).model_dump(mode="json", warnings=False)

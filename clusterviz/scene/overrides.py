@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section, current_key
-from clusterviz.scene.surfaces import SURFACES
+from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import (
     SECTIONS,
@@ -156,10 +156,10 @@ def _check_known(key: KeyPath, where: str) -> None:
 
 def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
     """Yield the sections whose keys can be set by last name: those of all scenes, then those in lists of this one."""
-    has_surfaces_only = not data.get("volumes") and any(data.get(name) for name in SURFACES)
-    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_surfaces_only)
+    has_geometry_only = not data.get("volumes") and any(data.get(name) for name in GEOMETRY_SECTIONS)
+    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_geometry_only)
     lights, volumes = data.get("lights"), data.get("volumes")
-    for name, section in SURFACES.items():
+    for name, section in GEOMETRY_SECTIONS.items():
         if all_of_them or data.get(name):
             yield (name, 0), section
     for index in range(1 if all_of_them else len(lights) if isinstance(lights, list) else 0):

@@ -10,7 +10,7 @@ import yaml
 
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.surfaces import LinesSection, PointsSection, SurfaceSection
+from clusterviz.scene.geometry import GeometrySection, LinesSection, PointsSection
 from clusterviz.scene.values import Scene, Volume
 from clusterviz.scene.yaml_text import SceneDumper, write_yaml
 
@@ -42,12 +42,12 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
 
 
 def scene_summary(scene: Scene) -> str:
-    """Return a completed scene on one line: clim, colour map and opacity of each volume, surfaces, and the camera."""
+    """Return a completed scene on one line: clim, colour map and opacity of each volume, geometry, and the camera."""
     camera = scene.camera
     seen = f"parallel_scale {camera.parallel_scale:g}" if camera.parallel_scale else f"view_angle {camera.view_angle:g}"
     parts = [
         *map(_volume_summary, scene.volumes),
-        *map(_surface_summary, scene.surface_keys, scene.surfaces),
+        *map(_geometry_summary, scene.geometry_keys, scene.geometry),
         f"camera {_format_point(camera.position)} to {_format_point(camera.focal_point)}, {seen}",
     ]
     return "; ".join(parts)
@@ -89,7 +89,7 @@ def _volume_summary(volume: Volume) -> str:
     return f"clim {low:g} to {high:g} ({cmap}), opacity {opacity}"
 
 
-def _surface_summary(key: str, section: SurfaceSection) -> str:
+def _geometry_summary(key: str, section: GeometrySection) -> str:
     colour = section.scalars or section.color
     radius = f", radius {_format_value(section.radius)}" if isinstance(section, (LinesSection, PointsSection)) else ""
     return f"{key} {_format_value(colour)}, opacity {_format_value(section.opacity)}{radius}"

@@ -49,7 +49,7 @@ from clusterviz.scene.field_types import (
     Side,
     Vector,
 )
-from clusterviz.scene.surfaces import SURFACES, LinesSection, MeshSection, PointsSection, SurfaceSection
+from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
@@ -412,7 +412,7 @@ class Scene(Section):
     lights: Annotated[tuple[Light, ...], Field(max_length=16)] = Field(
         default=(),
         examples=[[{"position": [1, 1, 1]}]],
-        description="Lights of shaded volumes and surfaces; default: one headlight.",
+        description="Lights of shaded volumes and geometry; default: one headlight.",
     )
     clip: Clip = Field(default=Clip(), description="Clipping of everything shown.")
     camera: Camera = Field(default=Camera(), description="The camera.")
@@ -422,18 +422,18 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.surfaces, self.quality, self.cluster)
+        check_several_volumes(self.volumes, self.geometry, self.quality, self.cluster)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
-        check_layers(self.volumes, self.surfaces, self.quality, self.image.layers)
+        check_layers(self.volumes, self.geometry, self.quality, self.image.layers)
         return self
 
     @property
-    def surfaces(self) -> tuple[SurfaceSection, ...]:
+    def geometry(self) -> tuple[GeometrySection, ...]:
         """Entries of meshes, lines and points, in this order."""
         return (*self.meshes, *self.lines, *self.points)
 
     @property
-    def surface_keys(self) -> tuple[str, ...]:
-        """Key of each entry of `surfaces`, such as meshes[0]."""
-        return tuple(f"{name}[{number}]" for name in SURFACES for number in range(len(getattr(self, name))))
+    def geometry_keys(self) -> tuple[str, ...]:
+        """Key of each entry of `geometry`, such as meshes[0]."""
+        return tuple(f"{name}[{number}]" for name in GEOMETRY_SECTIONS for number in range(len(getattr(self, name))))

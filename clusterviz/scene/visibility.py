@@ -1,4 +1,4 @@
-"""Warnings about volumes and surfaces that are not visible, found without reading voxels or primitives."""
+"""Warnings about volumes and geometry that are not visible, found without reading voxels or primitives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
-from clusterviz.scene.surfaces import SurfaceInfo
+from clusterviz.scene.geometry import GeometryInfo
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0
@@ -20,33 +20,33 @@ SMALL = 2.0
 
 
 def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> dict[str, str]:
-    """Return warnings about content that the picture does not show, and about surfaces far from all else.
+    """Return warnings about content that the picture does not show, and about geometry far from all else.
 
     Parameters
     ----------
     scene : a completed scene
-    infos : information on each volume and surface
+    infos : information on each volume and entry of geometry
     is_blank : whether all pixels of the picture are transparent
 
     Returns
     -------
     warnings : subject -> one line; frames of an animation report a subject once
     """
-    if not scene.volumes and not scene.surfaces:
+    if not scene.volumes and not scene.geometry:
         return {"volumes": "the scene has no volumes: nothing is drawn"}
     each, known = divided_infos(infos)
-    found = _surface_warnings(scene, each, known)
+    found = _geometry_warnings(scene, each, known)
     for number, (volume, info) in enumerate(zip(scene.volumes, each, strict=True)):
         reason = _unseen_volume(volume, info)
         if reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
-    boxes = [box_corners(one.grown_box(section)) for section, one in zip(scene.surfaces, known, strict=True)]
+    boxes = [box_corners(one.grown_box(section)) for section, one in zip(scene.geometry, known, strict=True)]
     corners = np.concatenate([*(info.corners for info in each), *boxes])
     beyond = _out_of_sight(scene, corners) if len(corners) else ""
     if beyond:
         found["camera"] = beyond
-    if is_blank and not found and scene.surfaces:
+    if is_blank and not found and scene.geometry:
         found["picture"] = "the picture is empty: check opacity, culling and clip"
     if is_blank and not found:
         first, info = scene.volumes[0], each[0]
@@ -64,12 +64,12 @@ LEFT_OUT = {
 }
 
 
-def _surface_warnings(scene: Scene, volumes: Sequence[VolumeInfo], surfaces: Sequence[SurfaceInfo]) -> dict[str, str]:
+def _geometry_warnings(scene: Scene, volumes: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> dict[str, str]:
     """Return warnings about what cannot be drawn, and entries farther from all others than they are long."""
     found: dict[str, str] = {}
     boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
-    boxes += [info.grown_box(section) for section, info in zip(scene.surfaces, surfaces, strict=True)]
-    for number, (key, section, info) in enumerate(zip(scene.surface_keys, scene.surfaces, surfaces, strict=True)):
+    boxes += [info.grown_box(section) for section, info in zip(scene.geometry, geometry, strict=True)]
+    for number, (key, section, info) in enumerate(zip(scene.geometry_keys, scene.geometry, geometry, strict=True)):
         name = f"{key} ({PurePath(section.path).name})"
         if info.left_out:
             share = f"{info.left_out} of {info.left_out + info.count}"

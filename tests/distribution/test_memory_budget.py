@@ -17,8 +17,8 @@ from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, me
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.partition import build_tree, interleave, owners_of
+from clusterviz.render.content_bricks import store_content
 from clusterviz.render.cpu.memory import Memory
-from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.storage import slot_of
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
@@ -96,10 +96,10 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
     share, bricks = prepare(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
     plan = share.plan
     assert plan is not None
-    assert plan.multi_volume is not None
-    multi_volume, slot = plan.multi_volume, slot_of(plan)
+    assert plan.content is not None
+    content, slot = plan.content, slot_of(plan)
     memory, count = Memory(slot), len(bricks)
-    memory.put(bricks, lambda _, portions: store_multi_volume(portions, multi_volume, slot))
+    memory.put(bricks, lambda _, portions: store_content(portions, content, slot))
     counted = MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(plan)
     assert counted.sum() == memory.bytes
     assert len(np.unique(counted[counted > 0])) > 1

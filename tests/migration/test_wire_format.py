@@ -13,12 +13,12 @@ from clusterviz.codec.contract import CodecError
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedVolumes, open_volumes
+from clusterviz.frame.opening import OpenedContent, open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
-from clusterviz.render.multi_volume_bricks import store_multi_volume
+from clusterviz.render.content_bricks import store_content
 from clusterviz.render.stored_brick import Stored, store
-from clusterviz.scene.surfaces import MeshSection, PointsSection
+from clusterviz.scene.geometry import MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
@@ -59,13 +59,13 @@ def test_primitives_come_out_as_they_went_in() -> None:
     sections = {"meshes": (MeshSection(path="m", scalars="heat"),), "points": (PointsSection(path="p", radius=0.5),)}
     scene = Scene(**sections, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
     scene, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [mesh, points])
-    assert isinstance(opened, OpenedVolumes)
+    assert isinstance(opened, OpenedContent)
     plan = opened.plan(scene)
-    wire_format, several = wire_format_of(plan, opened.range_type), plan.multi_volume
+    wire_format, several = wire_format_of(plan, opened.range_type), plan.content
     assert several
     count, lacking = 0, 0
     for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(plan.cost > 0).tolist()}):
-        one, stored = wire_format.of(index), store_multi_volume(brick, several, wire_format.slot)
+        one, stored = wire_format.of(index), store_content(brick, several, wire_format.slot)
         stream = one.stream(stored)
         assert one.stream_bytes == stream.size
         assert stream.size >= sum(each.nbytes for each in brick.primitives if each)

@@ -15,7 +15,7 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.fragments import find_fragments, place
 from clusterviz.reference.intersections import Hits, Segments, Spheres, Triangles, intersect
 from clusterviz.reference.rays import Rays
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection
+from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (9, 5, 5)

@@ -21,10 +21,10 @@ from clusterviz.partition import Piece, build_tree
 from clusterviz.reference import render_reference
 from clusterviz.render.abuffer import on_gl, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection
+from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
-Entry = tuple[SurfaceSection, Mesh | Lines | Points]
+Entry = tuple[GeometrySection, Mesh | Lines | Points]
 Part = tuple[Volume, np.ndarray, Grid]
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
 
@@ -234,10 +234,10 @@ def test_fragments_are_peeled_in_the_order_in_which_they_are_sorted(where: Any, 
     """More than are peeled at once, and equal ones."""
     scene, entries = scene_of((), "inside"), (*LIT, *LIT, *PLAIN, *MIXED)
     given = prepared(scene, (), entries)
-    mixed = given.plan.multi_volume
+    mixed = given.plan.content
     assert mixed is not None
     pictures = [
-        scenes.drawn(where, Prepared(replace(given.plan, multi_volume=replace(mixed, resolve=each)), given.bricks))[0]
+        scenes.drawn(where, Prepared(replace(given.plan, content=replace(mixed, resolve=each)), given.bricks))[0]
         for each in ("static", "peeling")
     ]
     assert np.array_equal(*pictures)

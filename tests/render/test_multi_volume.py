@@ -20,11 +20,11 @@ from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import stored_brick
+from clusterviz.render.content_bricks import store_content
 from clusterviz.render.cpu import caster as casters
 from clusterviz.render.cpu import memory
 from clusterviz.render.cpu.memory import Memory, words_of
 from clusterviz.render.cpu.width import WIDTHS
-from clusterviz.render.multi_volume_bricks import store_multi_volume
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
@@ -376,9 +376,9 @@ def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
     """The CPU's memory of the bricks of three volumes, and these."""
     parts = (BYTES, FLOATS, WORDS)
     each = prepared(scene_of(parts, brick=9), parts)
-    assert each.plan.multi_volume is not None
+    assert each.plan.content is not None
     slot = slot_of(each.plan)
-    stored = {i: store_multi_volume(portions, each.plan.multi_volume, slot) for i, portions in each.bricks.items()}
+    stored = {i: store_content(portions, each.plan.content, slot) for i, portions in each.bricks.items()}
     held = Memory(slot)
     held.put(dict(stored), lambda _, one: one)
     return held, stored

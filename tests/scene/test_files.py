@@ -185,4 +185,4 @@ def test_the_example_scenes_load() -> None:
     assert examples
     for example in examples:
         scene = load_scene(example)
-        assert scene.volumes or scene.surfaces
+        assert scene.volumes or scene.geometry

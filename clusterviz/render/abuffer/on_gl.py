@@ -99,7 +99,7 @@ def bind_fragments(
                 break
             begins.write(ends.tobytes())
             keys = make(np.zeros((total, 2), np.uint32))
-    if plan.multi_volume and plan.multi_volume.resolve == "static":
+    if plan.content and plan.content.resolve == "static":
         _sort_long(keys, counts[1:], ends[:-1])
     return counts[1:].view(np.int32).reshape(rect.height, rect.width)
 

@@ -12,7 +12,7 @@ from typing import Literal
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
-from clusterviz.plan.multi_volume import Resolve
+from clusterviz.plan.content import Resolve
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
 from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BLOCK, GPU_TILE
@@ -85,7 +85,7 @@ class GeometryVariant:
 
 def kinds_of(plan: Plan) -> tuple[Kind, ...]:
     """Return the kinds of a plan's primitives, in alphabetical order."""
-    return tuple(sorted({layer.kind for layer in plan.multi_volume.geometry})) if plan.multi_volume else ()
+    return tuple(sorted({layer.kind for layer in plan.content.geometry})) if plan.content else ()
 
 
 def kind_constants(kinds: tuple[Kind, ...]) -> str:
@@ -99,29 +99,29 @@ def _bool(flag: bool) -> str:
 
 def lit_layer(plan: Plan) -> Shading | None:
     """Return the shading of the first layer that is lit; the lights of all are the same."""
-    layers = plan.multi_volume.geometry if plan.multi_volume else ()
+    layers = plan.content.geometry if plan.content else ()
     return next((layer.shading for layer in layers if layer.shading), None)
 
 
 def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None:
     """Return what a plan needs; None without geometry."""
-    if plan.multi_volume is None or not plan.multi_volume.geometry:
+    if plan.content is None or not plan.content.geometry:
         return None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), plan.multi_volume.resolve)
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), plan.content.resolve)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     """Return the programs that find a plan's fragments, in the order in which they run; none without geometry."""
-    layers = plan.multi_volume.geometry if plan.multi_volume else ()
+    layers = plan.content.geometry if plan.content else ()
     opaque = {layer.opaque for layer in layers}
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
     steps: tuple[Pass, ...] = ("count", "fill") if layers else ()
-    resolve: Resolve = plan.multi_volume.resolve if plan.multi_volume else "static"
+    resolve: Resolve = plan.content.resolve if plan.content else "static"
     common = plan.march.jittered, planes, kinds_of(plan), which, brick, resolve, lanes
     return [FindVariant(step, *common) for step in steps]
 

@@ -107,7 +107,7 @@ def camera_block(plan: Plan, rect: Rect, lights: int, tile: int) -> NDArray[np.v
 
     The camera's coordinates are relative to the point of the domain that is nearest to the eye, on every rank.
     """
-    assert plan.multi_volume, "there is geometry"
+    assert plan.content, "there is geometry"
     view, block = plan.view, np.zeros(1, GEOMETRY)
     eye = np.array(view.eye)
     centre = np.clip(eye, 0.0, plan.extent)
@@ -117,7 +117,7 @@ def camera_block(plan: Plan, rect: Rect, lights: int, tile: int) -> NDArray[np.v
         block[name][0] = *axis, -(axis @ centre)
     block["eye"][0, 0] = block["forward"][0, :3] @ (eye - centre)
     across, down = -(-rect.width // tile), -(-rect.height // tile)
-    block["counts"][0] = len(plan.multi_volume.geometry), across, across * down, lights
+    block["counts"][0] = len(plan.content.geometry), across, across * down, lights
     return block
 
 
@@ -127,10 +127,10 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     Depth of the eye, and its place to the right and up; pixels a unit; column and row of the line of sight; 1 for
     perspective, and the largest slope of a ray.
     """
-    assert plan.multi_volume, "there is geometry"
+    assert plan.content, "there is geometry"
     view, eye = plan.view, np.array(plan.view.eye)
     aside = [float(block[name][0, :3] @ eye + block[name][0, 3]) for name in ("right", "up")]
-    pixels = (plan.multi_volume.domain.spacing if view.parallel else 1.0) / view.pixel
+    pixels = (plan.content.domain.spacing if view.parallel else 1.0) / view.pixel
     column, row = view.size[0] / 2 - 0.5 - rect.x_begin, view.size[1] / 2 - 0.5 - rect.y_begin
     slope = 0.0 if view.parallel else view.pixel * (view.size[0] + view.size[1])
     return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope])
@@ -147,14 +147,14 @@ def make_lists(
     tile : pixels along the side of a tile
     threads : do the work, in `count` tasks
     """
-    assert plan.multi_volume, "there is geometry"
+    assert plan.content, "there is geometry"
     block = camera_block(plan, rect, lights, tile)
     lens = lens_of(plan, block, rect)
     camera = np.stack([block[name][0] for name in ("right", "up", "forward")])
     vertices = np.empty((table.vertices, 4), np.float32)
-    unit = np.array([1 / plan.multi_volume.domain.spacing])
+    unit = np.array([1 / plan.content.domain.spacing])
     tasks, first = [], 0
-    for layer, positions, radii in zip(plan.multi_volume.geometry, table.positions, table.radii, strict=True):
+    for layer, positions, radii in zip(plan.content.geometry, table.positions, table.radii, strict=True):
         matrix = camera[:, :3] @ layer.index_from_file
         matrix[:, 3] += camera[:, 3]
         kind = positions.dtype.name

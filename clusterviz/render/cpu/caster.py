@@ -25,11 +25,12 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
-from clusterviz.plan.multi_volume import VolumeLayer
+from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.tiles import ManyFragmentsError
+from clusterviz.render.content_bricks import store_as
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
@@ -37,7 +38,6 @@ from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textur
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
-from clusterviz.render.multi_volume_bricks import store_as
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
     SQUARE,
@@ -131,7 +131,7 @@ class VectorCaster:
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `MultiVolumeBrick` of several volumes, by index
+        bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
         """
         self._skips, self._tables = {}, TableCache()
         if bricks:
@@ -191,7 +191,7 @@ class VectorCaster:
         """
         if self._width.lanes < MOST:
             return [None] * max(1, len(self.slot.parts))
-        mode, several = plan.blend_mode, plan.multi_volume
+        mode, several = plan.blend_mode, plan.content
         apart = plan.march.preintegrated or mode.grading is not None or mode.blending != "composite"
         asked = [None if apart else (plan.transfer, plan.march.slab_units)]
         if several:
@@ -225,7 +225,7 @@ class VectorCaster:
             buffers,
             textures(plan),
             cast,
-            self._tables.table(plan.multi_volume.geometry if plan.multi_volume else (), bricks, self.pool.primitives),
+            self._tables.table(plan.content.geometry if plan.content else (), bricks, self.pool.primitives),
         )
 
     def _draw_rect(
@@ -305,7 +305,7 @@ class VectorCaster:
 
         They are kept until the transfer function changes.
         """
-        parts = plan.multi_volume.volume_layers if plan.multi_volume else ()
+        parts = plan.content.volume_layers if plan.content else ()
         shown = (
             plan.blend_mode,
             plan.march.adaptive_step,
@@ -345,7 +345,7 @@ def variant_for(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> Vari
     pieces : of each volume's transfer function, if registers hold it
     """
     capacities, pitched = [one.capacity if one else 0 for one in pieces], plan.layout.edges_zyx is not None
-    if plan.multi_volume:
+    if plan.content:
         return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, volumes=tuple(capacities)))
     fitted = bool(pieces[0] and pieces[0].fitted)
     return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, capacities[0], fitted, pitched=pitched))

@@ -1,7 +1,7 @@
 """Bricks in memory, one word a voxel, so that a cell's eight corners take few loads (shaders/cells_*.glsl).
 
 A word holds a voxel and, if there is room, those beside it along y and z. With several volumes a brick begins with a
-header, as in OpenGL's slots (`multi_volume_bricks.py`), but takes no memory for volumes that it does not meet. Bricks
+header, as in OpenGL's slots (`content_bricks.py`), but takes no memory for volumes that it does not meet. Bricks
 lie in few large arrays, which the system backs by large pages where it can, so that numbers of 32 bits mostly address
 all words.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.plan.geometry import Primitives
-from clusterviz.render.multi_volume_bricks import Part, pack_parts, parts_of
+from clusterviz.render.content_bricks import Part, pack_parts, parts_of
 from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored
 from clusterviz.spmd.intrinsics import IDLE_WORD

@@ -21,7 +21,7 @@ from clusterviz.render.volume_layers import (
     TABLES_BINDING,
     VOLUMES_BINDING,
     all_segments,
-    multi_volume_tables,
+    content_tables,
     rows_of,
     volumes_block,
 )
@@ -37,9 +37,9 @@ def uniform_blocks(plan: Plan, slot: Slot) -> Blocks:
     found: Blocks = {SIZES_BINDING: sizes_block(plan, slot)}
     if len(plan.clip):
         found[3] = np.ascontiguousarray(plan.clip)
-    if plan.multi_volume is not None:
-        rows = [rows for layer in plan.multi_volume.volume_layers for rows in rows_of(layer.blend_mode)]
-        return found | {VOLUMES_BINDING: volumes_block(plan.multi_volume)} | dict(enumerate(rows, OWN_BINDING))
+    if plan.content is not None:
+        rows = [rows for layer in plan.content.volume_layers for rows in rows_of(layer.blend_mode)]
+        return found | {VOLUMES_BINDING: volumes_block(plan.content)} | dict(enumerate(rows, OWN_BINDING))
     shading, grading, surfaces = plan.blend_mode.shading, plan.blend_mode.grading, plan.blend_mode.surfaces
     found |= {2: shading.block()} if shading else {}
     found |= {4: plan.blend_mode.surface_block()} if surfaces else {}
@@ -66,8 +66,8 @@ def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: S
 
 def textures(plan: Plan) -> Blocks:
     """Return the 2-D transfer functions."""
-    grading, tables = plan.blend_mode.grading, multi_volume_tables(plan.multi_volume) if plan.multi_volume else []
-    if not plan.multi_volume and grading and grading.table is not None:
+    grading, tables = plan.blend_mode.grading, content_tables(plan.content) if plan.content else []
+    if not plan.content and grading and grading.table is not None:
         tables = [(TABLES_BINDING, grading.table)]
     return {binding: texture_block(table.astype(np.float32)) for binding, table in tables}
 
@@ -77,8 +77,8 @@ def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.vo
     frame = frame_block(plan, box, rect, slot)
     frame["first_box"], frame["first_dispatch"] = ONLY, 1
     voxels = [(slot, voxels_a_slab(plan))]
-    if plan.multi_volume is not None:
-        layers = zip(slot.parts, plan.multi_volume.volume_layers, strict=True)
+    if plan.content is not None:
+        layers = zip(slot.parts, plan.content.volume_layers, strict=True)
         voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
     widest = min((_widest_batch(part) / a_slab for part, a_slab in voxels), default=LONGEST_BATCH)
     most = slabs_in_batch(widest, LONGEST_BATCH)

@@ -22,7 +22,7 @@ from clusterviz.frame.work import DrawnFrame, Rendered
 from clusterviz.image.partial import Rect
 from clusterviz.render.choice import Device
 from clusterviz.scene.animation import scenes_along
-from clusterviz.scene.surfaces import SurfaceSection, as_sections
+from clusterviz.scene.geometry import GeometrySection, as_sections
 from clusterviz.scene.values import Scene
 
 SMALLEST = 8
@@ -211,7 +211,7 @@ def _draw(
 def _transparent(scene: Scene) -> Scene:
     """Return a scene in which no surface hides others."""
 
-    def lowered(section: SurfaceSection) -> SurfaceSection:
+    def lowered(section: GeometrySection) -> GeometrySection:
         opacity: Any = section.opacity
         if isinstance(opacity, float):
             opacity = min(opacity, TRANSPARENT)
@@ -219,7 +219,7 @@ def _transparent(scene: Scene) -> Scene:
             opacity = tuple((value, min(own, TRANSPARENT)) for value, own in opacity)
         return section.model_copy(update={"opacity": opacity})
 
-    return scene.model_copy(update=as_sections(map(lowered, scene.surfaces)))
+    return scene.model_copy(update=as_sections(map(lowered, scene.geometry)))
 
 
 def _counts(channel: Channel, drawn: DrawnFrame | None, size: tuple[int, int]) -> NDArray[np.int32] | None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data import open_volume, read_geometry
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare
-from clusterviz.plan.surface_bricks import part_of
+from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.report.tradeoff.knobs import exact_settings
 from clusterviz.scene.overrides import with_settings
@@ -157,10 +157,10 @@ def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
-    parts = [part_of(section, read_geometry(section.path)) for section in scene.surfaces]
+    parts = [part_of(section, read_geometry(section.path)) for section in scene.geometry]
 
     def reference(of: Scene, step: float) -> Floats:
-        surfaces: list[Any] = list(zip(of.surfaces, parts, strict=True))
+        surfaces: list[Any] = list(zip(of.geometry, parts, strict=True))
         return render_reference(of, grids, voxels, step, surfaces=surfaces)
 
     try:

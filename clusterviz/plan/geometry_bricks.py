@@ -31,17 +31,17 @@ from clusterviz.plan.domain import Domain
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
-from clusterviz.plan.shading import make_surface_shading
+from clusterviz.plan.shading import make_geometry_shading
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complete import range_around
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceInfo, SurfaceSection
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.transfer import TransferFunction, opacity_points
 from clusterviz.scene.values import Light
 
 Part = Mesh | Lines | Points
 Floats = NDArray[np.float64]
-KINDS: dict[type[SurfaceSection], Kind] = {MeshSection: "triangle", LinesSection: "tube", PointsSection: "sphere"}
+KINDS: dict[type[GeometrySection], Kind] = {MeshSection: "triangle", LinesSection: "tube", PointsSection: "sphere"}
 COMPONENTS = (1, 3, 4)
 
 
@@ -59,7 +59,7 @@ class BrickGrid:
     layout: BrickLayout
     reach: int
 
-    def index_from_file(self, section: SurfaceSection) -> Floats:
+    def index_from_file(self, section: GeometrySection) -> Floats:
         """Return the map from an entry's coordinates to cells of the domain, float64 (3, 4)."""
         matrix = world_from_file(section)[:3].copy()
         matrix[:, 3] -= self.domain.origin
@@ -75,7 +75,7 @@ class _InMemory:
     members: dict[Any, BrickMembers] = field(default_factory=dict)
 
 
-class KnownSurface:
+class KnownGeometry:
     """Entry of meshes, lines or points.
 
     Parameters
@@ -94,7 +94,7 @@ class KnownSurface:
         The file cannot be read, or lacks an array that the section names.
     """
 
-    def __init__(self, section: SurfaceSection, key: str, load: Callable[[], Geometry]) -> None:
+    def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry]) -> None:
         self._type, self._key, self._load = type(section), key, load
         self._radii = section.radius if isinstance(section, PointsSection) else None
         geometry = load()
@@ -109,7 +109,7 @@ class KnownSurface:
         if section.scalars is not None and _channels(section, arrays, key) == 1:
             values = _array(drawn, section.scalars)
         finite = values[np.isfinite(values)]
-        self.info = SurfaceInfo(
+        self.info = GeometryInfo(
             drawn.box(world_from_file(section)),
             len(drawn.corners),
             drawn.left_out,
@@ -121,7 +121,7 @@ class KnownSurface:
         )
         self._counts: dict[Any, NDArray[np.int64]] = {}
 
-    def layer(self, section: SurfaceSection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
+    def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
         """Return the layer of a plan.
 
         Parameters
@@ -145,7 +145,7 @@ class KnownSurface:
             channels,
             (*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
             make_segments(transfer, 1.0) if transfer else None,
-            make_surface_shading(section, lights, grid.domain.grid) if section.shade else None,
+            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
             section.culling if isinstance(section, MeshSection) else "none",
             hides and not self.info.has_invalid,
             section,
@@ -192,14 +192,14 @@ class KnownSurface:
             self._held = self._in_memory(self._load())
         return self._held
 
-    def _counted(self, section: SurfaceSection, grid: BrickGrid) -> NDArray[np.int64]:
+    def _counted(self, section: GeometrySection, grid: BrickGrid) -> NDArray[np.int64]:
         """Return the primitives and positions of each brick, which are kept when the geometry is forgotten."""
         key = _key_of(section, grid)
         if key not in self._counts:
             self._counts[key] = self._members(section, grid).counted(self._opened().drawn)
         return self._counts[key]
 
-    def _members(self, section: SurfaceSection, grid: BrickGrid) -> BrickMembers:
+    def _members(self, section: GeometrySection, grid: BrickGrid) -> BrickMembers:
         held, key = self._opened(), _key_of(section, grid)
         if key not in held.members:
             radius = getattr(section, "radius", 1.0)
@@ -210,14 +210,14 @@ class KnownSurface:
 
 
 NOTHING = np.empty((0, 3), np.float32)
-EMPTY: dict[type[SurfaceSection], Part] = {
+EMPTY: dict[type[GeometrySection], Part] = {
     MeshSection: Mesh("", NOTHING, np.empty((0, 3), np.uint32)),
     LinesSection: Lines("", NOTHING, np.zeros(1, np.int64)),
     PointsSection: Points("", NOTHING),
 }
 
 
-def part_of(kind: SurfaceSection | type[SurfaceSection], geometry: Geometry) -> Part:
+def part_of(kind: GeometrySection | type[GeometrySection], geometry: Geometry) -> Part:
     """Return the part of a file's geometry that a section shows; an empty one if the file has none."""
     kind = kind if isinstance(kind, type) else type(kind)
     found: Part | None = geometry.mesh
@@ -226,16 +226,16 @@ def part_of(kind: SurfaceSection | type[SurfaceSection], geometry: Geometry) -> 
     return EMPTY[kind] if found is None else found
 
 
-def _key_of(section: SurfaceSection, grid: BrickGrid) -> tuple[object, ...]:
+def _key_of(section: GeometrySection, grid: BrickGrid) -> tuple[object, ...]:
     return grid.domain, grid.layout.brick, grid.reach, getattr(section, "radius", None), section.transform
 
 
-def world_from_file(section: SurfaceSection) -> Floats:
+def world_from_file(section: GeometrySection) -> Floats:
     """Return the entry's transform, float64 (4, 4)."""
     return np.array(section.transform or np.eye(4), np.float64)
 
 
-def surface_transfer(section: SurfaceSection) -> TransferFunction:
+def surface_transfer(section: GeometrySection) -> TransferFunction:
     """Return the transfer function of a completed section's scalars."""
     clim = section.clim or (0.0, 1.0)
     domain = clim if clim[0] < clim[1] else range_around(clim[0])
@@ -252,7 +252,7 @@ def _array(drawn: DrawnPrimitives, name: str) -> NDArray[Any]:
     return np.asarray(drawn.of_vertices.get(name, drawn.of_cells.get(name)))
 
 
-def _channels(section: SurfaceSection, arrays: Any, key: str) -> Literal[0, 1, 3, 4]:
+def _channels(section: GeometrySection, arrays: Any, key: str) -> Literal[0, 1, 3, 4]:
     """Return the components of the colours that primitives have.
 
     Raises
@@ -299,7 +299,7 @@ def _cropped(
     return Primitives(numbers, positions, corners, normals[rows] if len(normals) else normals, radii, colours)
 
 
-def _colours(values: NDArray[Any], section: SurfaceSection, channels: int) -> NDArray[np.float32]:
+def _colours(values: NDArray[Any], section: GeometrySection, channels: int) -> NDArray[np.float32]:
     """Return scalars in units of clim, or colours in 0..1, float32 (k, channels)."""
     found: Floats = values.reshape(len(values), channels) / (255.0 if values.dtype == np.uint8 else 1.0)
     if channels == 1:

@@ -11,12 +11,12 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedVolumes, open_volumes
+from clusterviz.frame.opening import OpenedContent, open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
 from clusterviz.reference.rays import camera_rays
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, as_sections
+from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 RNG = np.random.default_rng(15)
@@ -42,9 +42,9 @@ def points(count: int = 40) -> Points:
     return Points("p", RNG.random((count, 3)) * 18, {"radius": RNG.random(count), "size": RNG.random(count)})
 
 
-def opened(scene: Scene, given: list[Any]) -> tuple[Scene, OpenedVolumes]:
+def opened(scene: Scene, given: list[Any]) -> tuple[Scene, OpenedContent]:
     completed, found, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
-    assert isinstance(found, OpenedVolumes)
+    assert isinstance(found, OpenedContent)
     assert not bricks
     return completed, found
 
@@ -70,12 +70,12 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
     given = [Geometry(**{kind: part}) for kind, part in zip(("mesh", "mesh", "lines", "points"), content, strict=True)]
     scene, several = opened(scene_of(*sections, volumes=volumes, step=step), [*sources, *given])
     plan = several.plan(scene)
-    assert plan.multi_volume
-    domain, layout = plan.multi_volume.domain, plan.layout
+    assert plan.content
+    domain, layout = plan.content.domain, plan.layout
     every = {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}
     bricks = dict(several.read(plan, every))
     rays, length, owned = camera_rays(scene.camera, scene.image.size), plan.march.step_world, 0
-    for number, (section, part) in enumerate(zip(scene.surfaces, content, strict=True)):
+    for number, (section, part) in enumerate(zip(scene.geometry, content, strict=True)):
         placed = place(section, part)
         hits = intersect(rays, placed.primitives)
         assert len(hits.t)
@@ -97,7 +97,7 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
             assert held is not None
             assert primitive in held.numbers
             owned += 1
-        layer = plan.multi_volume.geometry[number]
+        layer = plan.content.geometry[number]
         assert layer.count == len(placed.primitives.low)
         assert layer.in_bricks[0].sum() == sum(
             len(brick.primitives[number].numbers) for brick in bricks.values() if brick.primitives[number]

@@ -36,7 +36,7 @@ Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builti
 Transform = Annotated[tuple[Row, Row, Row, Row], BeforeValidator(to_builtin), AfterValidator(_check_transform)]
 
 
-class SurfaceSection(Section):
+class GeometrySection(Section):
     """Colour, opacity, light and place that meshes, lines and points have in common."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
@@ -75,13 +75,13 @@ class SurfaceSection(Section):
     )
 
     @model_validator(mode="after")
-    def _has_scalars(self) -> SurfaceSection:
+    def _has_scalars(self) -> GeometrySection:
         if not isinstance(self.opacity, float) and self.scalars is None:
             raise InvalidValueError("no scalars that it depends on", "a number, or scalars beside it", key="opacity")
         return self
 
 
-class MeshSection(SurfaceSection):
+class MeshSection(GeometrySection):
     """Mesh: triangles of a file."""
 
     shading: Literal["smooth", "flat"] = Field(
@@ -92,7 +92,7 @@ class MeshSection(SurfaceSection):
     )
 
 
-class LinesSection(SurfaceSection):
+class LinesSection(GeometrySection):
     """Lines: polylines of a file, as tubes with round caps."""
 
     radius: Positive | None = Field(
@@ -119,7 +119,7 @@ Radius = Annotated[
 ]
 
 
-class PointsSection(SurfaceSection):
+class PointsSection(GeometrySection):
     """Points of a file, as spheres."""
 
     radius: Radius = Field(
@@ -129,18 +129,22 @@ class PointsSection(SurfaceSection):
     )
 
 
-SURFACES: dict[str, type[SurfaceSection]] = {"meshes": MeshSection, "lines": LinesSection, "points": PointsSection}
+GEOMETRY_SECTIONS: dict[str, type[GeometrySection]] = {
+    "meshes": MeshSection,
+    "lines": LinesSection,
+    "points": PointsSection,
+}
 """Sections of a scene with meshes, lines and points, in the order in which equal depths are composited."""
 
 
-def as_sections(surfaces: Iterable[SurfaceSection]) -> dict[str, tuple[SurfaceSection, ...]]:
+def as_sections(sections: Iterable[GeometrySection]) -> dict[str, tuple[GeometrySection, ...]]:
     """Return entries by the key of a scene that lists them."""
-    each = tuple(surfaces)
-    return {name: tuple(one for one in each if type(one) is section) for name, section in SURFACES.items()}
+    each = tuple(sections)
+    return {name: tuple(one for one in each if type(one) is section) for name, section in GEOMETRY_SECTIONS.items()}
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceInfo:
+class GeometryInfo:
     """Facts on an entry of meshes, lines or points.
 
     Attributes
@@ -165,7 +169,7 @@ class SurfaceInfo:
     arrays: Mapping[str, tuple[Literal["vertices", "primitives"], int]] = field(default_factory=dict)
     other: tuple[str, ...] = ()
 
-    def grown_box(self, section: SurfaceSection) -> NDArray[np.float64]:
+    def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
         radius = getattr(section, "radius", 0.0)
         return self.box + np.array([[-radius], [radius]])[: len(self.box)] if isinstance(radius, float) else self.box

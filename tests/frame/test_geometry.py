@@ -19,8 +19,8 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.image import compare
 from clusterviz.plan.plan import changed_settings
 from clusterviz.reference import render_reference
+from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.overrides import with_settings
-from clusterviz.scene.surfaces import LinesSection, MeshSection, PointsSection, SurfaceSection, as_sections
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
 from clusterviz.scene.visibility import visibility_warnings
 
@@ -39,7 +39,7 @@ def shell(radius: float, centre: Any = (7.2, 6.9, 6.4), **arrays: Any) -> Mesh:
 
 def scene_of(*parts: tuple[Any, dict[str, Any]], volumes: int = 1, **keys: Any) -> tuple[Scene, list[Any]]:
     """A scene, and what is given for its volumes and surfaces: parts, each with keys of its section."""
-    sections: list[SurfaceSection] = [SECTIONS[type(part)][1](**{"path": "a", **more}) for part, more in parts]
+    sections: list[GeometrySection] = [SECTIONS[type(part)][1](**{"path": "a", **more}) for part, more in parts]
     given = [ArraySource(VOXELS, GRID)] * volumes
     fog = Volume(path="a", clim=(0, 1), opacity=[[0.3, 0], [1, 0.2]], opacity_unit_distance=2.0)
     scene = Scene(volumes=[fog] * volumes, camera=CAMERA, image=ImageSettings(size=(36, 30)), **as_sections(sections))
@@ -79,7 +79,7 @@ WAYS: list[tuple[int, dict[str, Any]]] = [
 def test_the_picture_is_the_reference_however_bricks_are_dealt_out(volumes: int) -> None:
     scene, given = scene_of(*THREE, volumes=volumes)
     completed = infos_of(scene, given)[0]
-    surfaces: list[Any] = list(zip(completed.surfaces, [part for part, _ in THREE], strict=True))
+    surfaces: list[Any] = list(zip(completed.geometry, [part for part, _ in THREE], strict=True))
     expected = render_reference(completed, [GRID] * volumes, [VOXELS] * volumes, surfaces=surfaces)
     assert expected[..., 3].max() > 0.5
     for ranks, cluster in WAYS:
@@ -177,7 +177,7 @@ def test_open_keys_are_completed_by_the_content() -> None:
     assert scene.lines[0].color_by == "color"
     assert all(isinstance(each.radius, float) for each in scene.points)
     plan = opened.plan(scene)
-    assert [layer.count for layer in plan.multi_volume.geometry] == [8, 1, 0, 5]
+    assert [layer.count for layer in plan.content.geometry] == [8, 1, 0, 5]
 
 
 def test_frame_coherence_is_off_with_surfaces_and_that_is_said() -> None:

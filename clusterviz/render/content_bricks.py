@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
+from clusterviz.plan.content import Content, ContentBrick, VolumeLayer
 from clusterviz.plan.domain import SLACK, Cut
-from clusterviz.plan.multi_volume import MultiVolume, MultiVolumeBrick, VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, HEADER_WORDS, Slot
 from clusterviz.render.stored_brick import Ranges, Stored, group_ranges, store
@@ -26,17 +26,17 @@ Words = NDArray[np.uint32]
 
 
 def store_as(plan: Plan, slot: Slot) -> Callable[[Index, Any], Stored]:
-    """Return the function that encodes a brick for a plan: its samples (z, y, x), or its `MultiVolumeBrick`."""
-    multi_volume, encoding = plan.multi_volume, plan.encoding
-    if multi_volume is None:
+    """Return the function that encodes a brick for a plan: its samples (z, y, x), or its `ContentBrick`."""
+    content, encoding = plan.content, plan.encoding
+    if content is None:
         return lambda index, voxels: store(voxels, encoding, slot.at(index))
-    return lambda _, portions: store_multi_volume(portions, multi_volume, slot)
+    return lambda _, portions: store_content(portions, content, slot)
 
 
-def store_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Stored:
+def store_content(portions: ContentBrick, content: Content, slot: Slot) -> Stored:
     """Return a brick of several volumes as it is stored."""
-    low, high = multi_volume_ranges(portions, multi_volume, slot)
-    words = pack_multi_volume(portions, multi_volume, slot)
+    low, high = content_ranges(portions, content, slot)
+    words = pack_content(portions, content, slot)
     return Stored(words, low, high, portions.size, primitives=portions.primitives)
 
 
@@ -54,11 +54,11 @@ class Part:
     first_xyz: tuple[int, ...]
 
 
-def pack_multi_volume(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Words:
+def pack_content(portions: ContentBrick, content: Content, slot: Slot) -> Words:
     """Return the words of a brick's slot, uint32 (slot.words,)."""
     parts = [
         None if samples is None else Part(of.encoding.encode(samples), of.cut.cell_box(portions.index_zyx)[0][::-1])
-        for samples, of in zip(portions.samples, multi_volume.volume_layers, strict=True)
+        for samples, of in zip(portions.samples, content.volume_layers, strict=True)
     ]
     return pack_parts(parts, slot)
 
@@ -93,7 +93,7 @@ def _begins(slot: Slot) -> list[int]:
     return list(ends)[:-1]
 
 
-def multi_volume_ranges(portions: MultiVolumeBrick, multi_volume: MultiVolume, slot: Slot) -> Ranges:
+def content_ranges(portions: ContentBrick, content: Content, slot: Slot) -> Ranges:
     """Return the smallest and largest finite sample of each volume in each of the domain's groups of cells.
 
     Returns
@@ -102,7 +102,7 @@ def multi_volume_ranges(portions: MultiVolumeBrick, multi_volume: MultiVolume, s
     """
     pairs = [
         _ranges_of_part(samples, volume_layer, part, portions.index_zyx, slot)
-        for samples, volume_layer, part in zip(portions.samples, multi_volume.volume_layers, slot.parts, strict=True)
+        for samples, volume_layer, part in zip(portions.samples, content.volume_layers, slot.parts, strict=True)
     ]
     found: NDArray[Any] = np.array(pairs).reshape(-1, 2, *slot.groups_zyx)
     return found[:, 0], found[:, 1]

@@ -1,4 +1,4 @@
-"""Volumes and surfaces of one scene as the renderer needs them: a common domain, and one layer for each of them."""
+"""Volumes and geometry of one scene as the renderer needs them: a common domain, and a layer for each of them."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from clusterviz.plan.blend_mode import (
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.geometry_bricks import BrickGrid, KnownGeometry
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
-from clusterviz.plan.surface_bricks import BrickGrid, KnownSurface
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene, Volume
 
 
 @dataclass(frozen=True, eq=False)
-class MultiVolumeBrick:
+class ContentBrick:
     """Samples of all volumes in one brick of the domain.
 
     Attributes
@@ -106,8 +106,8 @@ Resolve = Literal["static", "peeling"]
 
 
 @dataclass(frozen=True, eq=False)
-class MultiVolume:
-    """Several volumes in one domain.
+class Content:
+    """Several volumes, or any number and geometry, in one domain.
 
     Attributes
     ----------
@@ -128,13 +128,13 @@ class MultiVolume:
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
-        """Margin and reach of each volume's cut and of surfaces; bricks that were read with others are read again."""
+        """Margin and reach of each volume's cut and of geometry; bricks that were read with others are read again."""
         volumes = tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
         return (*volumes, (0, self.reach)) if self.geometry else volumes
 
     @property
-    def surface_grid(self) -> BrickGrid:
-        """Bricks as surfaces need them."""
+    def brick_grid(self) -> BrickGrid:
+        """Bricks as geometry needs them."""
         return BrickGrid(self.domain, self.layout, self.reach)
 
     @property
@@ -147,24 +147,24 @@ PRIMITIVE_COST = 4.0
 """Cost of a primitive in a brick, in cells of a volume."""
 
 
-def make_multi_volume(
-    scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface], step_world: float
-) -> tuple[MultiVolume, NDArray[np.float64]]:
-    """Return the volumes and surfaces of a completed scene, and the cost of drawing each brick of the domain.
+def make_content(
+    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry], step_world: float
+) -> tuple[Content, NDArray[np.float64]]:
+    """Return the volumes and geometry of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
     volumes : metadata of the volumes, in the order of the scene
-    surfaces : meshes, lines and points, in the order of the scene
+    geometry : meshes, lines and points, in the order of the scene
     step_world : length of a slab in world units
 
     Returns
     -------
-    multi_volume : all content in the domain
+    content : all content in the domain
     cost : float64 (bz, by, bx), cells of all volumes and `PRIMITIVE_COST` a primitive; 0 where all is hidden
     """
-    domain = domain_of(scene, volumes, surfaces)
-    layout = domain_layout(domain, scene.cluster.brick, bool(surfaces))
+    domain = domain_of(scene, volumes, geometry)
+    layout = domain_layout(domain, scene.cluster.brick, bool(geometry))
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
@@ -178,17 +178,17 @@ def make_multi_volume(
         volume_layers.append(part)
     # Fragments lie up to half a slab from the midpoint that a brick holds.
     reach = max(1, math.ceil(step_world / domain.spacing / 2))
-    geometry: list[GeometryLayer] = []
-    for section, surface in zip(scene.surfaces, surfaces, strict=True):
-        layer = surface.layer(section, scene.lights, BrickGrid(domain, layout, reach))
+    layers: list[GeometryLayer] = []
+    for section, known_one in zip(scene.geometry, geometry, strict=True):
+        layer = known_one.layer(section, scene.lights, BrickGrid(domain, layout, reach))
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0)
-        geometry.append(layer)
-    return MultiVolume(domain, tuple(volume_layers), tuple(geometry), layout.brick, reach), cost
+        layers.append(layer)
+    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach), cost
 
 
-def domain_of(scene: Scene, volumes: Sequence[KnownVolume], surfaces: Sequence[KnownSurface]) -> Domain:
+def domain_of(scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry]) -> Domain:
     """Return the domain of a completed scene."""
-    pairs = zip(scene.surfaces, surfaces, strict=True)
+    pairs = zip(scene.geometry, geometry, strict=True)
     return make_domain([known.grid for known in volumes], [known.info.grown_box(section) for section, known in pairs])
 
 
