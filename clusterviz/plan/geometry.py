@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.primitives import Kind
+from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
 from clusterviz.scene.geometry import GeometrySection
@@ -37,8 +38,9 @@ class Primitives:
         begin and end, and the point behind its end, where a line's first and last point count twice; one of a sphere
     normals : float32 (n, 3), of vertices in the world, of any length; (0, 3) if each triangle has its own
     radii : float32 (n,), world units; (0,) for triangles
-    colours : float32, of vertices (n, c) or of primitives (m, c), as `GeometryLayer.colour_of` says: a scalar to be
-        classified, in units of clim (c = 1), or straight colour with or without opacity (c = 3, 4)
+    colours : of vertices (n, c) or of primitives (m, c), as `GeometryLayer.colour_of` says, in the type of the file: a
+        scalar to be classified (c = 1), or straight colour with or without opacity (c = 3, 4), of which bytes are in
+        0..255; `GeometryLayer.shader_colours` has their units
     """
 
     numbers: NDArray[np.uint32]
@@ -46,7 +48,7 @@ class Primitives:
     corners: NDArray[np.uint32]
     normals: NDArray[np.float32]
     radii: NDArray[np.float32]
-    colours: NDArray[np.float32]
+    colours: NDArray[Any]
 
     @property
     def nbytes(self) -> int:
@@ -73,6 +75,8 @@ class GeometryLayer:
     section : completed
     position_type : float32 or float64
     has_normals : vertices have normals
+    colour_type : of `Primitives.colours`
+    clim : scalars that are 0 and 1 in the shader
     in_bricks : int64 (2, bz, by, bx), primitives and positions that each brick holds
     """
 
@@ -89,6 +93,8 @@ class GeometryLayer:
     section: GeometrySection | None = None
     position_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))
     has_normals: bool = False
+    colour_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))
+    clim: tuple[float, float] = (0.0, 1.0)
     in_bricks: NDArray[np.int64] = field(default_factory=lambda: np.zeros((2, 1, 1, 1), np.int64))
 
     @property
@@ -110,8 +116,16 @@ class GeometryLayer:
             "corners": ((primitives, CORNERS[self.kind]), whole),
             "normals": ((positions if self.has_normals else 0, 3), single),
             "radii": ((0 if self.kind == "triangle" else positions,), single),
-            "colours": ((coloured, self.channels), single),
+            "colours": ((coloured, self.channels), self.colour_type),
         }
+
+    def shader_colours(self, colours: NDArray[Any]) -> NDArray[np.float32]:
+        """Return scalars in units of clim, or colours in 0..1, float32 (k, channels)."""
+        if self.channels == 1:
+            found = np.clip(in_units_of_clim(colours, *self.clim), -FAR, FAR)
+        else:
+            found = colours / (255.0 if colours.dtype == np.uint8 else 1.0)
+        return found.astype(np.float32)
 
 
 CORNERS: dict[Kind, int] = {"triangle": 3, "tube": 4, "sphere": 1}

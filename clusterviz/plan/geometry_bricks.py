@@ -28,7 +28,6 @@ from clusterviz.data.primitives import (
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 from clusterviz.plan.domain import Domain
-from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
@@ -102,6 +101,9 @@ class KnownGeometry:
         self._held: _InMemory | None = held
         drawn = held.drawn
         self._position_type = np.dtype(drawn.positions.dtype)
+        self._colour_types = {
+            name: array.dtype for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items())
+        }
         arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
         for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
             arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
@@ -136,7 +138,8 @@ class KnownGeometry:
         transfer = surface_transfer(section) if channels == 1 else None
         hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
         is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
-        of = "" if not channels else "primitives" if is_direction else self.info.arrays[section.scalars or ""][0]
+        scalars = "" if is_direction or section.scalars is None else section.scalars
+        of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
             KINDS[type(section)],
             self.info.count,
@@ -151,6 +154,8 @@ class KnownGeometry:
             section,
             self._position_type,
             section.shade and isinstance(section, MeshSection) and section.shading == "smooth",
+            self._colour_types.get(scalars, np.dtype(np.float32)),
+            transfer.domain if transfer else (0.0, 1.0),
             self._counted(section, grid),
         )
 
@@ -295,13 +300,5 @@ def _cropped(
         colours = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
     elif layer.colour_of and section is not None and section.scalars is not None:
         chosen = rows if layer.colour_of == "vertices" else drawn.cells[numbers]
-        colours = _colours(_array(drawn, section.scalars)[chosen], section, layer.channels)
+        colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
     return Primitives(numbers, positions, corners, normals[rows] if len(normals) else normals, radii, colours)
-
-
-def _colours(values: NDArray[Any], section: GeometrySection, channels: int) -> NDArray[np.float32]:
-    """Return scalars in units of clim, or colours in 0..1, float32 (k, channels)."""
-    found: Floats = values.reshape(len(values), channels) / (255.0 if values.dtype == np.uint8 else 1.0)
-    if channels == 1:
-        found = np.clip(in_units_of_clim(values.reshape(-1, 1), *surface_transfer(section).domain), -FAR, FAR)
-    return found.astype(np.float32)

@@ -142,7 +142,7 @@ def make_shading(
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
     scale = np.abs(normals).max() * (min(grid.spacing) / np.abs(world_from_index).max())
     return Shading(
-        (volume.ambient, volume.diffuse, volume.specular, volume.specular_power),
+        _material(volume),
         tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,)),
         _rows(world_from_index),
         _rows(normals),
@@ -158,9 +158,12 @@ def make_geometry_shading(section: GeometrySection, lights: Sequence[Light], gri
     ----------
     grid : of the domain, in whose index space lights have places
     """
-    material = (section.ambient, section.diffuse, section.specular, section.specular_power)
     lamps = tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,))
-    return Shading(material, lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))
+    return Shading(_material(section), lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))
+
+
+def _material(section: Volume | GeometrySection) -> tuple[float, float, float, float]:
+    return section.ambient, section.diffuse, section.specular, section.specular_power
 
 
 def occlusion_reach(volume: Volume, grid: Grid) -> int:

@@ -11,8 +11,9 @@ from clusterviz.scene.values import Camera, Quality, Scene
 
 CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
 """Keys of a volume that may differ between frames, like all keys of camera and quality."""
-GEOMETRY_CHANGING = ("color", "cmap", "opacity", "ambient", "diffuse", "specular", "specular_power")
-"""Keys of meshes, lines and points that may differ between frames."""
+GEOMETRY_CHANGING = ("color", "cmap", "clim", "opacity", "culling", "ambient", "diffuse", "specular", "specular_power")
+"""Keys of meshes, lines and points that may differ between frames: those on which neither bricks nor their primitives
+depend, as they do on radius, transform, scalars and shading."""
 
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
@@ -43,13 +44,16 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     found = differences(_shared_part(first), _shared_part(scene)) if scene != first else []
     if found:
         allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
-        allowed += f", or {', '.join(GEOMETRY_CHANGING)} of a surface" if scene.geometry else ""
+        allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
 def _shared_part(scene: Scene) -> dict[str, Any]:
     """Return the part of a scene that all frames share."""
     volumes = tuple(volume.model_copy(update=dict.fromkeys(CHANGING)) for volume in scene.volumes)
-    geometry = as_sections(section.model_copy(update=dict.fromkeys(GEOMETRY_CHANGING)) for section in scene.geometry)
+    geometry = as_sections(
+        section.model_copy(update={key: None for key in GEOMETRY_CHANGING if key in type(section).model_fields})
+        for section in scene.geometry
+    )
     update = {"camera": Camera(), "volumes": volumes, "quality": Quality(), **geometry}
     return scene.model_copy(update=update).model_dump(mode="json", warnings=False)

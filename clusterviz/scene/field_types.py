@@ -42,7 +42,9 @@ LARGEST_SIDE = 65536
 FINITE = Field(strict=True, allow_inf_nan=False)
 Number = Annotated[float, FINITE, BeforeValidator(to_builtin)]
 Fraction = Annotated[float, FINITE, Field(ge=0, le=1), BeforeValidator(to_builtin)]
+NotNegative = Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)]
 Positive = Annotated[float, FINITE, Field(gt=0), BeforeValidator(to_builtin)]
+Flag = Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)]
 Side = Annotated[int, Field(strict=True, ge=1, le=LARGEST_SIDE), BeforeValidator(to_builtin)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(to_builtin), Field(examples=[[0, 0, 1]])]
 Channel = Annotated[int | str, BeforeValidator(check_channel)]
@@ -67,6 +69,12 @@ GradientPoint = Annotated[
     tuple[Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)], Fraction], BeforeValidator(to_builtin)
 ]
 OpacityPoint = Annotated[tuple[Number, Fraction], BeforeValidator(to_builtin)]
+
+# The material of volumes and geometry, whose defaults differ.
+Ambient = Annotated[Fraction, Field(description="Ambient share of the light; used where shade is true.")]
+Diffuse = Annotated[Fraction, Field(description="Diffuse share of the light; used where shade is true.")]
+Specular = Annotated[Fraction, Field(description="Specular share of the light; used where shade is true.")]
+SpecularPower = Annotated[NotNegative, Field(description="Sharpness of the highlight.")]
 
 # The form of a value selects the union member, so that errors refer to that member only.
 Name = Annotated[str, Tag("<name>")]

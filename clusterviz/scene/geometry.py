@@ -12,7 +12,20 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin, union_tag
-from clusterviz.scene.field_types import FINITE, Background, Clim, Cmap, Fraction, Number, Opacity, Positive, Section
+from clusterviz.scene.field_types import (
+    Ambient,
+    Background,
+    Clim,
+    Cmap,
+    Diffuse,
+    Flag,
+    Number,
+    Opacity,
+    Positive,
+    Section,
+    Specular,
+    SpecularPower,
+)
 
 
 def _check_colour(value: Any) -> Any:
@@ -59,15 +72,11 @@ class GeometrySection(Section):
         description="Opacity of the surface: a number, or, of scalars, control points [[value, opacity], …] or a "
         "preset as of volumes.",
     )
-    shade: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
-        default=True, description="Light the surface, on both sides."
-    )
-    ambient: Fraction = Field(default=0.0, description="Ambient share of the light.")
-    diffuse: Fraction = Field(default=1.0, description="Diffuse share of the light.")
-    specular: Fraction = Field(default=0.0, description="Specular share of the light.")
-    specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)] = Field(
-        default=1.0, description="Sharpness of the highlight."
-    )
+    shade: Flag = Field(default=True, description="Light the surface, on both sides.")
+    ambient: Ambient = 0.0
+    diffuse: Diffuse = 1.0
+    specular: Specular = 0.0
+    specular_power: SpecularPower = 1.0
     transform: Transform | None = Field(
         default=None,
         examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],

@@ -32,21 +32,27 @@ from clusterviz.scene.compatibility import (
 )
 from clusterviz.scene.field_types import (
     FINITE,
+    Ambient,
     Background,
     Box,
     Channel,
     Clim,
     Cmap,
+    Diffuse,
     Direction,
+    Flag,
     Fraction,
     GradientOpacity,
     Isosurface,
     Normal,
+    NotNegative,
     Number,
     Opacity,
     Positive,
     Section,
     Side,
+    Specular,
+    SpecularPower,
     Vector,
 )
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
@@ -73,7 +79,6 @@ View = Literal[
     "superior",
     "inferior",
 ]
-NotNegative = Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)]
 Attenuation = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(to_builtin)]
 
 
@@ -173,21 +178,16 @@ class Volume(Section):
         description=f"Data value for blending: {' or '.join(n for n, mode in BLEND_MODES.items() if mode.threshold)}; "
         "default: the middle of clim.",
     )
-    shade: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
-        default=False, description="Light a composited volume by its gradient."
-    )
+    shade: Flag = Field(default=False, description="Light a composited volume by its gradient.")
     gradient: Gradient = Field(
         default="central",
         description="The gradient for light and opacity: central differences of voxels, or smooth, the derivative of "
         "cubic B-splines; with interpolation: cubic it is always that.",
     )
-    ambient: Fraction = Field(default=0.3, description="Ambient share of the light; used where shade is true.")
-    diffuse: Fraction = Field(default=0.7, description="Diffuse share of the light; used where shade is true.")
-    specular: Fraction = Field(default=0.2, description="Specular share of the light; used where shade is true.")
-    specular_power: Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)] = Field(
-        default=10.0, description="Sharpness of the highlight."
-    )
-
+    ambient: Ambient = 0.3
+    diffuse: Diffuse = 0.7
+    specular: Specular = 0.2
+    specular_power: SpecularPower = 10.0
     ambient_occlusion: AmbientOcclusion | None = Field(
         default=None,
         description="Less ambient light where the volume's own opacity is high within a radius, as in folds; where "
@@ -270,7 +270,7 @@ class Light(Section):
         default=(1.0, 1.0, 1.0), examples=[[1, 0.9, 0.8]], description="[r, g, b] in 0..1."
     )
     intensity: NotNegative = Field(default=1.0, description="Factor of the colour.")
-    positional: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+    positional: Flag = Field(
         default=False, description="A scene light that shines from its position in all directions of its cone."
     )
     cone_angle: Annotated[float, FINITE, Field(gt=0, le=90), BeforeValidator(to_builtin)] = Field(
@@ -311,7 +311,7 @@ class Clip(Section):
     box: Annotated[Box, BeforeValidator(to_builtin)] | None = Field(
         default=None, description="[xmin, xmax, ymin, ymax, zmin, zmax] of the box kept, world units."
     )
-    cap: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+    cap: Flag = Field(
         default=True,
         description="Shade the cut faces of shaded volumes by the normals of the faces, not by gradients alone, which "
         "vanish in homogeneous tissue.",
@@ -352,7 +352,7 @@ class Quality(Section):
         description="Pre-integrated slabs at brick faces: bricks have a ghost voxel more on every side (overlap), or "
         "slabs are cut there (split), which needs less memory, but pictures depend a little on cluster.brick.",
     )
-    jitter: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+    jitter: Flag = Field(
         default=False,
         description="Begin each pixel's slabs up to one slab before its ray enters the volume, by a hash of the pixel: "
         "noise instead of rings with long steps; not with isosurfaces.",
@@ -368,7 +368,7 @@ class Quality(Section):
         default=0.0,
         description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off.",
     )
-    frame_coherence: Annotated[bool, Field(strict=True), BeforeValidator(to_builtin)] = Field(
+    frame_coherence: Flag = Field(
         default=False,
         description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
         "composited volumes and isosurfaces; sort-last; what is thinner than a pixel may be missed for some frames.",

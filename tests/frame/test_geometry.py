@@ -98,6 +98,25 @@ def test_primitives_migrate_with_the_voxels_of_their_bricks() -> None:
 
 
 @pytest.mark.gl
+def test_keys_that_need_no_other_primitives_may_change_between_frames() -> None:
+    scene, given = scene_of(*THREE, brick=6)
+    keys: list[dict[str, Any]] = [
+        {"meshes.1.clim": (1.0, 2.0)},
+        {"meshes.1.cmap": "bone", "meshes.1.opacity": 0.5},
+        {"meshes.2.culling": "back", "meshes.0.color": "lime", "meshes.0.ambient": 0.5},
+    ]
+    scenes = [scene, *(with_settings(scene, each) for each in keys)]
+    check_same(on_ranks(2, moving(scenes), given), [on_ranks(1, [scene], given)[0] for scene in scenes])
+    path = Lines("l", np.array([[0, 0, 0], [3, 4, 0.0]]), np.array([0, 2]))
+    scene, given = scene_of((path, {"radius": 1.0}), THREE[1])
+    refused = ("lines.0.radius", 2.0, "radius: was 1.*"), ("meshes.0.scalars", None, "scalars: was .heat., is null")
+    for key, value, said in (*refused, ("meshes.0.shading", "flat", "shading: was .smooth., is .flat.")):
+        changed = with_settings(scene, {"meshes.0.opacity": 0.5, key: value})
+        with pytest.raises(ClustervizError, match=f"frames differ in more than they can.*{said}"):
+            on_ranks(1, [scene, changed], given)
+
+
+@pytest.mark.gl
 def test_a_mesh_apart_from_all_volumes_and_wholly_on_one_rank_is_drawn() -> None:
     scene, given = scene_of((shell(3.0, (40, 7, 7)), {"color": "red", "shade": False}))
     with pytest.warns(UserWarning, match="lies apart from all other content"):

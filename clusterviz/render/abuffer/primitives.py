@@ -95,7 +95,7 @@ def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primit
             words += own.normals.size
         if layer.channels:
             record["words"][1] = words - layer.channels * (first_vertex if of_vertices else first_row)
-            attributes.append(own.colours.ravel())
+            attributes.append(layer.shader_colours(own.colours).ravel())
             words += own.colours.size
         if layer.segments is not None:
             record["words"][3] = words
