@@ -181,7 +181,7 @@ def make_content(
     layers: list[GeometryLayer] = []
     for section, known_one in zip(scene.geometry, geometry, strict=True):
         layer = known_one.layer(section, scene.lights, BrickGrid(domain, layout, reach))
-        cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0)
+        cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
         layers.append(layer)
     return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach), cost
 

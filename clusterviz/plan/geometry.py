@@ -77,6 +77,7 @@ class GeometryLayer:
     has_normals : vertices have normals
     colour_type : of `Primitives.colours`
     clim : scalars that are 0 and 1 in the shader
+    edges : red, green, blue and opacity of the edges of triangles, and half their width in cells; None: not drawn
     in_bricks : int64 (2, bz, by, bx), primitives and positions that each brick holds
     """
 
@@ -95,6 +96,7 @@ class GeometryLayer:
     has_normals: bool = False
     colour_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))
     clim: tuple[float, float] = (0.0, 1.0)
+    edges: tuple[float, float, float, float, float] | None = None
     in_bricks: NDArray[np.int64] = field(default_factory=lambda: np.zeros((2, 1, 1, 1), np.int64))
 
     @property

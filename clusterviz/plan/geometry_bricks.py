@@ -136,6 +136,7 @@ class KnownGeometry:
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
         opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
         transfer = surface_transfer(section) if channels == 1 else None
+        edges = _edges(section, grid.domain.spacing)
         hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
         is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
         scalars = "" if is_direction or section.scalars is None else section.scalars
@@ -150,12 +151,13 @@ class KnownGeometry:
             make_segments(transfer, 1.0) if transfer else None,
             make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
             section.culling if isinstance(section, MeshSection) else "none",
-            hides and not self.info.has_invalid,
+            hides and not self.info.has_invalid and (edges is None or edges[3] >= 1),
             section,
             self._position_type,
             section.shade and isinstance(section, MeshSection) and section.shading == "smooth",
             self._colour_types.get(scalars, np.dtype(np.float32)),
             transfer.domain if transfer else (0.0, 1.0),
+            edges,
             self._counted(section, grid),
         )
 
@@ -238,6 +240,14 @@ def _key_of(section: GeometrySection, grid: BrickGrid) -> tuple[object, ...]:
 def world_from_file(section: GeometrySection) -> Floats:
     """Return the entry's transform, float64 (4, 4)."""
     return np.array(section.transform or np.eye(4), np.float64)
+
+
+def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:
+    """Return `GeometryLayer.edges` of a completed section."""
+    edges = section.edges if isinstance(section, MeshSection) else None
+    if edges is None:
+        return None
+    return *(background_rgb(edges.color) or (0.0, 0.0, 0.0)), edges.opacity, 0.5 * (edges.width or 0.0) / spacing
 
 
 def surface_transfer(section: GeometrySection) -> TransferFunction:

@@ -167,12 +167,27 @@ def _of_geometry(
         seen &= is_front if section.culling == "back" else ~is_front
     hits, point = hits.some(seen), point[seen]
     rgba = surface.rgba(hits)
+    if isinstance(section, MeshSection) and section.edges:
+        is_edge = _to_edges(surface.primitives, hits) < 0.5 * (section.edges.width or 0.0)
+        rgba[is_edge] = [*(background_rgb(section.edges.color) or ()), section.edges.opacity]
     if section.shade:
         normal = hits.normal
         if surface.normals is not None:
             normal = (surface.normals[surface.corners[hits.primitive]] * hits.weights[..., None]).sum(axis=1)
         rgba[:, :3] = lit(rgba[:, :3], normal, point, rays.direction[hits.ray], section, scene, WORLD)
     return np.stack([hits.ray, np.full(len(hits.ray), number), hits.primitive], axis=1), hits.t, rgba
+
+
+def _to_edges(triangles: Primitives, hits: Hits) -> Floats:
+    """Return the distances (k,) of intersections to the nearest edge of their triangle."""
+    assert isinstance(triangles, Triangles)
+    corners = triangles.vertices[triangles.corners[hits.primitive]]
+    point, found = (corners * hits.weights[:, :, None]).sum(axis=1), np.full(len(hits.t), np.inf)
+    for n in range(3):
+        begin, way = corners[:, n], corners[:, (n + 1) % 3] - corners[:, n]
+        share = np.clip(((point - begin) * way).sum(axis=1) / (way**2).sum(axis=1), 0, 1)
+        found = np.minimum(found, np.linalg.norm(point - begin - share[:, None] * way, axis=1))
+    return found
 
 
 def _moved(positions: NDArray[np.floating], matrix: Floats) -> Floats:

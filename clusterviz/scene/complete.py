@@ -14,7 +14,14 @@ from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, PointsSection, as_sections
+from clusterviz.scene.geometry import (
+    GeometryInfo,
+    GeometrySection,
+    LinesSection,
+    MeshSection,
+    PointsSection,
+    as_sections,
+)
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -75,10 +82,12 @@ def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometryS
     if section.clim is None and info.scalars is not None:
         low, high = info.scalars
         found["clim"] = (low, high) if low < high else range_around(low)
+    size = (math.dist(*info.box) if len(info.box) else 0.0) or float(np.abs(info.box).max(initial=0.0)) or 1.0
     share = RADIUS_OF_DIAGONAL.get(type(section), 0.0)
     if share and not info.has_radii and not isinstance(getattr(section, "radius", None), float):
-        diagonal = math.dist(*info.box) if len(info.box) else 0.0
-        found["radius"] = share * (diagonal or float(np.abs(info.box).max(initial=0.0)) or 1.0)
+        found["radius"] = share * size
+    if isinstance(section, MeshSection) and section.edges and section.edges.width is None:
+        found["edges"] = section.edges.model_copy(update={"width": size / 1000})
     if isinstance(section, LinesSection) and section.color_by is None:
         found["color_by"] = "color" if section.scalars is None else "scalars"
     return section.model_copy(update=found)

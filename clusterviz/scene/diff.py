@@ -11,7 +11,18 @@ from clusterviz.scene.values import Camera, Quality, Scene
 
 CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
 """Keys of a volume that may differ between frames, like all keys of camera and quality."""
-GEOMETRY_CHANGING = ("color", "cmap", "clim", "opacity", "culling", "ambient", "diffuse", "specular", "specular_power")
+GEOMETRY_CHANGING = (
+    "color",
+    "cmap",
+    "clim",
+    "opacity",
+    "culling",
+    "edges",
+    "ambient",
+    "diffuse",
+    "specular",
+    "specular_power",
+)
 """Keys of meshes, lines and points that may differ between frames: those on which neither bricks nor their primitives
 depend, as they do on radius, transform, scalars and shading."""
 

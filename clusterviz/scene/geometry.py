@@ -19,6 +19,7 @@ from clusterviz.scene.field_types import (
     Cmap,
     Diffuse,
     Flag,
+    Fraction,
     Number,
     Opacity,
     Positive,
@@ -43,6 +44,7 @@ def _check_transform(rows: tuple[Any, ...]) -> tuple[Any, ...]:
     return rows
 
 
+Colour = Annotated[Background, AfterValidator(_check_colour)]
 FLAT = 1e-12
 """Determinant, of a matrix whose largest entry is 1, below which it flattens space."""
 Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builtin)]
@@ -55,9 +57,7 @@ class GeometrySection(Section):
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["bone.vtp"], description="The data file, relative to the scene file."
     )
-    color: Annotated[Background, AfterValidator(_check_colour)] = Field(
-        default="white", description="A CSS colour name, #rrggbb, or [r, g, b] in 0..1."
-    )
+    color: Colour = Field(default="white", description="A CSS colour name, #rrggbb, or [r, g, b] in 0..1.")
     scalars: str | None = Field(
         default=None,
         description="Name of an array that gives the colours: numbers through cmap, or red, green, blue (and alpha) as "
@@ -90,6 +90,16 @@ class GeometrySection(Section):
         return self
 
 
+class Edges(Section):
+    """Edges of a mesh's triangles, painted on them."""
+
+    color: Colour = Field(default="black", description="A CSS colour name, #rrggbb, or [r, g, b] in 0..1.")
+    width: Positive | None = Field(
+        default=None, description="World units; default: a 1000th of the diagonal of the mesh's box."
+    )
+    opacity: Fraction = Field(default=1.0, description="Opacity, whatever that of the surface is.")
+
+
 class MeshSection(GeometrySection):
     """Mesh: triangles of a file."""
 
@@ -98,6 +108,11 @@ class MeshSection(GeometrySection):
     )
     culling: Literal["none", "front", "back"] = Field(
         default="none", description="The side that is not drawn; vertices are counter-clockwise seen from the front."
+    )
+    edges: Edges | None = Field(
+        default=None,
+        examples=[{"color": "black", "width": 0.2}],
+        description="Draw the edges of the triangles; default: none.",
     )
 
 

@@ -10,6 +10,8 @@ struct Layer {
     uvec4 table;    // first row, kind, channels; 1 if it is lit, and 2 if it is opaque
     ivec4 words;    // of a vertex or primitive 0 in `values`: normals (NONE: without), colours; 1 if vertices have them; first segment
     vec4 reflects;  // as the material of lights.glsl
+    vec4 edge;      // colour and opacity of the edges of triangles
+    vec4 edge_half; // half their width, 0 if they are not drawn
 };
 layout(std430, binding = 14) readonly buffer LayersBlock { Layer layer[]; };
 const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2, LIT = 1, OPAQUE = 2;

@@ -33,6 +33,13 @@ vec4 attribute_of(ivec4 of, int row, vec3 weights, int first, int count, bool of
     return found;
 }
 
+// Distance of a point of a triangle to the nearest edge: its weights times the triangle's heights.
+float to_edge(ivec4 of, Hit hit) {
+    vec3 a = vertex[of.x].xyz, b = vertex[of.y].xyz, c = vertex[of.z].xyz;
+    vec3 away = hit.weights * length(hit.normal) / vec3(length(c - b), length(a - c), length(b - a));
+    return min(away.x, min(away.y, away.z));
+}
+
 vec4 light_of(uint number, double position) {
     int row = int(number >> 1);
     ivec4 of = corner[row];
@@ -48,6 +55,7 @@ vec4 light_of(uint number, double position) {
         if (channels == 1) given = classified(given.x, own.words.w);
         rgba = vec4(given.rgb, rgba.a * (channels == 3 ? 1.0 : given.a));
     }
+    if (TRIANGLES && own.edge_half.x > 0.0 && to_edge(of, hit) < own.edge_half.x) rgba = own.edge;
     vec4 light = vec4(rgba.rgb * rgba.a, rgba.a);
     if ((int(own.table.w) & LIT) == 0) return light;
     dvec3 at = first_midpoint + position * slab_way;

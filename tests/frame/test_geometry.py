@@ -104,6 +104,7 @@ def test_keys_that_need_no_other_primitives_may_change_between_frames() -> None:
         {"meshes.1.clim": (1.0, 2.0)},
         {"meshes.1.cmap": "bone", "meshes.1.opacity": 0.5},
         {"meshes.2.culling": "back", "meshes.0.color": "lime", "meshes.0.ambient": 0.5},
+        {"meshes.0.edges": {"color": "white", "width": 0.8}},
     ]
     scenes = [scene, *(with_settings(scene, each) for each in keys)]
     check_same(on_ranks(2, moving(scenes), given), [on_ranks(1, [scene], given)[0] for scene in scenes])
@@ -189,10 +190,11 @@ def test_scenes_in_several_units_have_larger_bricks() -> None:
 
 def test_open_keys_are_completed_by_the_content() -> None:
     path = Lines("l", np.array([[0, 0, 0], [3, 4, 0.0]]), np.array([0, 2]))
-    parts = (THREE[1][0], {"scalars": "heat"}), (path, {}), (Points("p", NOTHING + 1), {}), (CLOUD, {})
+    parts = (THREE[1][0], {"scalars": "heat", "edges": {}}), (path, {}), (Points("p", NOTHING + 1), {}), (CLOUD, {})
     scene, opened = infos_of(*scene_of(*parts, volumes=0))
     assert scene.meshes[0].clim == (0, 5)
     assert scene.lines[0].radius == pytest.approx(5 / 500)
+    assert scene.meshes[0].edges.width == pytest.approx(7 * 3**0.5 / 1000)
     assert scene.lines[0].color_by == "color"
     assert all(isinstance(each.radius, float) for each in scene.points)
     plan = opened.plan(scene)

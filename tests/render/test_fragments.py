@@ -128,6 +128,10 @@ LIT = (
 CULLED = tuple(
     (one.model_copy(update={"culling": side}), mesh) for (one, mesh), side in zip(PLAIN, ("front", "back"), strict=True)
 )
+EDGED = (
+    (section(opacity=0.3, transform=np.diag([1, 1.3, 0.9, 1]).tolist(), edges={"color": "red", "width": 0.7}), OUTER),
+    (section(opacity=0.0, shade=False, edges={"color": "lime", "width": 0.4, "opacity": 0.6}), INNER),
+)
 SHELLS = (BYTES[0].model_copy(update={"isosurfaces": (100.0, (150.0, 0.5)), "blending": "isosurface"}), *BYTES[1:])
 CUT = {"clip": Clip(planes=(((11, 9, 9), (0.2, 1, 1)),))}
 STEPS, BEGINS = np.random.default_rng(2).normal(0, 1.4, (3, 12, 3)), np.array([[12, 8, 9], [9, 12, 8], [12, 11, 12]])
@@ -150,6 +154,7 @@ CASES = {
     "volumes": ((BYTES, FLOATS), PLAIN, {}, ("outside", "inside", "parallel")),
     "isosurfaces, lit, clipped": ((SHELLS, FLOATS), LIT, {"lights": LIGHTS} | CUT, ("outside",)),
     "clipped, culled": ((), CULLED, CUT, ("inside", "parallel")),
+    "edges": ((BYTES,), EDGED, {}, ("outside", "inside")),
     "jittered": ((BYTES, FLOATS), PLAIN, {"quality": {"jitter": True}}, ("inside",)),
     "tubes and spheres": ((BYTES, FLOATS), MIXED, {"lights": LIGHTS}, ("outside", "inside", "parallel", "far")),
     "meshes, tubes and spheres, clipped": ((), (*LIT, *MIXED), CUT, ("outside",)),

@@ -14,7 +14,16 @@ from clusterviz.plan.geometry import GeometryLayer, Primitives
 KINDS = {"triangle": 0, "tube": 1, "sphere": 2}
 NONE = -0x7FFFFFFF
 """Place of normals that there are not, as in primitives.glsl."""
-LAYER = np.dtype([("rgba", "f4", 4), ("table", "u4", 4), ("words", "i4", 4), ("material", "f4", 4)])
+LAYER = np.dtype(
+    [
+        ("rgba", "f4", 4),
+        ("table", "u4", 4),
+        ("words", "i4", 4),
+        ("material", "f4", 4),
+        ("edge", "f4", 4),
+        ("half", "f4", 4),
+    ]
+)
 """As `Layer` in primitives.glsl."""
 SEGMENT_NUMBERS = 12
 
@@ -87,6 +96,8 @@ def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primit
         corners.append(table)
         record["rgba"], record["material"] = layer.rgba, layer.shading.material if layer.shading else 0
         record["table"] = first_row, KINDS[layer.kind], layer.channels, (layer.shading is not None) + 2 * layer.opaque
+        if layer.edges:
+            record["edge"], record["half"] = layer.edges[:4], layer.edges[4]
         of_vertices = layer.colour_of == "vertices"
         record["words"] = NONE, 0, of_vertices, 0
         if has_normals:
