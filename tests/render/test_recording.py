@@ -82,7 +82,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
-    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none content volume_layer"),
+    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none multi_volume volume_layer"),
     "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met surface_list"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
