@@ -34,8 +34,12 @@ void find_in(Ray ray, int tile) {
     if (SOME_OPAQUE && last.y != 0xffffffffu) put(last);
 }
 
+int number_of(ivec2 pixel) {
+    return pixel.y * frame.rect.z + pixel.x;
+}
+
 void find_all(ivec2 pixel, int tile) {
-    int number = pixel.y * frame.rect.z + pixel.x;
+    int number = number_of(pixel);
     if (begin_list(number)) {
         Ray ray = ray_through(pixel + frame.rect.xy);
         cut(ray, false);

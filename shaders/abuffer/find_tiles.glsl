@@ -2,7 +2,8 @@
 shared int tile;
 
 void main() {
-    int across = geometry.counts.y, tiles = geometry.counts.z, lane = int(gl_LocalInvocationIndex);
+    int across = (frame.rect.z + LIST_TILE - 1) / LIST_TILE, tiles = across * ((frame.rect.w + LIST_TILE - 1) / LIST_TILE);
+    int lane = int(gl_LocalInvocationIndex);
     for (;;) {
         if (gl_LocalInvocationIndex == 0u) tile = atomicAdd(progress[0], 1);
         barrier();
@@ -11,7 +12,10 @@ void main() {
         for (int y = 0; y < LIST_TILE; y += PACKET_HEIGHT) {
             for (int x = 0; x < LIST_TILE; x += PACKET_WIDTH) {
                 ivec2 pixel = corner + ivec2(x + lane % PACKET_WIDTH, y + lane / PACKET_WIDTH);
-                if (all(lessThan(pixel, frame.rect.zw))) find_all(pixel, tile);
+                if (any(greaterThanEqual(pixel, frame.rect.zw))) continue;
+                // A list that all lanes share is read once for all.
+                if (geometry.counts.z == 0) find_all(pixel, number_of(pixel));
+                else find_all(pixel, tile);
             }
         }
     }

@@ -256,6 +256,17 @@ def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypa
     assert np.array_equal(drawn(where, scene, (), LIT), first)
 
 
+@EACH
+def test_lists_of_pixels_and_of_tiles_give_one_picture(
+    where: Any, caster: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, pictures = scene_of((), "inside", size=(41, 30)), []
+    for small in (0, np.inf):
+        monkeypatch.setattr(tiles, "SMALL", small)
+        pictures.append(drawn(where, scene, (), (*LIT, *MIXED)))
+    assert np.array_equal(*pictures)
+
+
 @pytest.mark.gl
 def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     if "llvmpipe" not in context.info["GL_RENDERER"]:

@@ -6,7 +6,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,9 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 
 CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
+SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
+SAMPLED = 4096  # primitives whose size is looked at
+ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0]])  # corners that bound a primitive of each kind
 EARLY = 8  # fragments of a pixel that are kept as they are counted
 LEAST = 1 << 13  # primitives or vertices of a task
 GEOMETRY = np.dtype(
@@ -26,7 +28,7 @@ GEOMETRY = np.dtype(
         ("up", "f8", 4),
         ("forward", "f8", 4),
         ("eye", "f8", 4),  # depth of the eye
-        ("counts", "i4", 4),  # layers, tiles across, tiles, lights
+        ("counts", "i4", 4),  # layers, tiles across, log2 of a tile's side in pixels, lights
     ]
 )
 GEOMETRY_BINDING = 8
@@ -37,7 +39,7 @@ _MOVE = {
     kind: CompiledKernel(
         "clusterviz.render.abuffer.tile_kernel",
         f"move-{kind}",
-        f"float64[:,::1]; float64[::1]; {kind}[:,::1]; float32[::1]; float32[:,::1]",
+        f"float64[:,::1]; float64[::1]; float64[::1]; {kind}[:,::1]; float32[::1]; float32[:,::1]; float32[:,::1]",
         _SOURCES,
     )
     for kind in ("float32", "float64")
@@ -45,8 +47,12 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "float64[::1]; int64; int64; int64; float32[:,::1]; int32[:,::1]; int64[:,::1]; uint32[::1]",
+    "int64; int64; int64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; int64[::1]; int64[::1]",
     _SOURCES,
+    1,
+)
+_PLACE = CompiledKernel(
+    "clusterviz.render.abuffer.tile_kernel", "place", "int64[::1]; int64[::1]; uint32[::1]", _SOURCES
 )
 
 
@@ -98,12 +104,12 @@ class TileLists:
 
 def prepare_tiles() -> None:
     """Compile the kernels, or load them."""
-    for kernel in (*_MOVE.values(), _LIST):
+    for kernel in (*_MOVE.values(), _LIST, _PLACE):
         kernel.prepare()
 
 
-def camera_block(plan: Plan, rect: Rect, lights: int, tile: int) -> NDArray[np.void]:
-    """Return the block `geometry`; `GEOMETRY` (1,).
+def camera_block(plan: Plan, lights: int) -> NDArray[np.void]:
+    """Return the block `geometry`, but for its tiles; `GEOMETRY` (1,).
 
     The camera's coordinates are relative to the point of the domain that is nearest to the eye, on every rank.
     """
@@ -116,8 +122,7 @@ def camera_block(plan: Plan, rect: Rect, lights: int, tile: int) -> NDArray[np.v
         axis /= np.linalg.norm(axis)
         block[name][0] = *axis, -(axis @ centre)
     block["eye"][0, 0] = block["forward"][0, :3] @ (eye - centre)
-    across, down = -(-rect.width // tile), -(-rect.height // tile)
-    block["counts"][0] = len(plan.content.geometry), across, across * down, lights
+    block["counts"][0] = len(plan.content.geometry), 0, 0, lights
     return block
 
 
@@ -144,14 +149,14 @@ def make_lists(
     Parameters
     ----------
     lights : number of lights
-    tile : pixels along the side of a tile
+    tile : pixels along the side of a tile, a power of two, where primitives are not small
     threads : do the work, in `count` tasks
     """
     assert plan.content, "there is geometry"
-    block = camera_block(plan, rect, lights, tile)
+    block = camera_block(plan, lights)
     lens = lens_of(plan, block, rect)
     camera = np.stack([block[name][0] for name in ("right", "up", "forward")])
-    vertices = np.empty((table.vertices, 4), np.float32)
+    vertices, boxes = (np.empty((table.vertices, 4), np.float32) for _ in range(2))
     unit = np.array([1 / plan.content.domain.spacing])
     tasks, first = [], 0
     for layer, positions, radii in zip(plan.content.geometry, table.positions, table.radii, strict=True):
@@ -159,38 +164,47 @@ def make_lists(
         matrix[:, 3] += camera[:, 3]
         kind = positions.dtype.name
         for begin, end in _parts(len(positions), count):
-            target = vertices[first + begin : first + end]
-            tasks.append(threads.submit(_MOVE[kind], matrix, unit, positions[begin:end], radii[begin:end], target))
+            moved = positions[begin:end], radii[begin:end], *(each[first:][begin:end] for each in (vertices, boxes))
+            tasks.append(threads.submit(_MOVE[kind], matrix, unit, lens, *moved))
         first += len(positions)
     for task in tasks:
         task.result()
-    begins, shares = table.layers["table"][:, 0].tolist(), list[tuple[Any, ...]]()
-    for kind, begin, end in zip(
-        table.layers["table"][:, 1].tolist(), begins, [*begins[1:], len(table.corners)], strict=True
-    ):
-        shares += [(kind, begin + a, table.corners[begin + a : begin + b]) for a, b in _parts(end - begin, count)]
-    across, tiles = block["counts"][0, 1:3].tolist()
-    places = np.zeros((len(shares), tiles // across, across), np.int64)
+    shift = 0 if _are_small(table, boxes, rect) else tile.bit_length() - 1
+    across, down = ((side - 1 >> shift) + 1 for side in (rect.width, rect.height))
+    block["counts"][0, 1:3] = across, shift
+    layers = np.append(table.layers["table"][:, :2], [[len(table.corners), 0]], axis=0).astype(np.int64)
+    shares = _parts(len(table.corners), count) or [(0, 0)]
+    counts = np.zeros((len(shares), across * down), np.int64)
 
-    def list_all(rows: NDArray[np.uint32]) -> None:
-        waiting = [
-            threads.submit(_LIST, lens, tile, kind, row, vertices, corners, own, rows)
-            for (kind, row, corners), own in zip(shares, places, strict=True)
-        ]
-        for one in waiting:
-            one.result()
+    def pairs_of(share: tuple[int, int], own: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the pairs of a share of the primitives, and count them."""
+        pairs = np.empty(4 * (share[1] - share[0]), np.int64)
+        while True:
+            found = _LIST(shift, rect.width, rect.height, layers, *share, boxes, table.corners, own, pairs)
+            if found <= len(pairs):
+                return pairs[:found]
+            own[:], pairs = 0, np.empty(found, np.int64)
 
-    list_all(np.zeros(0, np.uint32))
+    pairs = list(threads.map(pairs_of, shares, counts))
     # By tiles, and in a tile by shares, whose rows ascend.
-    counts = places.reshape(len(shares), tiles).T.copy()
-    ends = np.cumsum(counts).reshape(counts.shape) if counts.size else counts
-    total = int(ends[-1, -1]) if counts.size else 0
-    places[:] = (ends - counts).T.reshape(places.shape)
-    starts = np.append((ends - counts)[:, 0], total) if counts.size else np.zeros(tiles + 1)
-    rows = np.zeros(max(1, total), np.uint32)
-    if total:
-        list_all(rows)
-    return TileLists(block, vertices, starts.astype(np.uint32), rows)
+    ends = np.cumsum(counts.T).reshape(-1, len(shares)).T
+    places = np.ascontiguousarray(ends - counts)
+    begins = np.append(places[0], ends[-1, -1]).astype(np.uint32)
+    rows = np.zeros(max(1, int(begins[-1])), np.uint32)
+    list(threads.map(_PLACE, pairs, places, [rows] * len(shares)))
+    return TileLists(block, vertices, begins, rows)
+
+
+def _are_small(table: PrimitiveTable, boxes: NDArray[np.float32], rect: Rect) -> bool:
+    """Return whether those primitives that are seen are small in pixels, on average."""
+    starts, kinds = table.layers["table"][:, :2].T
+    rows = np.arange(0, len(table.corners), len(table.corners) // SAMPLED + 1)
+    ends = ENDS[kinds[np.searchsorted(starts, rows, "right") - 1]]
+    found = boxes[np.take_along_axis(table.corners[rows], ends, axis=1)]
+    low, high = np.maximum(found[..., ::2].min(axis=1), 0), found[..., 1::2].max(axis=1)
+    sides = np.minimum(high, (rect.width, rect.height)) - low
+    seen = (sides > 0).all(axis=1)
+    return bool(seen.any()) and float(sides[seen].prod(axis=1).mean()) < SMALL
 
 
 def _parts(size: int, count: int) -> list[tuple[int, int]]:
