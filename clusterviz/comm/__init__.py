@@ -5,6 +5,7 @@ mpi.py         channel over MPI; with mpi_window.py, the only modules that impor
 loopback.py    channel between threads of one process, and for a single rank without MPI
 throttled.py   channel through a simulated slow link
 open.py        choice of the channel that a program uses
+all_to_all.py  exchange of arrays between all ranks
 window.py      contracts of shared memory: windows of a node's ranks, counters of all ranks
 mpi_window.py  both over MPI's one-sided communication
 work_queue.py  queue of numbered work on these counters
@@ -17,6 +18,7 @@ agree.py       errors that all ranks raise together
 from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
+from clusterviz.comm.all_to_all import all_to_all
 from clusterviz.comm.channel import Channel, MessageError
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import as_channel, open_channel, opened_channel
@@ -38,6 +40,7 @@ __all__ = [
     "WorkQueue",
     "abort_on_failure",
     "agree",
+    "all_to_all",
     "as_channel",
     "limit_threads",
     "mark_agreed",

@@ -36,7 +36,8 @@ def _status(error: BaseException) -> int:
 def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
     """Context of a stage without communication: an error on one rank is raised on every rank.
 
-    If all ranks raise the same ClustervizError (a missing file, for example), it is raised unchanged.
+    If all ranks raise the same ClustervizError (a missing file, for example), it is raised unchanged. A stage may
+    communicate within, if an `agree` of its own around all that was done before precedes each exchange.
 
     Raises
     ------
@@ -47,6 +48,8 @@ def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
     try:
         yield
     except Exception as raised:
+        if is_agreed(raised):  # within this step, so that no rank is at its end
+            raise
         error = raised
     if channel.maximum(error is not None):
         _raise_together(channel, frame, stage, error)

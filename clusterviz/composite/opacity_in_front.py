@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm import Channel
+from clusterviz.comm import Channel, all_to_all
 from clusterviz.image.partial import PartialImage, Rect
 
 TAG, BACK_TAG = 71, 72
@@ -51,7 +51,7 @@ def opacity_in_front(
     counts = [
         sum(rect.intersect(bands[rank]).pixels for other, rect in every if other == source) for source in range(size_of)
     ]
-    received = _exchange(sent, counts, channel, TAG)
+    received = all_to_all(channel, sent, TAG, counts)
     transparency = np.ones((bands[rank].height, size[0]))
     taken = [0] * size_of
     for source, rect in every:
@@ -62,7 +62,7 @@ def opacity_in_front(
         opacity = pixels.reshape(part.height, part.width).astype(np.float64)
         pixels[:] = 1.0 - behind.ravel()
         behind *= 1.0 - opacity
-    back = _exchange(received, [len(each) for each in sent], channel, BACK_TAG)
+    back = all_to_all(channel, received, BACK_TAG, [len(each) for each in sent])
     fronts = [np.zeros((rect.height, rect.width), np.float32) for rect in own]
     for band, found in zip(bands, back, strict=True):
         begin = 0
@@ -71,19 +71,3 @@ def opacity_in_front(
             front[part.slices_in(rect)] = found[begin : begin + part.pixels].reshape(part.height, part.width)
             begin += part.pixels
     return fronts
-
-
-def _exchange(sent: Sequence[Plane], counts: Sequence[int], channel: Channel, tag: int) -> list[Plane]:
-    """Send an array to each rank, and return those of all ranks, with the given numbers of pixels."""
-    received = [np.empty(count, np.float32) for count in counts]
-    received[channel.rank] = sent[channel.rank].copy()
-    others = [source for source in range(channel.size) if source != channel.rank]
-    pending = [channel.post_receive(received[source], source, tag) for source in others if counts[source]]
-    for target in others:
-        if len(sent[target]):
-            channel.isend(sent[target], target, tag)
-    while pending:
-        done = {index for index, _ in channel.wait_some(pending)}
-        pending = [one for index, one in enumerate(pending) if index not in done]
-    channel.wait_sends()
-    return received

@@ -60,9 +60,13 @@ class Mesh:
     @cached_property
     def drawable(self) -> NDArray[np.bool_]:
         """Which triangles can be drawn, bool (m,): their vertices are finite, and they have an area."""
-        found, finite = np.empty(len(self.triangles), bool), self.finite
-        for begin in range(0, len(found), CHUNK):
-            corners = self.triangles[begin : begin + CHUNK]
+        return self.drawable_in(0, len(self.triangles))
+
+    def drawable_in(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Return which of the triangles [first, last) can be drawn, bool (last - first,)."""
+        found = np.empty(last - first, bool)
+        for begin in range(0, len(found), CHUNK // 4):
+            corners = self.triangles[first + begin : min(first + begin + CHUNK // 4, last)]
             a, b, c = (self.vertices[corner].astype(np.float64).T for corner in corners.T)
             with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
                 (ux, uy, uz), (vx, vy, vz) = u, v = b - a, c - a
@@ -71,7 +75,8 @@ class Mesh:
                     size[size == 0] = 1
                     (ux, uy, uz), (vx, vy, vz) = u / size, v / size
                 area = (uy * vz != uz * vy) | (uz * vx != ux * vz) | (ux * vy != uy * vx)
-            found[begin : begin + CHUNK] = area & finite[corners].all(axis=1)
+            finite = np.isfinite(a) & np.isfinite(b) & np.isfinite(c)
+            found[begin : begin + CHUNK // 4] = area & finite.all(axis=0)
         return found
 
     @cached_property

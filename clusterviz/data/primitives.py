@@ -36,32 +36,41 @@ class DrawnPrimitives:
     ----------
     kind : of the primitives
     positions : float32 or float64 (n, 3), vertices, points of lines, or centres
-    corners : uint32 (m, c), rows of `positions`, see `plan.geometry.Primitives`
-    cells : int (m,), triangle or line of the file of each primitive
+    corners : int (m, c), rows of `positions`, see `plan.geometry.Primitives`
     radii : float32 (n,), of an array of the file; (0,) without one
-    left_out : number of triangles, segments or points that cannot be drawn
+    left_out : number of segments or points that cannot be drawn, which are no primitives
     of_vertices, of_cells : arrays of the file by name
+    cells : int (m,), line or point of the file of each primitive; None: primitives are the triangles of `mesh`
+    mesh : of the triangles, some of which cannot be drawn
     """
 
     kind: Kind
     positions: NDArray[Any]
-    corners: NDArray[np.uint32]
-    cells: NDArray[np.integer[Any]]
+    corners: NDArray[np.integer[Any]]
     radii: NDArray[np.float32]
     left_out: int
     of_vertices: Attributes
     of_cells: Attributes
+    cells: NDArray[np.integer[Any]] | None = None
+    mesh: Mesh | None = None
 
-    def box(self, matrix: Floats) -> Floats:
-        """Return the corners of the box in the world, float64 (2, 3), with radii of the file; (0, 3) without any.
+    def share(self, rank: int, ranks: int) -> NDArray[np.int64]:
+        """Return the numbers, ascending, of the primitives that can be drawn in one of equal shares of all."""
+        first, last = (len(self.corners) * each // ranks for each in (rank, rank + 1))
+        return first + (np.flatnonzero(self.mesh.drawable_in(first, last)) if self.mesh else np.arange(last - first))
+
+    def box(self, matrix: Floats, numbers: NDArray[np.int64]) -> Floats:
+        """Return the corners of the box around some primitives in the world, float64 (2, 3); ±inf around none.
 
         Parameters
         ----------
-        matrix : float64 (4, 4) or (3, 4), the world from the file
+        matrix : float64 (4, 4) or (3, 4), the world from the file; radii are those of the file
+        numbers : of the primitives
         """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         used = np.zeros(len(self.positions), bool)
-        used[self.corners.ravel()] = True
+        for begin in range(0, len(numbers), CHUNK):
+            used[self.corners[numbers[begin : begin + CHUNK]].ravel()] = True
         for begin in range(0, len(used), CHUNK):
             rows = np.flatnonzero(used[begin : begin + CHUNK]) + begin
             if len(rows):
@@ -69,7 +78,7 @@ class DrawnPrimitives:
                 around = self.radii[rows, None].astype(np.float64) if len(self.radii) else 0.0
                 low = np.minimum(low, (placed - around).min(axis=0))
                 high = np.maximum(high, (placed + around).max(axis=0))
-        return np.stack([low, high]) if len(self.corners) else np.empty((0, 3))
+        return np.stack([low, high])
 
 
 def transformed(positions: NDArray[Any], matrix: Floats) -> Floats:
@@ -96,10 +105,8 @@ def drawn_primitives(geometry: Mesh | Lines | Points, radii: str | None = None, 
         There is no such array of radii.
     """
     if isinstance(geometry, Mesh):
-        cells = np.flatnonzero(geometry.drawable)
-        corners = geometry.triangles if len(cells) == len(geometry.triangles) else geometry.triangles[cells]
-        left_out, of = len(geometry.triangles) - len(cells), (geometry.vertex_attributes, geometry.triangle_attributes)
-        return DrawnPrimitives("triangle", geometry.vertices, _uint32(corners), cells, NO_RADII, left_out, *of)
+        of = geometry.vertex_attributes, geometry.triangle_attributes
+        return DrawnPrimitives("triangle", geometry.vertices, geometry.triangles, NO_RADII, 0, *of, mesh=geometry)
     if isinstance(geometry, Lines):
         return _tubes(geometry)
     drawn, found = geometry.finite, NO_RADII
@@ -114,15 +121,11 @@ def drawn_primitives(geometry: Mesh | Lines | Points, radii: str | None = None, 
     cells = np.flatnonzero(drawn)
     left_out = len(drawn) - len(cells)
     return DrawnPrimitives(
-        "sphere", geometry.positions, _uint32(cells[:, None]), cells, found, left_out, geometry.attributes, {}
+        "sphere", geometry.positions, cells[:, None].astype(np.uint32), found, left_out, geometry.attributes, {}, cells
     )
 
 
 NO_RADII = np.empty(0, np.float32)
-
-
-def _uint32(corners: NDArray[np.integer[Any]]) -> NDArray[np.uint32]:
-    return np.ascontiguousarray(corners, np.uint32)
 
 
 def _tubes(lines: Lines) -> DrawnPrimitives:
@@ -142,75 +145,89 @@ def _tubes(lines: Lines) -> DrawnPrimitives:
     corners = np.stack([before, first, second, after], axis=1)
     left_out = int((line[1:] == line[:-1]).sum()) - len(begin)
     of = lines.point_attributes, lines.line_attributes
-    return DrawnPrimitives("tube", points, _uint32(corners), line[first], NO_RADII, left_out, *of)
+    return DrawnPrimitives("tube", points, corners.astype(np.uint32), NO_RADII, left_out, *of, line[first])
+
+
+def stored_normals(drawn: DrawnPrimitives) -> NDArray[Any] | None:
+    """Return the array `Normals` of a mesh's file, (n, 3), if there is one."""
+    stored = drawn.of_vertices.get("Normals")
+    return stored if stored is not None and stored.shape == drawn.positions.shape else None
 
 
 def vertex_normals(
-    mesh: Mesh, drawn: DrawnPrimitives, matrix: Floats, needed: NDArray[np.bool_]
+    drawn: DrawnPrimitives, matrix: Floats, rows: NDArray[np.integer[Any]], triangles: NDArray[np.integer[Any]]
 ) -> NDArray[np.float32]:
-    """Return normals of the vertices in the world, float32 (n, 3), of any length.
+    """Return normals of some vertices in the world, float32 (k, 3), of any length.
 
-    They are the array `Normals` of the file, or the sum of the unit normals of the triangles around a vertex, as in
-    VTK. All triangles of the mesh count, so that every rank finds the same.
+    They are those of the file, or the sum of the unit normals of the triangles around a vertex, as in VTK. The sum is
+    that of float64 numbers by ascending numbers of triangles, so that every rank finds the same.
 
     Parameters
     ----------
     matrix : float64 (4, 4), the world from the file
-    needed : bool (n,), vertices whose normals are wanted
+    rows : int (k,), the vertices, each once
+    triangles : int, ascending, can be drawn, with all around these vertices; without effect if the file has normals
     """
-    stored, normals = mesh.vertex_attributes.get("Normals"), np.zeros((3, len(mesh.vertices)))
-    linear = matrix[:3, :3] / np.abs(matrix[:3, :3]).max()
-    if stored is not None and stored.shape == mesh.vertices.shape:
+    stored, linear = stored_normals(drawn), matrix[:3, :3] / np.abs(matrix[:3, :3]).max()
+    if stored is not None:
         # By cofactors: the inverse transpose without its division, whose sign a reflection changes.
         a, b, c = linear.T
-        found: NDArray[np.float32] = (stored @ np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])).astype(
-            np.float32
-        )
-        return found
-    for begin in range(0, len(drawn.corners), CHUNK):
-        corners = drawn.corners[begin : begin + CHUNK]
-        corners = corners[needed[corners].any(axis=1)]
-        a, b, c = (mesh.vertices[corner].astype(np.float64) for corner in corners.T)
+        return transformed(stored[rows], _linear(np.cross(b, c), np.cross(c, a), np.cross(a, b))).astype(np.float32)
+    normals, is_wanted = np.zeros((3, len(rows))), np.zeros(len(drawn.positions), bool)
+    is_wanted[rows] = True
+    place = np.empty(len(drawn.positions), np.int32)
+    place[rows] = np.arange(len(rows))
+    for begin in range(0, len(triangles), CHUNK // 4):
+        corners = drawn.corners[triangles[begin : begin + CHUNK // 4]]
+        wanted = is_wanted[corners]
+        counted = wanted.any(axis=1)
+        corners, wanted = corners[counted], wanted[counted].ravel()
+        a, b, c = (drawn.positions[corner].astype(np.float64) for corner in corners.T)
         # By axis, which is several times faster than rows of three.
-        u, v = (transformed(end - a, np.column_stack([linear, np.zeros(3)])).T.copy() for end in (b, c))
+        u, v = (transformed(end - a, _linear(*linear.T)).T.copy() for end in (b, c))
         size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
         (ux, uy, uz), (vx, vy, vz) = u / size, v / size
         across = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
         across /= np.sqrt((across**2).sum(axis=0))
+        at = place[corners.ravel()[wanted]]
         for total, along in zip(normals, across, strict=True):
-            for corner in corners.T:
-                np.add.at(total, corner, along)
+            np.add.at(total, at, np.repeat(along, 3)[wanted])
     return np.ascontiguousarray(normals.T, np.float32)
+
+
+def _linear(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return a matrix (3, 4) of three columns, without translation."""
+    return np.stack([a, b, c, np.zeros(3)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class BrickMembers:
-    """Primitives near each brick.
+    """Primitives near each of some bricks.
 
     Attributes
     ----------
-    counts_zyx : bricks along each axis
-    begins : int64 (bricks + 1,); brick i, counted along x first, has the members [begins[i], begins[i + 1])
+    begins : int64 (bricks + 1,); brick i has the members [begins[i], begins[i + 1])
     numbers : uint32 (k,), of primitives, ascending in each brick
     """
 
-    counts_zyx: Index
     begins: NDArray[np.int64]
     numbers: NDArray[np.uint32]
 
-    def of(self, index_zyx: Index) -> NDArray[np.uint32]:
+    def of(self, brick: int) -> NDArray[np.uint32]:
         """Return the numbers of a brick's primitives, ascending."""
-        flat = int(np.ravel_multi_index(index_zyx, self.counts_zyx))
-        return self.numbers[self.begins[flat] : self.begins[flat + 1]]
+        return self.numbers[self.begins[brick] : self.begins[brick + 1]]
 
     def counted(self, drawn: DrawnPrimitives) -> NDArray[np.int64]:
-        """Return the numbers of primitives and of positions of each brick, int64 (2, bz, by, bx)."""
-        found = np.zeros((2, len(self.begins) - 1), np.int64)
-        found[0], rows = np.diff(self.begins), DistinctRows(len(drawn.positions))
-        for flat in np.flatnonzero(found[0]).tolist():
-            members = self.numbers[self.begins[flat] : self.begins[flat + 1]]
-            found[1, flat] = rows.count(drawn.corners[members])
-        return found.reshape(2, *self.counts_zyx)
+        """Return the numbers of primitives and of positions of each brick, int64 (2, bricks)."""
+        counts, rows = np.diff(self.begins), DistinctRows(len(drawn.positions))
+        positions = [rows.count(drawn.corners[self.of(brick)]) if count else 0 for brick, count in enumerate(counts)]
+        return np.stack([counts, np.array(positions, np.int64)])
+
+
+def members_of_keys(keys: NDArray[np.uint64], first: int, bricks: int) -> BrickMembers:
+    """Return the members of the bricks [first, first + bricks), from sorted keys of `brick_keys`."""
+    flat = np.arange(first, first + bricks + 1, dtype=np.uint64) << np.uint64(32)
+    return BrickMembers(np.searchsorted(keys, flat), (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32))
 
 
 class DistinctRows:
@@ -224,90 +241,120 @@ class DistinctRows:
     def __init__(self, count: int) -> None:
         self._last = np.empty(count, np.int64)
 
-    def _is_last(self, corners: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    def _is_last(self, corners: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
         """Return the last corner of each row, bool (corners.size,)."""
         flat, order = corners.ravel(), np.arange(corners.size)
         self._last[flat] = order
         return np.asarray(self._last[flat] == order)
 
-    def count(self, corners: NDArray[np.uint32]) -> int:
+    def count(self, corners: NDArray[np.integer[Any]]) -> int:
         """Return the number of distinct rows."""
         return int(np.count_nonzero(self._is_last(corners)))
 
-    def renumber(self, corners: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        """Return the distinct rows, uint32 (n,), and the corners as rows of these, of the same shape."""
+    def renumber(self, corners: NDArray[np.integer[Any]]) -> tuple[NDArray[np.integer[Any]], NDArray[np.uint32]]:
+        """Return the distinct rows, (n,), and the corners as rows of these, uint32 of the same shape."""
         rows = corners.ravel()[self._is_last(corners)]
         self._last[rows] = np.arange(len(rows))
         return rows, self._last[corners].astype(np.uint32)
 
 
-def brick_members(
-    drawn: DrawnPrimitives, matrix: Floats, radius: float, brick: int, counts_zyx: Index, reach: float
-) -> BrickMembers:
-    """Find the primitives that come within some cells of each brick.
+@dataclass(frozen=True)
+class BrickBoxes:
+    """Bricks in which primitives of one entry are looked for.
+
+    Attributes
+    ----------
+    matrix : float64 (3, 4), maps positions of the file to cells
+    radius : cells, of all tubes or spheres; of the file's radii it is the factor that makes them cells
+    brick : cells along the side of a brick
+    counts_zyx : bricks along each axis
+    reach : cells around a brick in which primitives are its own
+    ranks : n in the numbers of bricks of `brick_keys`
+    """
+
+    matrix: Floats
+    radius: float
+    brick: int
+    counts_zyx: Index
+    reach: float
+
+    ranks: int = 1
+
+    def flat(self, bricks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return bricks (k, 3), along x, y, z, as numbers (k,) that count x first."""
+        (x, y, z), (_, ny, nx) = bricks.T, self.counts_zyx
+        found: NDArray[np.int64] = (z * ny + y) * nx + x
+        return found
+
+    def keys(self, bricks: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
+        """Return keys of bricks (k, 3), along x, y, z, and of primitives (k,); see `brick_keys`."""
+        flat, ranks = self.flat(bricks), self.ranks
+        if ranks > 1:
+            flat = flat // ranks + flat % ranks * -(-int(np.prod(self.counts_zyx)) // ranks)
+        return flat.astype(np.uint64) << np.uint64(32) | numbers.astype(np.uint64)
+
+    def clipped(self, cells: Floats) -> NDArray[np.int64]:
+        """Return the bricks in which positions (k, 3) in cells lie, or the next ones."""
+        return np.clip(np.floor(cells / self.brick), 0, np.array(self.counts_zyx[::-1]) - 1).astype(np.int64)
+
+
+def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickBoxes) -> NDArray[np.uint64]:
+    """Return each brick with each primitive that comes near it, uint64 (k,), ascending, the brick in the upper 32 bits.
+
+    Brick i of b is numbered i // n + (i mod n) ⌈b / n⌉, so that those of equal i mod n follow each other.
 
     Boxes around primitives decide; where such a box meets many bricks, the primitive itself, but for the radius, which
     is added to the bricks' sides. So some bricks may have primitives that come a little less near.
 
     Parameters
     ----------
-    matrix : float64 (3, 4), maps positions of the file to cells
-    radius : cells, of all tubes or spheres; of the file's radii it is the factor that makes them cells
-    brick : cells along the side of a brick
-    reach : cells around a brick
+    numbers : ascending, of the primitives
     """
     keys = [np.empty(0, np.uint64)]
-    for begin in range(0, len(drawn.corners), CHUNK // 4):
-        corners = drawn.corners[begin : begin + CHUNK // 4, ENDS[drawn.kind]]
-        placed = np.stack([transformed(drawn.positions[corner], matrix) for corner in corners.T])
-        around = np.full(len(corners), reach + NEAR)
+    for begin in range(0, len(numbers), CHUNK // 4):
+        some = numbers[begin : begin + CHUNK // 4]
+        corners = drawn.corners[some, ENDS[drawn.kind]]
+        placed = np.stack([transformed(drawn.positions[corner], boxes.matrix) for corner in corners.T])
+        around = np.full(len(corners), boxes.reach + NEAR)
         if drawn.kind != "triangle":
-            around += radius * (drawn.radii[corners[:, 0]] if len(drawn.radii) else 1.0)
-        keys += _keys(placed, around, begin, brick, counts_zyx)
+            around += boxes.radius * (drawn.radii[corners[:, 0]] if len(drawn.radii) else 1.0)
+        keys += _keys(placed, around, some, boxes)
     joined = np.concatenate(keys)
     del keys
     joined.sort()
-    flat = np.arange(int(np.prod(counts_zyx)) + 1, dtype=np.uint64) << np.uint64(32)
-    numbers = (joined & np.uint64(0xFFFFFFFF)).astype(np.uint32)
-    return BrickMembers(counts_zyx, np.searchsorted(joined, flat), numbers)
+    return joined
 
 
-def _keys(placed: Floats, around: Floats, first: int, brick: int, counts_zyx: Index) -> Iterator[NDArray[np.uint64]]:
-    """Yield the bricks and numbers of primitives, uint64 (k,): the brick's number in the upper half.
+def _keys(
+    placed: Floats, around: Floats, numbers: NDArray[np.int64], boxes: BrickBoxes
+) -> Iterator[NDArray[np.uint64]]:
+    """Yield the keys of primitives.
 
     Parameters
     ----------
     placed : (c, m, 3), corners of the primitives in cells
     around : (m,), cells to add on all sides
-    first : number of the first
+    numbers : (m,), of the primitives
     """
-    last = np.array(counts_zyx[::-1]) - 1
-    low, high = ((pick(placed, axis=0) + sign * around[:, None]) / brick for pick, sign in ((np.min, -1), (np.max, 1)))
-    low, high = (np.clip(np.floor(side), 0, last).astype(np.int64) for side in (low, high))
+    sides = ((np.min, -1), (np.max, 1))
+    low, high = (boxes.clipped(pick(placed, axis=0) + sign * around[:, None]) for pick, sign in sides)
     single = (low == high).all(axis=1)
-    yield _key(low[single], np.flatnonzero(single) + first, counts_zyx)
+    yield boxes.keys(low[single], numbers[single])
     several = np.flatnonzero(~single)
-    low, sides, placed, around = low[several], (high - low + 1)[several], placed[:, several], around[several]
-    bricks = sides.prod(axis=1)
+    low, size, placed, around = low[several], (high - low + 1)[several], placed[:, several], around[several]
+    bricks = size.prod(axis=1)
     rows = np.cumsum(bricks)
     for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows // CHUNK)) + 1):
         which = np.repeat(some, bricks[some])
         within = np.arange(len(which)) - np.repeat(np.cumsum(bricks[some]) - bricks[some], bricks[some])
-        x, rest = within % sides[which, 0], within // sides[which, 0]
-        at = low[which] + np.stack([x, rest % sides[which, 1], rest // sides[which, 1]], axis=1)
+        x, rest = within % size[which, 0], within // size[which, 0]
+        at = low[which] + np.stack([x, rest % size[which, 1], rest // size[which, 1]], axis=1)
         met = np.ones(len(which), bool)
         tested = np.flatnonzero(bricks[which] > FEW)
         if len(placed) > 1 and len(tested):
-            centres = (at[tested] + 0.5) * brick
-            met[tested] = _meets(placed[:, which[tested]] - centres, around[which[tested]] + 0.5 * brick)
-        yield _key(at[met], several[which[met]] + first, counts_zyx)
-
-
-def _key(bricks: NDArray[np.int64], numbers: NDArray[np.int64], counts_zyx: Index) -> NDArray[np.uint64]:
-    """Return bricks (k, 3), along x, y, z, in the upper halves of words, and numbers (k,) in the lower."""
-    (x, y, z), (_, ny, nx) = bricks.T, counts_zyx
-    keys: NDArray[np.uint64] = ((z * ny + y) * nx + x).astype(np.uint64) << np.uint64(32) | numbers.astype(np.uint64)
-    return keys
+            centres = (at[tested] + 0.5) * boxes.brick
+            met[tested] = _meets(placed[:, which[tested]] - centres, around[which[tested]] + 0.5 * boxes.brick)
+        yield boxes.keys(at[met], numbers[several[which[met]]])
 
 
 def _meets(corners: Floats, half: Floats) -> NDArray[np.bool_]:

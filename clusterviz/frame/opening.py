@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm import Channel
 from clusterviz.data import open_volume, override_grid, read_geometry
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.geometry import Geometry
@@ -115,16 +116,17 @@ class OpenedContent:
         return plan.content.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
-        """Read bricks of a plan from all sources, with one pass over each volume."""
+        """Read bricks of a plan from all sources, with one pass over each volume; with geometry, collective."""
         content = plan.content
         if content is None:
             raise ValueError("the plan is not one of several volumes")
+        # First, since the ranks exchange what their bricks hold.
+        pairs = zip(self.geometry, content.geometry, strict=True)
+        geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
         each = []
         for volume, part in zip(self.volumes, content.volume_layers, strict=True):
             met = part.cut.bricks_met()
             each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
-        pairs = zip(self.geometry, content.geometry, strict=True)
-        geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
         for index in wanted:
             samples = tuple(bricks.pop(index, None) for bricks in each)
             primitives = tuple(bricks.pop(index, None) for bricks in geometry)
@@ -172,7 +174,8 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         sources = _sources(scene, given)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
-        geometry = tuple(map(_known, scene.geometry, scene.geometry_keys, geometries))
+        triples = zip(scene.geometry, scene.geometry_keys, geometries, strict=True)
+        geometry = tuple(_known(*each, run.channel) for each in triples)
     summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
@@ -280,8 +283,8 @@ def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
     return [open_volume(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
 
 
-def _known(section: GeometrySection, key: str, given: Geometry | None) -> KnownGeometry:
-    return KnownGeometry(section, key, (lambda: given) if given else partial(read_geometry, section.path))
+def _known(section: GeometrySection, key: str, given: Geometry | None, channel: Channel) -> KnownGeometry:
+    return KnownGeometry(section, key, (lambda: given) if given else partial(read_geometry, section.path), channel)
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

@@ -1,28 +1,34 @@
 """Entries of meshes, lines and points: facts that complete a scene, layers of a plan, and the primitives of bricks.
 
-The file of an entry is read as a whole on every rank, when the scene is opened. All ranks then find the same primitives
-in each brick, and so the same costs. After a rank has read its bricks it forgets the rest; the file is read again only
-if bricks are missing later.
+Each rank opens the file of an entry, and finds of an equal share of the primitives what can be drawn, and in which
+bricks. It sends the numbers of the primitives in brick i to rank i mod n, which counts and keeps them. A rank that
+reads bricks asks there for the numbers, and takes the primitives from the file. So all ranks know the same facts and
+counts. After a rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.primitives import (
+    BrickBoxes,
     BrickMembers,
     DistinctRows,
     DrawnPrimitives,
     Kind,
-    brick_members,
+    brick_keys,
     drawn_primitives,
+    members_of_keys,
+    stored_normals,
+    transformed,
     vertex_normals,
 )
 from clusterviz.data.source import Index
@@ -40,6 +46,9 @@ from clusterviz.scene.values import Light
 
 Part = Mesh | Lines | Points
 Floats = NDArray[np.float64]
+Numbers = NDArray[np.uint32]
+TAG = 73
+NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
 KINDS: dict[type[GeometrySection], Kind] = {MeshSection: "triangle", LinesSection: "tube", PointsSection: "sphere"}
 COMPONENTS = (1, 3, 4)
 
@@ -65,23 +74,29 @@ class BrickGrid:
         return matrix / self.domain.spacing
 
 
-@dataclass(eq=False)
-class _InMemory:
-    """Geometry of an entry, and the primitives of bricks that have been found."""
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Normals of some vertices.
 
-    part: Part
-    drawn: DrawnPrimitives
-    members: dict[Any, BrickMembers] = field(default_factory=dict)
+    Attributes
+    ----------
+    rows : int64 (k,), the vertices, ascending
+    along : float32 (k, 3), in the world, of any length
+    """
+
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    along: NDArray[np.float32] = field(default_factory=lambda: NOTHING)
 
 
 class KnownGeometry:
-    """Entry of meshes, lines or points.
+    """Entry of meshes, lines or points; construction, `layer` and `read` are collective.
 
     Parameters
     ----------
     section : as in the scene file
     key : of the entry, such as meshes[0], for errors
     load : reads the geometry
+    channel : to the other ranks
 
     Attributes
     ----------
@@ -93,35 +108,45 @@ class KnownGeometry:
         The file cannot be read, or lacks an array that the section names.
     """
 
-    def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry]) -> None:
-        self._type, self._key, self._load = type(section), key, load
+    def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry], channel: Channel) -> None:
+        self._type, self._key, self._load, self._channel = type(section), key, load, channel
         self._radii = section.radius if isinstance(section, PointsSection) else None
-        geometry = load()
-        held = self._in_memory(geometry, "radius" in section.model_fields_set)
-        self._held: _InMemory | None = held
-        drawn = held.drawn
+        self._held: DrawnPrimitives | None = None
+        self._share: NDArray[np.int64] | None = None
+        rank, ranks = channel.rank, channel.size
+        with agree(channel, 0, "open"):
+            geometry = load()
+            drawn = self._held = self._drawn(geometry, "radius" in section.model_fields_set)
+            arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
+            for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
+                arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
+            values = np.empty(0)
+            if section.scalars is not None and _channels(section, arrays, key) == 1:
+                array = _array(drawn, section.scalars)
+                values = array[len(array) * rank // ranks : len(array) * (rank + 1) // ranks]
+            finite = values[np.isfinite(values)]
+            scalars = (float(finite.min()), float(finite.max())) if finite.size else None
+            mine = self._drawn_share()
+            found = len(mine), drawn.box(world_from_file(section), mine), scalars, finite.size < values.size
+        counts, boxes, ranges, invalid = zip(*channel.allgather(found), strict=True)
+        low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
+        known = [one for one in ranges if one]
         self._position_type = np.dtype(drawn.positions.dtype)
         self._colour_types = {
             name: array.dtype for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items())
         }
-        arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
-        for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
-            arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
-        values = np.empty(0)
-        if section.scalars is not None and _channels(section, arrays, key) == 1:
-            values = _array(drawn, section.scalars)
-        finite = values[np.isfinite(values)]
         self.info = GeometryInfo(
-            drawn.box(world_from_file(section)),
-            len(drawn.corners),
-            drawn.left_out,
+            np.stack([low, high]) if sum(counts) else np.empty((0, 3)),
+            sum(counts),
+            drawn.left_out + len(drawn.corners) - sum(counts),
             len(drawn.radii) > 0,
-            (float(finite.min()), float(finite.max())) if finite.size else None,
-            finite.size < values.size,
+            (min(one[0] for one in known), max(one[1] for one in known)) if known else None,
+            any(invalid),
             arrays,
-            () if len(drawn.corners) else tuple(n for n in ("mesh", "lines", "points") if getattr(geometry, n)),
+            () if sum(counts) else tuple(n for n in ("mesh", "lines", "points") if getattr(geometry, n)),
         )
         self._counts: dict[Any, NDArray[np.int64]] = {}
+        self._members: tuple[Any, BrickMembers | None] = None, None
 
     def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
         """Return the layer of a plan.
@@ -169,54 +194,127 @@ class KnownGeometry:
         layer, grid : of the plan
         wanted : indices of bricks
         """
-        section, found = layer.section, dict[Index, Primitives]()
-        some = sorted(index for index in wanted if layer.in_bricks[0][index])
-        if section is None or not some:
-            self._held = None
+        section, found, normals = layer.section, dict[Index, Primitives](), Normals()
+        with agree(self._channel, 0, "load"):
+            some = sorted(index for index in wanted if layer.in_bricks[0][index])
+        if section is None or not self._channel.maximum(len(some)):
+            self._held = self._share = None
             return found
-        members, held = self._members(section, grid), self._opened()
-        rows = DistinctRows(len(held.drawn.positions))
-        normals = np.empty((0, 3), np.float32)
-        if layer.has_normals and isinstance(held.part, Mesh):
-            needed = np.zeros(len(held.drawn.positions), bool)
-            for index in some:
-                needed[held.drawn.corners[members.of(index)]] = True
-            normals = vertex_normals(held.part, held.drawn, world_from_file(section), needed)
-        for index in some:
-            found[index] = _cropped(members.of(index), layer, held.drawn, normals, rows)
-        self._held = None
+        boxes = self._boxes(section, grid)
+        flat = [int(np.ravel_multi_index(index, boxes.counts_zyx)) for index in some]
+        members = self._gathered(section, grid, flat)
+        if layer.has_normals:
+            normals = self._normals(section, grid, members)
+        with agree(self._channel, 0, "load"):
+            rows = DistinctRows(len(self._opened().positions)) if some else None
+            for index, brick in zip(some, flat, strict=True):
+                assert rows is not None
+                found[index] = _cropped(members[brick], layer, self._opened(), normals, rows)
+            self._held = self._share = None
         return found
 
-    def _in_memory(self, geometry: Geometry, needs_radii: bool = True) -> _InMemory:
+    def _drawn(self, geometry: Geometry, needs_radii: bool = True) -> DrawnPrimitives:
         part = part_of(self._type, geometry)
         radii = self._radii if isinstance(self._radii, str) else None
         if isinstance(part, Points) and not needs_radii and radii not in part.attributes:
             self._radii = radii = None
-        return _InMemory(part, drawn_primitives(part, radii, self._key))
+        return drawn_primitives(part, radii, self._key)
 
-    def _opened(self) -> _InMemory:
+    def _opened(self) -> DrawnPrimitives:
         if self._held is None:
-            self._held = self._in_memory(self._load())
+            self._held = self._drawn(self._load())
         return self._held
 
+    def _drawn_share(self) -> NDArray[np.int64]:
+        """Return the numbers of the primitives that this rank looks at."""
+        if self._share is None:
+            self._share = self._opened().share(self._channel.rank, self._channel.size)
+        return self._share
+
     def _counted(self, section: GeometrySection, grid: BrickGrid) -> NDArray[np.int64]:
-        """Return the primitives and positions of each brick, which are kept when the geometry is forgotten."""
-        key = _key_of(section, grid)
+        """Return the primitives and positions of each brick; the first call for a grid is collective."""
+        key, counts_zyx = _key_of(section, grid), grid.layout.counts_zyx
         if key not in self._counts:
-            self._counts[key] = self._members(section, grid).counted(self._opened().drawn)
+            members = self._kept_members(section, grid)
+            with agree(self._channel, 0, "plan"):
+                mine = members.counted(self._opened())
+            every = np.stack(self._channel.allgather(mine), axis=2).reshape(2, -1)
+            self._counts[key] = every[:, : int(np.prod(counts_zyx))].reshape(2, *counts_zyx)
         return self._counts[key]
 
-    def _members(self, section: GeometrySection, grid: BrickGrid) -> BrickMembers:
-        held, key = self._opened(), _key_of(section, grid)
-        if key not in held.members:
-            radius = getattr(section, "radius", 1.0)
-            factor = (radius if isinstance(radius, float) else 1.0) / grid.domain.spacing
-            place = grid.index_from_file(section), factor, grid.layout.brick, grid.layout.counts_zyx, grid.reach
-            held.members[key] = brick_members(held.drawn, *place)
-        return held.members[key]
+    def _kept_members(self, section: GeometrySection, grid: BrickGrid) -> BrickMembers:
+        """Return the members of the bricks r, r + n, r + 2 n, … on rank r of n; those of the last grid are kept.
+
+        Collective if the grid is not the last.
+        """
+        key, boxes, ranks = _key_of(section, grid), self._boxes(section, grid), self._channel.size
+        last, members = self._members
+        if members is None or last != key:
+            self._members, bricks = (None, None), -(-int(np.prod(boxes.counts_zyx)) // ranks)
+            with agree(self._channel, 0, "plan"):
+                # The bricks of each rank, one rank after the other.
+                keys = brick_keys(self._opened(), self._drawn_share(), boxes)
+                begins = np.arange(1, ranks, dtype=np.uint64) * np.uint64(bricks) << np.uint64(32)
+                sent = np.split(keys, np.searchsorted(keys, begins))
+            received = all_to_all(self._channel, sent, TAG)
+            with agree(self._channel, 0, "plan"):
+                if ranks > 1:
+                    keys = np.concatenate(received)
+                    keys.sort()
+                members = members_of_keys(keys, self._channel.rank * bricks, bricks)
+            self._members = key, members
+        return members
+
+    def _boxes(self, section: GeometrySection, grid: BrickGrid) -> BrickBoxes:
+        radius, layout = getattr(section, "radius", 1.0), grid.layout
+        factor = (radius if isinstance(radius, float) else 1.0) / grid.domain.spacing
+        matrix, ranks = grid.index_from_file(section), self._channel.size
+        return BrickBoxes(matrix, factor, layout.brick, layout.counts_zyx, grid.reach, ranks)
+
+    def _gathered(self, section: GeometrySection, grid: BrickGrid, bricks: Sequence[int]) -> dict[int, Numbers]:
+        """Return the numbers of the primitives of some bricks from the ranks that keep them; collective."""
+        members, counts = self._kept_members(section, grid), self._counted(section, grid)[0].ravel()
+        ranks = self._channel.size
+        with agree(self._channel, 0, "load"):
+            asked = [np.array([brick for brick in bricks if brick % ranks == rank], np.int64) for rank in range(ranks)]
+        requests = all_to_all(self._channel, asked, TAG)
+        with agree(self._channel, 0, "load"):
+            empty = np.empty(0, np.uint32)
+            sent = [np.concatenate([empty, *(members.of(one // ranks) for one in each.tolist())]) for each in requests]
+        received = all_to_all(self._channel, sent, TAG, [int(counts[each].sum()) for each in asked])
+        found: dict[int, Numbers] = {}
+        for each, numbers in zip(asked, received, strict=True):
+            found |= zip(each.tolist(), np.split(numbers, np.cumsum(counts[each])[:-1]), strict=False)
+        return found
+
+    def _normals(self, section: GeometrySection, grid: BrickGrid, members: Mapping[int, Numbers]) -> Normals:
+        """Return the normals of all vertices in some bricks; collective.
+
+        The triangles around a vertex are in the brick that the vertex is in, which may be one of another rank.
+        """
+        boxes = self._boxes(section, grid)
+        rows = others = np.empty(0, np.int64)
+        with agree(self._channel, 0, "load"):
+            if members:
+                drawn = self._opened()
+                is_wanted = np.zeros(len(drawn.positions), bool)
+                for numbers in members.values():
+                    is_wanted[drawn.corners[numbers]] = True
+                rows = np.flatnonzero(is_wanted)
+                has_all = len(members) == np.count_nonzero(self._counted(section, grid)[0])
+                if stored_normals(drawn) is None and not has_all:
+                    others = np.unique(boxes.flat(boxes.clipped(transformed(drawn.positions[rows], boxes.matrix))))
+        around = self._gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
+        with agree(self._channel, 0, "load"):
+            if not members:
+                return Normals()
+            is_near = np.zeros(len(drawn.corners), bool)
+            for numbers in (*members.values(), *around.values()):
+                is_near[numbers] = True
+            found = vertex_normals(drawn, world_from_file(section), rows, np.flatnonzero(is_near))
+        return Normals(rows, found)
 
 
-NOTHING = np.empty((0, 3), np.float32)
 EMPTY: dict[type[GeometrySection], Part] = {
     MeshSection: Mesh("", NOTHING, np.empty((0, 3), np.uint32)),
     LinesSection: Lines("", NOTHING, np.zeros(1, np.int64)),
@@ -289,11 +387,7 @@ def _channels(section: GeometrySection, arrays: Any, key: str) -> Literal[0, 1, 
 
 
 def _cropped(
-    numbers: NDArray[np.uint32],
-    layer: GeometryLayer,
-    drawn: DrawnPrimitives,
-    normals: NDArray[np.float32],
-    rows_of: DistinctRows,
+    numbers: Numbers, layer: GeometryLayer, drawn: DrawnPrimitives, normals: Normals, rows_of: DistinctRows
 ) -> Primitives:
     """Return some primitives with what belongs to them."""
     rows, corners = rows_of.renumber(drawn.corners[numbers])
@@ -309,6 +403,7 @@ def _cropped(
         way = (end - begin) @ linear.T
         colours = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
     elif layer.colour_of and section is not None and section.scalars is not None:
-        chosen = rows if layer.colour_of == "vertices" else drawn.cells[numbers]
+        chosen = rows if layer.colour_of == "vertices" else numbers if drawn.cells is None else drawn.cells[numbers]
         colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
-    return Primitives(numbers, positions, corners, normals[rows] if len(normals) else normals, radii, colours)
+    along = normals.along[np.searchsorted(normals.rows, rows)] if layer.has_normals else NOTHING
+    return Primitives(numbers, positions, corners, along, radii, colours)

@@ -58,6 +58,26 @@ def test_nothing_is_raised_where_nothing_failed() -> None:
     assert run_loopback(3, run) == [0, 1, 2]
 
 
+@pytest.mark.parametrize("before", [True, False])
+def test_a_stage_may_exchange_what_an_inner_one_has_agreed_on(before: bool) -> None:
+    def exchanging(channel: LoopbackChannel) -> None:
+        with agree(channel, 1, "plan"):
+            if before:
+                stage(channel, {})
+                channel.allgather(channel.rank)
+            if channel.rank == 1:
+                raise DataError("no such file", where="b.npy")
+            stage(channel, {})
+            channel.allgather(channel.rank)
+
+    def run(channel: LoopbackChannel) -> RankError:
+        with pytest.raises(RankError) as caught:
+            exchanging(channel)
+        return caught.value
+
+    assert {error.exit_status for error in run_loopback(3, run)} == {2}
+
+
 def test_an_error_agreed_on_passes_through_an_outer_stage() -> None:
     def run(channel: LoopbackChannel) -> str:
         with pytest.raises(RankError) as caught, agree(channel, 7, "outer"):

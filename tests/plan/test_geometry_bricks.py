@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import LoopbackChannel
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -95,7 +95,7 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
         for index, primitive in zip(owner.tolist(), hits.primitive.tolist(), strict=True):
             held = bricks[tuple(index)].primitives[number]
             assert held is not None
-            assert primitive in held.numbers
+            assert (placed.cells[primitive] if isinstance(section, MeshSection) else primitive) in held.numbers
             owned += 1
         layer = plan.content.geometry[number]
         assert layer.count == len(placed.primitives.low)
@@ -103,3 +103,44 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
             len(brick.primitives[number].numbers) for brick in bricks.values() if brick.primitives[number]
         )
     assert owned > 500
+
+
+def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices = np.array(mesh(400).vertices)
+    vertices[7] = np.nan
+    heat = {"heat": np.where(np.arange(400) == 300, np.inf, np.arange(400.0))}
+    parts: list[Any] = [Mesh("m", vertices, mesh(400).triangles, heat), lines(), points()]
+    given = [Geometry(**{kind: part}) for kind, part in zip(("mesh", "lines", "points"), parts, strict=True)]
+    sections = [MeshSection(path="m", scalars="heat", transform=TURN), LinesSection(path="l"), PointsSection(path="p")]
+    looked: list[tuple[int, int]] = []
+    drawable_in = Mesh.drawable_in
+    monkeypatch.setattr(Mesh, "drawable_in", lambda *each: (looked.append(each[1:]), drawable_in(*each))[1])
+
+    def found(channel: Channel) -> tuple[Any, ...]:
+        run = Run(channel, Options())
+        scene, several, _ = open_volumes(run, scene_of(*sections), given)
+        assert isinstance(several, OpenedContent)
+        plan = several.plan(scene)
+        assert plan.content
+        every = sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
+        first = dict(several.read(plan, set(every[channel.rank :: channel.size])))
+        # One rank lacks bricks later.
+        last = dict(several.read(plan, set(every[:9]) if channel.rank == channel.size - 1 else set()))
+        facts = [tuple(map(repr, vars(info).items())) for info in several.infos]
+        return facts, [layer.in_bricks.tolist() for layer in plan.content.geometry], first, last
+
+    def packed(bricks: Any) -> dict[Any, Any]:
+        return {
+            i: [part and [a.tobytes() for a in vars(part).values()] for part in one.primitives] for i, one in bricks
+        }
+
+    (facts, counts, first, last), *_ = run_loopback(1, found)
+    assert packed(last.items()).items() <= packed(first.items()).items()
+    assert looked == [(0, 400)]
+    for ranks in (2, 5):
+        looked.clear()
+        each = run_loopback(ranks, found)
+        assert sorted(looked) == sorted([(400 * r // ranks, 400 * (r + 1) // ranks) for r in range(ranks)])
+        assert all(one[:2] == (facts, counts) for one in each)
+        assert packed(item for one in each for item in one[2].items()) == packed(first.items())
+        assert packed(each[-1][3].items()) == packed(last.items())

@@ -2,6 +2,7 @@
 
 Properties of vertices and faces become attributes; nx, ny, nz become `Normals`, and red, green, blue (and alpha) become
 `RGB` or `RGBA`. Vertices without faces are points. Faces are polygons, or strips in `tristrips`, with −1 between them.
+Binary files are mapped into memory: positions and triangles are views of them, of which only used pages are read.
 
 References
 ----------
@@ -10,6 +11,7 @@ G. Turk: The PLY Polygon File Format, Stanford 1994.
 
 from __future__ import annotations
 
+import mmap
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,14 +49,14 @@ class _Element:
     Attributes
     ----------
     columns : arrays (count,) of numbers by name
-    lists : offsets (count + 1,) and items of lists by name
+    lists : items (count, k) of lists of one length by name, or offsets (count + 1,) and items
     """
 
     name: str
     count: int
     properties: list[_Property] = field(default_factory=list)
     columns: dict[str, NDArray[Any]] = field(default_factory=dict)
-    lists: dict[str, tuple[NDArray[np.int64], NDArray[Any]]] = field(default_factory=dict)
+    lists: dict[str, NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]]] = field(default_factory=dict)
 
 
 def read_ply(path: Path) -> Geometry:
@@ -67,8 +69,8 @@ def read_ply(path: Path) -> Geometry:
     """
     where = str(path)
     require_file(path, (b"ply",))
-    with readable(path):
-        content = path.read_bytes()
+    with readable(path), path.open("rb") as file:
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     form, elements, begin = _header(content, where)
     data = memoryview(content)[begin:]
     if form == "ascii":
@@ -83,24 +85,45 @@ def read_ply(path: Path) -> Geometry:
     vertex, face = by_name.get("vertex", _Element("vertex", 0)), by_name.get("face", _Element("face", 0))
     if any(axis not in vertex.columns for axis in "xyz"):
         raise DataError("no vertices", where=where, found=", ".join(vertex.columns), allowed="properties x, y, z")
-    vertices = np.stack([vertex.columns.pop(axis) for axis in "xyz"], axis=1)
+    vertices = _joined([vertex.columns.pop(axis) for axis in "xyz"])
     vertices = vertices.astype(np.promote_types(vertices.dtype, np.float32), copy=False)
     attributes = _attributes(vertex.columns)
     polygons = next((face.lists[name] for name in ("vertex_indices", "vertex_index") if name in face.lists), None)
     strips = by_name.get("tristrips", _Element("", 0)).lists.get("vertex_indices")
-    if polygons is not None and len(polygons[0]) > 1:
-        triangles, polygon = triangulate(polygons[0], polygons[1])
-        faces = {name: array[polygon] for name, array in _attributes(face.columns).items()}
+    if polygons is not None and face.count:
+        faces = _attributes(face.columns)
+        if isinstance(polygons, np.ndarray) and polygons.shape[1] == 3:
+            triangles = polygons
+        else:
+            triangles, polygon = triangulate(*_offsets(polygons))
+            faces = {name: array[polygon] for name, array in faces.items()}
         return Geometry(mesh=Mesh(where, vertices, triangles, attributes, faces))
     if strips is not None:
-        corners = strips[1].astype(np.int64)
+        corners = _offsets(strips)[1].astype(np.int64)
         ends = np.flatnonzero(np.append(corners, -1) == -1)
         offsets = np.concatenate([[0], ends - np.arange(len(ends))])
         return Geometry(mesh=Mesh(where, vertices, triangulate_strips(offsets, corners[corners != -1])[0], attributes))
     return Geometry(points=Points(where, vertices, attributes))
 
 
-def _header(content: bytes, where: str) -> tuple[str, list[_Element], int]:
+def _joined(columns: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return columns as one array (n, k): a view if they are neighbours in rows of one type."""
+    first = columns[0]
+    begins = [each.ctypes.data - k * first.itemsize for k, each in enumerate(columns)]
+    if not first.size or len({(at, *each.strides, each.dtype) for at, each in zip(begins, columns, strict=True)}) > 1:
+        return np.stack(columns, axis=1)
+    strides = (*first.strides, first.itemsize)
+    return np.lib.stride_tricks.as_strided(first, (len(first), len(columns)), strides, writeable=False)
+
+
+def _offsets(
+    lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]],
+) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return lists as offsets (count + 1,) and items."""
+    return lists if isinstance(lists, tuple) else (np.arange(len(lists) + 1) * lists.shape[1], lists.reshape(-1))
+
+
+def _header(content: mmap.mmap, where: str) -> tuple[str, list[_Element], int]:
     """Return the form, the elements and the offset of the data."""
     end = content.find(b"end_header", 0, MAX_HEADER)
     line_end = content.find(b"\n", end)
@@ -168,7 +191,10 @@ def _read(data: memoryview, element: _Element, order: str, text: bool, where: st
     if alike and all((rows[n] == length).all() for (n, _), length in zip(counts, lengths, strict=False)):
         for number, each in enumerate(element.properties):
             found = rows[str(number)] if len(rows) else np.empty((0, 0) if each.length else 0)
-            _keep(element, each, found.reshape(-1), np.full(len(rows), found.shape[-1]) if each.length else None)
+            if each.length:
+                element.lists[each.name] = _typed(found, each)
+            else:
+                element.columns[each.name] = _typed(found.reshape(-1), each)
         return data[needed:]
     if not counts:
         check_size(len(data), needed, where)
@@ -190,7 +216,12 @@ def _read_rows(data: memoryview, element: _Element, stored: Any, where: str) -> 
             part.append(np.frombuffer(data, dtype, count, at))
             at += count * dtype.itemsize
     for each, part in zip(element.properties, parts, strict=True):
-        _keep(element, each, np.concatenate(part), np.array([len(one) for one in part]) if each.length else None)
+        items = _typed(np.concatenate(part), each)
+        if each.length:
+            offsets = np.cumsum([0, *(len(one) for one in part)], dtype=np.int64)
+            element.lists[each.name] = offsets, items
+        else:
+            element.columns[each.name] = items
     return data[at:]
 
 
@@ -202,13 +233,9 @@ def _length(data: memoryview, at: int, dtype: np.dtype[Any], where: str) -> int:
     return int(length)
 
 
-def _keep(element: _Element, each: _Property, items: NDArray[Any], lengths: NDArray[Any] | None) -> None:
+def _typed(items: NDArray[Any], each: _Property) -> NDArray[Any]:
     with np.errstate(invalid="ignore"):
-        items = items.astype(each.dtype, copy=False)
-    if lengths is None:
-        element.columns[each.name] = items
-    else:
-        element.lists[each.name] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64), items
+        return items.astype(each.dtype, copy=False)
 
 
 def _attributes(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
