@@ -17,6 +17,7 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 #include <CLIP>
 #include <GEOMETRY>
 #include "primitives.glsl"
+#include "stored.glsl"
 #include <STORE>
 #include "find.glsl"
 #include <MAIN>

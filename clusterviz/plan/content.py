@@ -102,7 +102,8 @@ class VolumeLayer:
     preintegrated: bool = False
 
 
-Resolve = Literal["static", "peeling"]
+Fill = Literal["fixed", "dynamic", "lists", "pages"]
+Resolve = Literal["static", "optimised", "peeling", "both"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,7 @@ class Content:
     geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
     brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
     reach : cells beyond its own in which a brick has primitives
-    resolve : how a pixel's fragments come in order: sorted at once, or some at a time as rays come to them
+    fill, resolve : how fragments are stored and come in order: `render/abuffer/fills.py` and `resolves.py`
     """
 
     domain: Domain
@@ -124,6 +125,7 @@ class Content:
     geometry: tuple[GeometryLayer, ...] = ()
     brick: int = 0
     reach: int = 0
+    fill: Fill = "dynamic"
     resolve: Resolve = "static"
 
     @property

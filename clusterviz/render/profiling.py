@@ -24,7 +24,7 @@ from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import check_one_size
-from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.cpu.caster import VectorCaster, compiled_variant
 from clusterviz.render.render_result import RenderResult, footprint
 from clusterviz.render.variant import Profile, Variant
 from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK
@@ -160,23 +160,27 @@ class ProfilingVectorCaster(VectorCaster):
 
     def _shown_by(self, plan: Plan, piece: Piece) -> Any:
         shown = super()._shown_by(plan, piece)
-        if not self.mode or not shown.cast:
+        if not self.mode or not shown.variant:
             return shown
-        variant = self._variant_of(plan)
-        assert variant.cpu, "the variant is one of a CPU"
-        self.variant = replace(variant, cpu=replace(variant.cpu, wide=BASES_BINDING in shown.buffers))
-        code = _instrumented(self.variant, self.mode)
-        self.sites, self.ticks = code.sites, code.counters()
-        return replace(shown, cast=code.call)
+        assert shown.variant.cpu, "the variant is one of a CPU"
+        cpu = replace(shown.variant.cpu, wide=BASES_BINDING in shown.buffers, far=False)
+        self.variant = None
+        return replace(shown, variant=replace(shown.variant, cpu=cpu))
 
-    def _run(self, cast: Any, table: NDArray[np.uint64], state: Any, rect: Rect, progress: Any) -> None:
+    def _run(self, variant: Variant, table: NDArray[np.uint64], state: Any, rect: Rect, progress: Any) -> None:
+        call: Any = compiled_variant(variant)
+        if self.mode:
+            code = _instrumented(variant, self.mode)
+            call = code.call
+            if variant != self.variant:
+                self.variant, self.sites, self.ticks = variant, code.sites, code.counters()
         table[PROFILE_BLOCK] = self.ticks.ctypes.data
         if self.counters.profile:
             self.counters.found.append((rect, self.counters.row(rect)))
             table[BUFFERS + COUNTS_BINDING] = self.counters.found[-1][1].ctypes.data
             table[BUFFERS + SAMPLED_BINDING] = self.counters.sampled.ctypes.data
         began = thread_time()
-        cast(table.ctypes.data)
+        call(table.ctypes.data)
         self.seconds = thread_time() - began
 
 

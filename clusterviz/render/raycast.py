@@ -27,9 +27,10 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools
 from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
 from clusterviz.render.abuffer.primitives import TableCache
-from clusterviz.render.abuffer.tiles import ManyFragmentsError
+from clusterviz.render.abuffer.resolves import DRAWN_CLASS
 from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.crossing import Crossing
@@ -46,7 +47,7 @@ from clusterviz.render.render_result import (
     no_progress,
 )
 from clusterviz.render.storage import slot_of
-from clusterviz.render.variant import Variant, variant_of
+from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
@@ -87,7 +88,7 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
-        self._primitives = TableCache()
+        self._primitives, self._pools = TableCache(), Pools()
         self._last_frame = LastFrame()
 
     @property
@@ -122,6 +123,12 @@ class Raycaster:
             prepare_reprojection()
         variants = [self.variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
         return {variant: compile_compute(self._context, variant.source) for variant in variants}
+
+    def _program(self, variant: Variant) -> moderngl.ComputeShader:
+        """Return a program, compiled when it is first needed."""
+        if variant not in self._programs:
+            self._programs[variant] = compile_compute(self._context, variant.source)
+        return self._programs[variant]
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Add bricks, removed from the mapping, and upload them at the latest when they are drawn.
@@ -275,7 +282,7 @@ class Raycaster:
                 pixels.write(starts.pixels.tobytes())
             planes = starts.planes if starts else np.zeros(0, np.float32)
             progress = buffers.bind(2, np.append(np.zeros(ahead + squares, np.uint32), planes.view(np.uint32)))
-            march = March(self._context, self._programs[self.variant_of(plan)], buffers, progress, groups)
+            march = March(self._context, self._program(self.variant_of(plan)), buffers, progress, groups)
             for again in (False, True) if starts else (False,):
                 if starts:
                     buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
@@ -288,8 +295,16 @@ class Raycaster:
                         block["first_box"], first = first, 0
                         if table := self._primitives.table(geometry, *tables.primitives_of(box)):
                             buffers.make(block).bind_to_uniform_block(0)
-                            fragments += bind_fragments(self._context, self._passes, plan, table, rect, buffers.make)
-                        march.through(block)
+                            found = bind_fragments(
+                                self._context, self._passes, plan, table, rect, buffers.make, self._pools
+                            )
+                            fragments += found[0]
+                            for size in found[2]:
+                                found[1].write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
+                                program = self._program(of_size(self.variant_of(plan), size))
+                                replace(march, program=program).through(block)
+                        else:
+                            march.through(block)
                 read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
                 if starts and not starts.keep(read[squares:].view(np.float32).reshape(-1, rect.height, rect.width)):
                     break

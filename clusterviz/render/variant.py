@@ -238,7 +238,7 @@ class Variant:
         if self.crossing:
             return (STARTS_BLOCK, "planes.glsl", "crossing.glsl")
         if self.geometry:
-            return (GEOMETRY_BLOCK, "primitives.glsl", f"resolve_{self.geometry.resolve}.glsl", "fragments.glsl")
+            return (GEOMETRY_BLOCK, *self.geometry.files)
         return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
 
     @property
@@ -399,6 +399,12 @@ class Variant:
                 "int VISIBILITY_WORDS = sizes[0].words.z, GROUP_WORDS = sizes[0].groups.w;",
             ]
         return lines if self.is_mixed else [*lines, *(f"int {name} = sizes[0].{of};" for name, of in COUNTS.items())]
+
+
+def of_size(variant: Variant, size: int) -> Variant:
+    """Return a variant with another number of fragments that are sorted at a time."""
+    assert variant.geometry, "there is geometry"
+    return replace(variant, geometry=replace(variant.geometry, size=size))
 
 
 def _surfaces(plan: Plan) -> int:

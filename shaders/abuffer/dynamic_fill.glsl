@@ -1,9 +1,9 @@
-// Stores fragments in the part of `key` that was counted for each pixel.
+// Fill scheme "dynamic", second pass: stores fragments side by side, without gaps.
 int place;
 
 bool begin_list(int pixel) {
-    place = int(fragment_begin[pixel]);
-    int count = int(fragment_begin[pixel + 1]) - place;
+    place = int(fragment_list[list_of(pixel)]);
+    int count = int(fragment_list[list_of(pixel) + 1]);
     if (count > EARLY) return true;
     for (int n = 0; n < count; ++n) key[place + n] = early[EARLY * pixel + n];
     place += count;
@@ -15,5 +15,5 @@ void put(uvec2 fragment) {
 }
 
 void end_list(int pixel) {
-    if (SORTED) sort(int(fragment_begin[pixel]), place);
+    if (SORTED) sort(int(fragment_list[list_of(pixel)]), place);
 }

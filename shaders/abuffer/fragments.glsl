@@ -24,6 +24,11 @@ bool is_late() {
     return false;
 }
 
+// Tiles of one class are drawn by one program.
+bool is_drawn_now(int tile) {
+    return fragment_list[list_of(frame.rect.z * frame.rect.w) + tile] == fragment_list[DRAWN_CLASS];
+}
+
 // Composite what lies in front of the slab with which the ray goes on, and that no slab of the march has come to.
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (!has_fragment() || is_done(sum)) return;

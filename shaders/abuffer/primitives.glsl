@@ -1,8 +1,6 @@
 // Meshes, lines and points in coordinates of the camera: cells of the domain to the right, above and ahead of a point near the box, so that float32
 // keeps their digits. A fragment's key is its depth, as bits that sort, and the row of its primitive, which ascends with the scene's list; so no
 // two keys are equal.
-layout(std430, binding = 11) BEGINS buffer FragmentsBlock { uint fragment_begin[]; };  // of each pixel in `key`, and their end
-layout(std430, binding = 8) KEYS buffer KeysBlock { uvec2 key[]; };
 layout(std430, binding = 12) readonly buffer VerticesBlock { vec4 vertex[]; };         // and radius
 layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets_triangle`; of tubes one before, begin, end, one after
 struct Layer {

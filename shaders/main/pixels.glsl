@@ -21,7 +21,7 @@ void main() {
     // Neighbours in a SIMD unit are blocks of 4 x 2 pixels rather than rows, as their rays are more similar.
     int lane = int(gl_LocalInvocationIndex);
     ivec2 inside = 8 * ivec2(gl_WorkGroupID.xy) + ivec2((lane & 3) + (lane >> 3 & 1) * 4, (lane >> 2 & 1) + (lane >> 4) * 2);
-    if (all(lessThan(inside, frame.rect.zw))) {
+    if (all(lessThan(inside, frame.rect.zw)) && is_drawn_now(int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x))) {
         int pixel = inside.y * frame.rect.z + inside.x, lost = frame.rect.z * frame.rect.w + pixel;
         uint samples = 0u;
         Ray ray = ray_through(inside + frame.rect.xy);

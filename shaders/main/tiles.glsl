@@ -106,6 +106,7 @@ void main() {
         barrier();
         if (tile >= tiles) break;
         ivec2 corner = TILE * ivec2(tile % across, tile / across);
+        if (!is_drawn_now(tile)) continue;
         begin_tile();
         bool has_rays = true;
         while (has_rays) {

@@ -36,6 +36,10 @@ bool is_late() {
     return has_passed;
 }
 
+bool is_drawn_now(int tile) {
+    return true;
+}
+
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (!has_passed) return;
     dvec3 position = fma(dvec3(double(slab_passed) + double(at_passed)), ray.slab, ray.first);

@@ -11,4 +11,8 @@ bool is_late() {
     return false;
 }
 
+bool is_drawn_now(int tile) {
+    return true;
+}
+
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {}

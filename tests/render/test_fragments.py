@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from itertools import product
+from typing import Any, get_args
 
 import moderngl
 import numpy as np
@@ -17,9 +18,11 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import DeviceError
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.partition import Piece, build_tree
+from clusterviz.image.partial import Rect
+from clusterviz.partition import BrickBox, Piece, build_tree
+from clusterviz.plan.content import Fill, Resolve
 from clusterviz.reference import render_reference
-from clusterviz.render.abuffer import on_gl, tiles
+from clusterviz.render.abuffer import fills, on_gl, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
@@ -29,6 +32,7 @@ Part = tuple[Volume, np.ndarray, Grid]
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
 
 
+FILLS, RESOLVES = get_args(Fill), get_args(Resolve)
 EACH = pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
 
 
@@ -114,6 +118,12 @@ def drawn(
     where: Any, scene: Scene, parts: tuple[Part, ...], entries: tuple[Entry, ...], leaves: int = 1, **limits: Any
 ) -> np.ndarray:
     return scenes.drawn(where, prepared(scene, parts, entries), leaves, **limits)[0]
+
+
+def by_schemes(given: Prepared, fill: Fill, resolve: Resolve) -> Prepared:
+    assert given.plan.content, "there is geometry"
+    content = replace(given.plan.content, fill=fill, resolve=resolve)
+    return Prepared(replace(given.plan, content=content), given.bricks)
 
 
 INNER, OUTER = sphere(5.0, (12.1, 10.3, 9.2)), sphere(8.3, (12.4, 10.9, 9.1), 9)
@@ -235,25 +245,50 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
 
 
 @EACH
-def test_fragments_are_peeled_in_the_order_in_which_they_are_sorted(where: Any, caster: str) -> None:
-    """More than are peeled at once, and equal ones."""
-    scene, entries = scene_of((), "inside"), (*LIT, *LIT, *PLAIN, *MIXED)
-    given = prepared(scene, (), entries)
-    mixed = given.plan.content
-    assert mixed is not None
-    pictures = [
-        scenes.drawn(where, Prepared(replace(given.plan, content=replace(mixed, resolve=each)), given.bricks))[0]
-        for each in ("static", "peeling")
-    ]
-    assert np.array_equal(*pictures)
+def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
+    """More fragments than the pools begin with and than are sorted at once, some equal, with a volume."""
+    coarse = sphere(5.0, (12.1, 10.3, 9.2), 5)
+    entries = (*LIT, *((section(opacity=0.01 * n), coarse) for n in range(1, 18)), *MIXED)
+    # Programs for few classes on OpenGL, which compiles long.
+    first = prepared(scene_of((BYTES,), size=(8, 8) if where else (40, 30)), (BYTES,), entries)
+    fragments = scenes.draw_pieces(where, first, (Piece(0, BrickBox((0, 0, 0), first.plan.layout.counts_zyx)),))[0][0]
+    assert 32 < fragments.fragments.max() <= 64
+    pairs = list(product(FILLS, RESOLVES)) if caster == "cpu" else list(zip(FILLS, RESOLVES, strict=True))
+    right = scenes.drawn(where, by_schemes(first, "dynamic", "static"))[0]
+    for fill, resolve in pairs:
+        assert np.array_equal(scenes.drawn(where, by_schemes(first, fill, resolve))[0], right), (fill, resolve)
 
 
 @EACH
-def test_a_limit_of_memory_divides_the_picture(where: Any, caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = scene_of((), "inside", size=(40, 45))
-    first = drawn(where, scene, (), LIT)
-    monkeypatch.setattr(tiles, "MOST_BYTES", 40 * 8 * 8 * 9)
-    assert np.array_equal(drawn(where, scene, (), LIT), first)
+@pytest.mark.parametrize("fill", FILLS)
+@pytest.mark.parametrize("share", [8, 1])
+def test_a_limit_of_memory_divides_the_picture(
+    where: Any, caster: str, fill: Fill, share: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In rows, and then in columns; as few pixels as cannot be divided take more."""
+    first = by_schemes(prepared(scene_of((), "inside", size=(40, 45)), (), LIT), fill, "static")
+    whole = scenes.drawn(where, first)[0]
+    monkeypatch.setattr(fills, "MOST_BYTES", 40 * 8 * 9 * share)
+    assert np.array_equal(scenes.drawn(where, first)[0], whole)
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_no_memory_for_one_more_page_is_an_error_or_divides(fill: Fill) -> None:
+    """Three fragments in a pixel, and more in each pass."""
+    asked = []
+
+    def run(step: str, lists: fills.Lists, fragments: int, pages: int) -> None:
+        asked.append(fragments)
+        lists[fills.HEAD + 1 :: 2] = 20
+        if step != "count" and fragments >= 20 * (len(lists) - fills.HEAD) // 2:
+            raise MemoryError
+
+    with pytest.raises(DeviceError, match=r"no memory for the fragments of 8 x 8 pixels; needed \d+ bytes"):
+        fills.store_fragments(fill, Rect(8, 16, 16, 24), fills.Pools(), run)
+    assert len(asked) == 2
+    for rect, whole_rows in ((Rect(0, 0, 8, 16), True), (Rect(0, 0, 16, 8), False)):
+        with pytest.raises(fills.ManyFragmentsError):
+            fills.store_fragments(fill, rect, fills.Pools(), run, whole_rows)
 
 
 @EACH
@@ -277,17 +312,23 @@ def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pyt
 
 
 @EACH
-def test_many_fragments_in_one_pixel(where: Any, caster: str) -> None:
+@pytest.mark.parametrize(
+    ("fill", "resolve", "coincident"),
+    [("dynamic", "static", False), ("fixed", "peeling", False), ("pages", "static", True)],
+)
+def test_many_fragments_in_one_pixel(where: Any, caster: str, fill: Fill, resolve: Resolve, coincident: bool) -> None:
     """Far beyond what is sorted at once, and elsewhere none."""
-    count = 3000 if where else 10000
+    count = 10000
+    if where:
+        count = 3000 if fill == "dynamic" else 200
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1.5, 0]]) * 0.1 + [10.2, 10.2, 0]
     depths = np.random.default_rng(1).permutation(np.linspace(2, 18, count))
-    vertices = (corners + depths[:, None, None] * [0, 0, 1]).reshape(-1, 3)
+    vertices = (corners + (0 * depths + 7 if coincident else depths)[:, None, None] * [0, 0, 1]).reshape(-1, 3)
     mesh = Mesh("m", vertices, np.arange(3 * count).reshape(-1, 3), {}, {"z": depths})
     camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=2.0)
     scene = scene_of((), size=(10, 10)).model_copy(update={"camera": camera})
     entries = ((section(shade=False, scalars="z", opacity=0.001, clim=(2.0, 18.0)), mesh),)
-    found = drawn(where, scene, (), entries)
+    found = scenes.drawn(where, by_schemes(prepared(scene, (), entries), fill, resolve))[0]
     assert 1 <= (found[..., 3] > 0).sum() <= 2
     assert np.abs(found - expected(scene, (), entries)).max() <= 2e-5
 

@@ -17,6 +17,7 @@ from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.fills import EARLY, HEAD, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
     LIGHTING_BINDING,
@@ -25,7 +26,8 @@ from clusterviz.render.abuffer.program import (
     find_variants,
     lit_layer,
 )
-from clusterviz.render.abuffer.tiles import EARLY, GEOMETRY_BINDING, GPU_TILE, check_memory, make_lists, prepare_tiles
+from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
+from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, make_lists, prepare_tiles
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -44,64 +46,88 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
 
 
 def bind_fragments(
-    context: moderngl.Context, programs: Programs, plan: Plan, table: PrimitiveTable, rect: Rect, make: Make
-) -> NDArray[np.int32]:
-    """Find fragments and bind them for drawing; return the number of each pixel (h, w).
+    context: moderngl.Context,
+    programs: Programs,
+    plan: Plan,
+    table: PrimitiveTable,
+    rect: Rect,
+    make: Make,
+    pools: Pools,
+) -> tuple[NDArray[np.int32], moderngl.Buffer, list[int]]:
+    """Find fragments and bind them for drawing.
 
     Parameters
     ----------
     programs : compiled; the uniform blocks of the frame and of clipping are bound
     make : makes a buffer, of at least one byte
+    pools : of fragments
+
+    Returns
+    -------
+    counts : int32 (h, w), fragments of pixels
+    lists : their lists, whose word `DRAWN_CLASS` chooses the tiles that are drawn
+    sizes : of the programs that draw them
 
     Raises
     ------
     ManyFragmentsError
         The rectangle should be divided.
     DeviceError
-        llvmpipe would leave out primitives or fragments.
+        llvmpipe would leave out primitives or fragments, or there is no memory.
     """
-    most = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-    check_memory(rect, 0, most)
-    shading, threads = lit_layer(plan), kernel_threads()
-    lists = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
+    assert plan.content, "there is geometry"
+    shading, threads, fill = lit_layer(plan), kernel_threads(), plan.content.fill
+    tiles = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
     layers = len(table.layers)
     _check_loops(
-        context, int(np.diff(lists.begins).max(initial=0)), 2 * (FIND_ITERATIONS + layers), "primitives in a tile"
+        context, int(np.diff(tiles.begins).max(initial=0)), 2 * (FIND_ITERATIONS + layers), "primitives in a tile"
     )
-    make(lists.block).bind_to_uniform_block(GEOMETRY_BINDING)
+    make(tiles.block).bind_to_uniform_block(GEOMETRY_BINDING)
     if shading:
         make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
     given = {
-        9: lists.begins,
-        10: lists.rows,
-        12: lists.vertices,
+        9: tiles.begins,
+        10: tiles.rows,
+        12: tiles.vertices,
         13: table.corners,
         14: table.layers,
         15: table.attributes,
     }
     for binding, data in given.items():
         make(_filled(data)).bind_to_storage_buffer(binding)
-    begins = make(np.zeros(rect.pixels + 1, np.uint32))
+    variants = {variant.step: variant for variant in find_variants(plan)}
+    links = make(np.zeros((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32))
     keys = make(np.zeros((1, 2), np.uint32))
-    begins.bind_to_storage_buffer(11)
-    make(np.zeros((rect.pixels, EARLY, 2), np.uint32)).bind_to_storage_buffer(16)
-    for variant in find_variants(plan):
-        keys.bind_to_storage_buffer(8)
-        run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
+
+    def run_pass(step: Pass, lists: Lists, fragments: int, pages: int) -> None:
+        nonlocal links, keys
+        given = make(lists)
+        if fragments:
+            keys = make(np.empty((fragments, 2), np.uint32))
+        if pages:
+            links = make(np.empty(pages + 1, np.uint32))
+        if context.error == "GL_OUT_OF_MEMORY":
+            raise MemoryError
+        for binding, buffer in ((11, given), (8, keys), (16, links)):
+            buffer.bind_to_storage_buffer(binding)
+        run_compute(programs[variants[step]], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
         context.memory_barrier()
-        if variant.step == "count":
-            counts = np.frombuffer(begins.read(), np.uint32)
-            ends = np.cumsum(counts, dtype=np.uint32)
-            total = int(ends[-1])
-            check_memory(rect, total, most)
-            _check_loops(context, int(counts[1:].max(initial=0)), DRAW_ITERATIONS + layers, "fragments in a pixel")
-            if not total:
-                break
-            begins.write(ends.tobytes())
-            keys = make(np.zeros((total, 2), np.uint32))
-    if plan.content and plan.content.resolve == "static":
-        _sort_long(keys, counts[1:], ends[:-1])
-    return counts[1:].view(np.int32).reshape(rect.height, rect.width)
+        lists[:] = np.frombuffer(given.read(), np.uint32)
+        most = int(lists[HEAD + 1 :: 2].max(initial=0))
+        _check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")
+
+    lists = store_fragments(fill, rect, pools, run_pass, True, int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]))
+    counts = counts_of(lists, rect)
+    if is_sorted(plan.content):
+        _sort_long(keys, lists[HEAD + 1 :: 2], lists[HEAD::2])
+    else:
+        # Insertion in a private array, of half of them for each.
+        most = int(counts.max(initial=0))
+        _check_loops(context, most, DRAW_ITERATIONS + layers + most // 2, "fragments in a pixel")
+    lists, sizes = classified(plan.content, lists, counts, GPU_TILE)
+    bound = make(lists)
+    bound.bind_to_storage_buffer(11)
+    return counts, bound, sizes
 
 
 def _check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:

@@ -12,10 +12,11 @@ from typing import Literal
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
-from clusterviz.plan.content import Resolve
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
-from clusterviz.render.abuffer.tiles import CPU_TILE, EARLY, GEOMETRY_BLOCK, GPU_TILE
+from clusterviz.render.abuffer.fills import EARLY, PASSES, Pass
+from clusterviz.render.abuffer.resolves import SMALLEST, is_sorted
+from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BLOCK, GPU_TILE
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
@@ -23,7 +24,12 @@ from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_f
 LIGHTING_BINDING = 2
 MOST_SORTED = 256
 """Fragments of a pixel that a GPU's program sorts: llvmpipe leaves loops after 65535 iterations in total."""
-Pass = Literal["count", "fill"]
+STORES: dict[Pass, str] = {
+    "count": "dynamic_count.glsl",
+    "fill": "dynamic_fill.glsl",
+    "fixed": "fixed.glsl",
+    "pages": "pages.glsl",
+}
 _LIGHT_NAMES = [
     "lighting",
     "toward_eye",
@@ -49,18 +55,23 @@ class GeometryVariant:
     lights : rows of the block of lights; 0: nothing is lit
     near : some lights have a place
     kinds : of primitives, in alphabetical order
-    resolve : how the fragments of a pixel come in order
+    size : fragments of a pixel that are sorted at a time; 0: all are stored in order
     """
 
     lights: int
     near: bool
     kinds: tuple[Kind, ...]
-    resolve: Resolve
+    size: int
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files that bring the fragments of a pixel in order."""
+        return ("primitives.glsl", "stored.glsl", "peeled.glsl" if self.size else "sorted.glsl", "fragments.glsl")
 
     @property
     def constants(self) -> str:
         """GLSL declarations, in front of all files."""
-        return f"#define BEGINS readonly\n#define KEYS readonly\n{kind_constants(self.kinds)}"
+        return f"#define STORED readonly\nconst int SIZE = {self.size};\n{kind_constants(self.kinds)}"
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""
@@ -110,7 +121,8 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), plan.content.resolve)
+    size = 0 if is_sorted(plan.content) else SMALLEST
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
@@ -120,10 +132,8 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
-    steps: tuple[Pass, ...] = ("count", "fill") if layers else ()
-    resolve: Resolve = plan.content.resolve if plan.content else "static"
-    common = plan.march.jittered, planes, kinds_of(plan), which, brick, resolve, lanes
-    return [FindVariant(step, *common) for step in steps]
+    common = plan.march.jittered, planes, kinds_of(plan), which, brick, bool(layers) and is_sorted(plan.content), lanes
+    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and layers else ())]
 
 
 @dataclass(frozen=True)
@@ -137,7 +147,7 @@ class FindVariant:
     kinds : as in `GeometryVariant`
     opaque : which layers are opaque
     brick : cells along the side of a brick; on a CPU a variable
-    resolve : as in `GeometryVariant`
+    in_order : the fragments of a pixel are sorted where they lie
     lanes : of a CPU's vectors; 0 for a GPU
     """
 
@@ -147,7 +157,7 @@ class FindVariant:
     kinds: tuple[Kind, ...]
     opaque: Literal["no", "some", "all"]
     brick: int
-    resolve: Resolve
+    in_order: bool
     lanes: int = 0
 
     @property
@@ -160,13 +170,12 @@ class FindVariant:
         """Assembled shader."""
         width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
         lines = [
-            "#define BEGINS " + ("" if self.step == "count" else "readonly"),
-            "#define KEYS",
+            "#define STORED",
             f"const int LIST_TILE = {CPU_TILE if self.lanes else GPU_TILE}, EARLY = {EARLY};",
             f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
-            f"const bool SORTED = {_bool(self.resolve == 'static')};",
+            f"const bool SORTED = {_bool(self.in_order)};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
             f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
@@ -181,7 +190,7 @@ class FindVariant:
                 "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
                 "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
                 "GEOMETRY": GEOMETRY_BLOCK,
-                "STORE": "dynamic_count.glsl" if self.step == "count" else ("sort.glsl", "dynamic_fill.glsl"),
+                "STORE": ("sort.glsl", STORES[self.step]),
                 "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
             },
         )

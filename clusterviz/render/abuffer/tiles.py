@@ -20,7 +20,6 @@ CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lan
 SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
 SAMPLED = 4096  # primitives whose size is looked at
 ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0]])  # corners that bound a primitive of each kind
-EARLY = 8  # fragments of a pixel that are kept as they are counted
 LEAST = 1 << 13  # primitives or vertices of a task
 GEOMETRY = np.dtype(
     [
@@ -54,34 +53,6 @@ _LIST = CompiledKernel(
 _PLACE = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel", "place", "int64[::1]; int64[::1]; uint32[::1]", _SOURCES
 )
-
-
-MOST_BYTES = 1 << 30
-"""Memory for the fragments of a rectangle, beyond which it is divided."""
-LEAST_ROWS = 8
-"""Rows of pixels that are not divided."""
-
-
-class ManyFragmentsError(Exception):
-    """A rectangle needs more memory for its fragments than is meant for them, and can be divided."""
-
-
-def check_memory(rect: Rect, fragments: int, most: int = 0) -> None:
-    """Check the memory of a rectangle's fragments.
-
-    Parameters
-    ----------
-    fragments : found so far
-    most : bytes of the largest buffer; 0: only `MOST_BYTES` counts
-
-    Raises
-    ------
-    ManyFragmentsError
-        It is too much.
-    """
-    size = 8 * max(fragments, EARLY * rect.pixels)
-    if rect.height > LEAST_ROWS and size > min(MOST_BYTES, most or MOST_BYTES):
-        raise ManyFragmentsError
 
 
 @dataclass(frozen=True, eq=False)

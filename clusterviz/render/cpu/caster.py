@@ -27,9 +27,10 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.on_cpu import find_fragments, prepare_passes
+from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools
+from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
-from clusterviz.render.abuffer.tiles import ManyFragmentsError
+from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
@@ -51,7 +52,7 @@ from clusterviz.render.render_result import (
 from clusterviz.render.sizes import is_far_apart
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
-from clusterviz.render.variant import Lanes, Variant, cpu_variant_of
+from clusterviz.render.variant import Lanes, Variant, cpu_variant_of, of_size
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.spmd.machine_code import addresses, compiled
 
@@ -74,7 +75,7 @@ class _Shown:
     uniforms: Blocks
     buffers: Blocks
     textures: Blocks
-    cast: Cast | None = None
+    variant: Variant | None = None
     geometry: PrimitiveTable | None = None
 
 
@@ -99,7 +100,7 @@ class VectorCaster:
         self._skips: dict[Any, NDArray[Any]] = {}
         self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
-        self._tables = TableCache()
+        self._tables, self._pools = TableCache(), Pools()
         self._last_frame = LastFrame()
         self.compile(plan)
 
@@ -215,7 +216,7 @@ class VectorCaster:
         variant = self._variant_of(plan)
         assert variant.cpu, "the variant is one of a CPU"
         far = variant.fetches_ahead and is_far_apart(plan, table.bytes)
-        cast = compiled_variant(replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None, far=far)))
+        variant = replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None, far=far))
         return _Shown(
             piece,
             len(bricks),
@@ -224,7 +225,7 @@ class VectorCaster:
             uniforms,
             buffers,
             textures(plan),
-            cast,
+            variant,
             self._tables.table(plan.content.geometry if plan.content else (), bricks, self.pool.primitives),
         )
 
@@ -235,10 +236,12 @@ class VectorCaster:
         try:
             return self._draw_piece(plan, rect, shown, report, rays)
         except ManyFragmentsError:
-            middle = rect.y_begin + max(SQUARE, rect.height // 2 // SQUARE * SQUARE)
-            halves = replace(rect, y_end=middle), replace(rect, y_begin=middle)
+            axis = int(rect.height <= LEAST_SIDE)
+            side, begin = (rect.width, rect.x_begin) if axis else (rect.height, rect.y_begin)
+            middle, name = begin + max(SQUARE, side // 2 // SQUARE * SQUARE), "yx"[axis]
+            halves = replace(rect, **{f"{name}_end": middle}), replace(rect, **{f"{name}_begin": middle})
             each = [self._draw_rect(plan, half, shown, (perf_counter(), no_progress), None) for half in halves]
-            return joined_bands(rect, each)
+            return joined_bands(rect, each, axis)
 
     def _draw_piece(
         self,
@@ -258,14 +261,31 @@ class VectorCaster:
         if isinstance(rays, Crossing):
             frame["first_box"], pixels = 0, rays.pixels[0]
         buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
+        assert shown.variant, "there are bricks"
+        variants = [shown.variant]
         if shown.geometry:
             threads = _pool(os.getpid()), self._threads
             found = find_fragments(
-                plan, shown.geometry, rect, uniforms, buffers[3], self._width.lanes, self._take_tiles, threads
+                plan,
+                shown.geometry,
+                rect,
+                uniforms,
+                buffers[3],
+                self._width.lanes,
+                self._take_tiles,
+                threads,
+                self._pools,
             )
-            uniforms, buffers, fragments = uniforms | found[0], buffers | found[1], found[2]
-        assert shown.cast, "there are bricks"
-        self._run(shown.cast, addresses(uniforms, buffers, ONE_GROUP, shown.textures), state, rect, progress)
+            uniforms, buffers = uniforms | found[0], buffers | found[1]
+            fragments = counts_of(buffers[LISTS], rect)
+            buffers[LISTS], sizes = classified(plan.content, buffers[LISTS], fragments, TILE)
+            variants = [of_size(shown.variant, size) for size in sizes]
+        table = addresses(uniforms, buffers, ONE_GROUP, shown.textures)
+        for variant in variants:
+            state[COUNTER] = 0
+            if variant.geometry:
+                buffers[LISTS][DRAWN_CLASS] = variant.geometry.size
+            self._run(variant, table, state, rect, progress)
         work, coherence = state[AHEAD:ahead].reshape(squares).copy(), None
         if rays:
             rays.keep(state[ahead:].view(np.float32).reshape(planes.shape))
@@ -277,10 +297,12 @@ class VectorCaster:
         )
 
     def _run(
-        self, cast: Cast, table: NDArray[np.uint64], state: NDArray[np.uint32], rect: Rect, progress: Progress
+        self, variant: Variant, table: NDArray[np.uint64], state: NDArray[np.uint32], rect: Rect, progress: Progress
     ) -> None:
         """Let all threads draw tiles until there are none."""
-        self._take_tiles(cast, table, state, -(-rect.width // TILE) * -(-rect.height // TILE), progress)
+        self._take_tiles(
+            compiled_variant(variant), table, state, -(-rect.width // TILE) * -(-rect.height // TILE), progress
+        )
 
     def _take_tiles(
         self,
