@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
+from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
 from clusterviz.data.primitives import (
     BrickBoxes,
     BrickMembers,
     DistinctRows,
     DrawnPrimitives,
-    Kind,
     brick_keys,
     drawn_primitives,
     members_of_keys,
@@ -40,7 +40,14 @@ from clusterviz.plan.shading import make_geometry_shading
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complete import range_around
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, MeshSection, PointsSection
+from clusterviz.scene.geometry import (
+    GeometryInfo,
+    GeometrySection,
+    LinesSection,
+    MeshSection,
+    PointsSection,
+    is_arrows,
+)
 from clusterviz.scene.transfer import TransferFunction, opacity_points
 from clusterviz.scene.values import Light
 
@@ -49,7 +56,6 @@ Floats = NDArray[np.float64]
 Numbers = NDArray[np.uint32]
 TAG = 73
 NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
-KINDS: dict[type[GeometrySection], Kind] = {MeshSection: "triangle", LinesSection: "tube", PointsSection: "sphere"}
 COMPONENTS = (1, 3, 4)
 
 
@@ -109,14 +115,13 @@ class KnownGeometry:
     """
 
     def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry], channel: Channel) -> None:
-        self._type, self._key, self._load, self._channel = type(section), key, load, channel
-        self._radii = section.radius if isinstance(section, PointsSection) else None
+        self._section, self._key, self._load, self._channel = section, key, load, channel
         self._held: DrawnPrimitives | None = None
         self._share: NDArray[np.int64] | None = None
         rank, ranks = channel.rank, channel.size
         with agree(channel, 0, "open"):
             geometry = load()
-            drawn = self._held = self._drawn(geometry, "radius" in section.model_fields_set)
+            drawn = self._held = self._drawn(geometry)
             arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
             for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
                 arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
@@ -131,13 +136,14 @@ class KnownGeometry:
         counts, boxes, ranges, invalid = zip(*channel.allgather(found), strict=True)
         low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
         known = [one for one in ranges if one]
+        self._kind, self._count = drawn.kind, sum(counts)
         self._position_type = np.dtype(drawn.positions.dtype)
         self._colour_types = {
             name: array.dtype for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items())
         }
         self.info = GeometryInfo(
             np.stack([low, high]) if sum(counts) else np.empty((0, 3)),
-            sum(counts),
+            sum(counts) // (ARROW_TRIANGLES if is_arrows(section) else 1),
             drawn.left_out + len(drawn.corners) - sum(counts),
             len(drawn.radii) > 0,
             (min(one[0] for one in known), max(one[1] for one in known)) if known else None,
@@ -167,8 +173,8 @@ class KnownGeometry:
         scalars = "" if is_direction or section.scalars is None else section.scalars
         of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
-            KINDS[type(section)],
-            self.info.count,
+            self._kind,
+            self._count,
             grid.index_from_file(section),
             of,
             channels,
@@ -179,7 +185,7 @@ class KnownGeometry:
             hides and not self.info.has_invalid and (edges is None or edges[3] >= 1),
             section,
             self._position_type,
-            section.shade and isinstance(section, MeshSection) and section.shading == "smooth",
+            section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
             self._colour_types.get(scalars, np.dtype(np.float32)),
             transfer.domain if transfer else (0.0, 1.0),
             edges,
@@ -213,12 +219,14 @@ class KnownGeometry:
             self._held = self._share = None
         return found
 
-    def _drawn(self, geometry: Geometry, needs_radii: bool = True) -> DrawnPrimitives:
-        part = part_of(self._type, geometry)
-        radii = self._radii if isinstance(self._radii, str) else None
-        if isinstance(part, Points) and not needs_radii and radii not in part.attributes:
-            self._radii = radii = None
-        return drawn_primitives(part, radii, self._key)
+    def _drawn(self, geometry: Geometry) -> DrawnPrimitives:
+        section, part, radius = self._section, part_of(self._section, geometry), None
+        if isinstance(section, PointsSection) and isinstance(part, Points):
+            has_radius = section.radius in part.attributes or "radius" in section.model_fields_set
+            radius = section.radius if has_radius else None
+            if section.style == "arrows":
+                return arrows(part, section.direction or "", section.length, section.scale, radius, self._key)
+        return drawn_primitives(part, radius if isinstance(radius, str) else None, self._key)
 
     def _opened(self) -> DrawnPrimitives:
         if self._held is None:
@@ -322,9 +330,9 @@ EMPTY: dict[type[GeometrySection], Part] = {
 }
 
 
-def part_of(kind: GeometrySection | type[GeometrySection], geometry: Geometry) -> Part:
+def part_of(section: GeometrySection, geometry: Geometry) -> Part:
     """Return the part of a file's geometry that a section shows; an empty one if the file has none."""
-    kind = kind if isinstance(kind, type) else type(kind)
+    kind = type(section)
     found: Part | None = geometry.mesh
     if kind is not MeshSection:
         found = geometry.lines if kind is LinesSection else geometry.points

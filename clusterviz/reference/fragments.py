@@ -242,6 +242,8 @@ def _lines(section: LinesSection, lines: Lines, matrix: Floats) -> PlacedGeometr
 
 
 def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedGeometry:
+    if section.style == "arrows":
+        return _arrows(section, points, matrix)
     centres = _moved(points.positions, matrix)
     if isinstance(section.radius, str):
         if section.radius not in points.attributes:
@@ -253,3 +255,68 @@ def _points(section: PointsSection, points: Points, matrix: Floats) -> PlacedGeo
     drawn = np.flatnonzero(np.isfinite(centres).all(axis=1) & (radii > 0) & np.isfinite(radii))
     primitives = Spheres(centres[drawn], radii[drawn])
     return PlacedGeometry(section, primitives, drawn[:, None], drawn, None, points.attributes, {})
+
+
+SIDES = 12  # of arrows
+
+
+def _arrows(section: PointsSection, points: Points, matrix: Floats) -> PlacedGeometry:
+    """Return arrows as triangles; see `PointsSection` and VTK's arrow source for their shape."""
+    vectors, count = points.attributes[section.direction or ""].astype(np.float64), len(points.positions)
+    magnitude = np.linalg.norm(vectors, axis=1)
+
+    def of_each(given: float | str) -> Floats:
+        return points.attributes[given].astype(np.float64) if isinstance(given, str) else np.full(count, given)
+
+    length = magnitude if section.length is None else of_each(section.length)
+    drawn = np.isfinite(points.positions).all(axis=1) & (magnitude > 0) & (length > 0) & np.isfinite(magnitude + length)
+    scale = section.scale or 1.0
+    if section.scale is None and not isinstance(section.length, float) and drawn.any():
+        placed = points.positions[np.isfinite(points.positions).all(axis=1)].astype(np.float64)
+        scale = 0.05 * (np.linalg.norm(np.ptp(placed, axis=0)) or 1.0) / length[drawn].max()
+    given = section.radius in points.attributes or "radius" in section.model_fields_set
+    shaft = of_each(section.radius) if given else 0.03 * scale * length
+    drawn &= (shaft > 0) & np.isfinite(shaft)
+    a, b, c = matrix[:3, :3].T
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    corners, normals, cells = list[Floats](), list[Floats](), list[int]()
+    for n in np.flatnonzero(drawn):
+        axis, long, thin = vectors[n] / magnitude[n], scale * length[n], shaft[n]
+        thick = thin * 10 / 3
+        first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        first /= np.linalg.norm(first)
+        begin = points.positions[n].astype(np.float64)
+        neck, end = begin + 0.65 * long * axis, begin + long * axis
+        for side in range(SIDES):
+            angles = 2 * np.pi * (side + np.array([0, 1, 0.5])) / SIDES
+            p, q, between = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * np.cross(axis, first)
+            slopes = [0.35 * long * out + thick * axis for out in (p, q, between)]
+            slopes = [slope / np.linalg.norm(slope) for slope in slopes]
+            base = [begin + thin * p, begin + thin * q]
+            ring = [neck + thin * p, neck + thin * q]
+            rim = [neck + thick * p, neck + thick * q]
+            corners += [np.array([base[0], base[1], ring[1]]), np.array([base[0], ring[1], ring[0]])]
+            normals += [np.array([p, q, q]), np.array([p, q, p])]
+            corners += [np.array([ring[0], ring[1], rim[1]]), np.array([ring[0], rim[1], rim[0]])]
+            corners += [np.array([begin + thin * first, *base])]
+            normals += [np.array([-axis] * 3)] * 3
+            corners.append(np.array([*rim, end]))
+            normals.append(np.array(slopes))
+            cells += [int(n)] * 6
+    vertices = _moved(np.array(corners).reshape(-1, 3), matrix)
+    triangles = np.arange(len(vertices)).reshape(-1, 3)
+    across = np.cross(
+        vertices[triangles[:, 1]] - vertices[triangles[:, 0]], vertices[triangles[:, 2]] - vertices[triangles[:, 0]]
+    )
+    whole = np.flatnonzero(across.any(axis=1))  # the base's first and last triangle are none
+    of_points = {**points.attributes, section.direction or "": magnitude}
+    bent = np.array(normals).reshape(-1, 3) @ cofactors.T
+    return PlacedGeometry(
+        section,
+        Triangles(vertices, triangles[whole]),
+        triangles[whole],
+        np.array(cells, np.int64)[whole],
+        bent,
+        {},
+        of_points,
+    )

@@ -116,15 +116,21 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
 
 
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
-    """Return meshes, lines or points in the colours of the file, or lines by their direction."""
+    """Return meshes, lines or points in light, and lines without colours by their direction."""
     found: dict[str, Any] = dict(GEOMETRY_KEYS)
-    colours = next((name for name in ("RGB", "RGBA") if name in info.arrays), None)
-    if "color" not in section.model_fields_set and colours is not None:
-        found["scalars"] = colours
-    elif "color" not in section.model_fields_set and isinstance(section, LinesSection) and section.scalars is None:
+    if own_colours(section, info):
+        found["scalars"] = own_colours(section, info)
+    elif isinstance(section, LinesSection) and not {"color", "scalars"} & section.model_fields_set:
         found["color_by"] = "direction"
     chosen: GeometrySection = _with_defaults(section, found)
     return chosen
+
+
+def own_colours(section: GeometrySection, info: GeometryInfo) -> str | None:
+    """Return the file's array of colours by its name, if there is one and the scene has no colour."""
+    if {"color", "scalars"} & section.model_fields_set:
+        return None
+    return next((name for name in ("RGB", "RGBA") if info.arrays.get(name, ("", 0))[1] in (3, 4)), None)
 
 
 def automatic_volume(volume: Volume, info: VolumeInfo) -> Volume:

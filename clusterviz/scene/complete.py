@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clusterviz.scene.automatic import Info as Info
 from clusterviz.scene.automatic import VolumeInfo as VolumeInfo
-from clusterviz.scene.automatic import automatic_scene
+from clusterviz.scene.automatic import automatic_scene, own_colours
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
@@ -79,17 +79,24 @@ def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[Geometr
 def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points with clim and a radius."""
     found: dict[str, object] = {}
+    if own_colours(section, info):
+        found["scalars"] = own_colours(section, info)
     if section.clim is None and info.scalars is not None:
         low, high = info.scalars
         found["clim"] = (low, high) if low < high else range_around(low)
     size = (math.dist(*info.box) if len(info.box) else 0.0) or float(np.abs(info.box).max(initial=0.0)) or 1.0
     share = RADIUS_OF_DIAGONAL.get(type(section), 0.0)
-    if share and not info.has_radii and not isinstance(getattr(section, "radius", None), float):
+    if (
+        share
+        and not info.has_radii
+        and getattr(section, "style", "") != "arrows"
+        and not isinstance(getattr(section, "radius", None), float)
+    ):
         found["radius"] = share * size
     if isinstance(section, MeshSection) and section.edges and section.edges.width is None:
         found["edges"] = section.edges.model_copy(update={"width": size / 1000})
     if isinstance(section, LinesSection) and section.color_by is None:
-        found["color_by"] = "color" if section.scalars is None else "scalars"
+        found["color_by"] = "scalars" if found.get("scalars", section.scalars) else "color"
     return section.model_copy(update=found)
 
 

@@ -61,7 +61,8 @@ class GeometrySection(Section):
     scalars: str | None = Field(
         default=None,
         description="Name of an array that gives the colours: numbers through cmap, or red, green, blue (and alpha) as "
-        "bytes or in 0..1. Arrays of vertices are interpolated, then classified.",
+        "bytes or in 0..1. Arrays of vertices are interpolated, then classified. Default: the file's array RGB or "
+        "RGBA, unless color is given.",
     )
     cmap: Cmap = Field(default="viridis", description="The colour map of the scalars, as of volumes.")
     clim: Clim | None = Field(
@@ -129,28 +130,61 @@ class LinesSection(GeometrySection):
     )
 
 
-def _check_radius(value: Any) -> Any:
+def _check_size(value: Any) -> Any:
     value = to_builtin(value)
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InvalidValueError("not a radius", "a number more than 0, or the name of an array of radii")
+        raise InvalidValueError("not a size", "a number more than 0, or the name of an array of numbers")
     return value
 
 
-Radius = Annotated[
+Size = Annotated[
     Annotated[str, Tag("<name>")] | Annotated[Positive, Tag("<number>")],
     Discriminator(union_tag),
-    BeforeValidator(_check_radius),
+    BeforeValidator(_check_size),
 ]
 
 
 class PointsSection(GeometrySection):
-    """Points of a file, as spheres."""
+    """Points of a file, as spheres or arrows."""
 
-    radius: Radius = Field(
-        default="radius",
-        description="Of the spheres in world units, or the name of an array of radii; default: the array radius, or a "
-        "200th of the diagonal of the points' box.",
+    style: Literal["spheres", "arrows"] = Field(
+        default="spheres",
+        description="Spheres, or arrows that begin at the points; arrows are transformed as a whole.",
     )
+    radius: Size = Field(
+        default="radius",
+        description="Of the spheres, or of the arrows' shafts, in world units, or the name of an array of radii; "
+        "default: the array radius, or of spheres a 200th of the diagonal of the points' box, of arrows 0.03 of their "
+        "length.",
+    )
+    direction: str | None = Field(
+        default=None,
+        description="Name of the array of the arrows' vectors. As scalars, this array is the vectors' magnitude.",
+    )
+    length: Size | None = Field(
+        default=None,
+        description="Of all arrows, or the name of an array of lengths; default: the vectors' magnitude.",
+    )
+    scale: Positive | None = Field(
+        default=None,
+        description="Factor of the arrows' lengths; default: 1 for one length, else such that the longest arrow is a "
+        "20th of the diagonal of the points' box.",
+    )
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> PointsSection:
+        of_arrows = {"direction": self.direction, "length": self.length, "scale": self.scale}
+        if self.style == "arrows" and self.direction is None:
+            raise InvalidValueError("arrows need vectors", "the name of an array of three components", key="direction")
+        for key, found in of_arrows.items():
+            if self.style != "arrows" and found is not None:
+                raise InvalidValueError("spheres have none", "null, or style: arrows", key=key, found=found)
+        return self
+
+
+def is_arrows(section: GeometrySection) -> bool:
+    """Return whether a section shows points as arrows."""
+    return isinstance(section, PointsSection) and section.style == "arrows"
 
 
 GEOMETRY_SECTIONS: dict[str, type[GeometrySection]] = {
@@ -175,7 +209,7 @@ class GeometryInfo:
     ----------
     box : float64 (2, 3), low and high corner of the box around what can be drawn, world, with radii of an array but
         not with one radius for all; (0, 3) if there is nothing
-    count : primitives that can be drawn
+    count : primitives, or arrows, that can be drawn
     left_out : triangles, segments or points of the file that cannot: not finite, or without area, length or radius
     has_radii : radii are those of an array
     scalars : minimum and maximum of the array that the section names; None without one, and for colours
@@ -195,5 +229,5 @@ class GeometryInfo:
 
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
-        radius = getattr(section, "radius", 0.0)
+        radius = 0.0 if is_arrows(section) else getattr(section, "radius", 0.0)
         return self.box + np.array([[-radius], [radius]])[: len(self.box)] if isinstance(radius, float) else self.box

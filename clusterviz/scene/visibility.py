@@ -60,7 +60,7 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
 LEFT_OUT = {
     "meshes": "triangles are left out: a vertex is not finite, or they have no area",
     "lines": "segments are left out: an end is not finite, or they have no length",
-    "points": "points are left out: they are not finite, or their radius is not positive",
+    "points": "points are left out: they are not finite, or have no positive radius or no direction",
 }
 
 

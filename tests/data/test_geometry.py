@@ -174,6 +174,12 @@ def test_tables_of_points(name: str, tmp_path: Path) -> None:
     assert open_source(plain).grid.shape_zyx == (1, 5, 4)
 
 
+def test_columns_of_a_table_are_vectors(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z,v:0,v:1,v:2,u_x,u_y,u_z,w_x\n1,2,3,4,5,6,7,8,9,0\n")
+    found = read_geometry(tmp_path / "a.csv").points.attributes
+    assert {name: array.tolist() for name, array in found.items()} == {"v": [[4, 5, 6]], "u": [[7, 8, 9]], "w_x": [0]}
+
+
 @pytest.mark.parametrize("name", ["pdb", "cif"])
 def test_atoms_have_radii_and_colours(name: str, tmp_path: Path) -> None:
     pytest.importorskip("gemmi")

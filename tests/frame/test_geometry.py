@@ -129,7 +129,8 @@ NAN_VERTEX = shell(4.0).vertices.copy()
 NAN_VERTEX[2] = np.nan
 NOTHING = np.empty((0, 3), np.float32)
 TRIANGLES_LEFT = "triangles are left out: a vertex is not finite, or they have no area"
-CLOUD = Points("p", RNG.random((5, 3)) * 9, {"size": np.array([1.0, 0.0, -1.0, np.nan, 2.0])})
+FLOW = np.array([[1, 0, 0], [0, 0, 0], [0, np.nan, 1], [1, 2, 3], [0, 0, -1.0]])
+CLOUD = Points("p", RNG.random((5, 3)) * 9, {"size": np.array([1.0, 0.0, -1.0, np.nan, 2.0]), "flow": FLOW})
 
 
 @pytest.mark.parametrize(
@@ -142,6 +143,7 @@ CLOUD = Points("p", RNG.random((5, 3)) * 9, {"size": np.array([1.0, 0.0, -1.0, n
         (shell(4.0), {"transform": np.diag([1e-3, 1e-3, 1e-3, 1]) - np.eye(4, k=3)}, "check the units"),
         (Lines("l", np.ones((4, 3)), np.array([0, 4])), {"radius": 1.0}, "3 of 3 segments are left out"),
         (CLOUD, {"radius": "size"}, "points[0] (a): 3 of 5 points are left out"),
+        (CLOUD, {"style": "arrows", "direction": "flow"}, "points[0] (a): 2 of 5 points are left out"),
         (shell(4.0), {}, ""),
     ],
 )
@@ -152,9 +154,9 @@ def test_what_cannot_be_drawn_is_counted(part: Any, keys: dict[str, Any], said: 
     plan = opened.plan(scene)
     held = dict(opened.read(plan, {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}))
     numbers = {n for brick in held.values() if brick.primitives[0] for n in brick.primitives[0].numbers.tolist()}
-    drawn = np.flatnonzero(part.drawable) if isinstance(part, Mesh) else np.arange(opened.infos[1].count)
+    drawn = np.flatnonzero(part.drawable) if isinstance(part, Mesh) else np.arange(plan.content.geometry[0].count)
     assert numbers == set(drawn.tolist())
-    assert len(numbers) == opened.infos[1].count
+    assert len(numbers) == plan.content.geometry[0].count
 
 
 @pytest.mark.parametrize(
@@ -168,6 +170,16 @@ def test_what_cannot_be_drawn_is_counted(part: Any, keys: dict[str, Any], said: 
             "neither scalars nor colours; found 2 components; allowed 1, 3 or 4",
         ),
         (CLOUD, {"radius": "heat"}, "points[0].radius: no such array of radii; found heat; allowed size, a number"),
+        (
+            CLOUD,
+            {"style": "arrows", "direction": "size"},
+            "no such array of vectors; found size, 1 components; allowed flow",
+        ),
+        (
+            CLOUD,
+            {"style": "arrows", "direction": "flow", "length": "u"},
+            "points[0].length: no such array of numbers; found u",
+        ),
     ],
 )
 def test_missing_arrays_are_errors(part: Any, keys: dict[str, Any], said: str) -> None:
@@ -193,14 +205,16 @@ def test_scenes_in_several_units_have_larger_bricks() -> None:
 def test_open_keys_are_completed_by_the_content() -> None:
     path = Lines("l", np.array([[0, 0, 0], [3, 4, 0.0]]), np.array([0, 2]))
     parts = (THREE[1][0], {"scalars": "heat", "edges": {}}), (path, {}), (Points("p", NOTHING + 1), {}), (CLOUD, {})
+    parts = *parts, (Points("p", CLOUD.positions, {"RGB": CLOUD.positions / 9}), {"radius": 1.0})
     scene, opened = infos_of(*scene_of(*parts, volumes=0))
     assert scene.meshes[0].clim == (0, 5)
     assert scene.lines[0].radius == pytest.approx(5 / 500)
     assert scene.meshes[0].edges.width == pytest.approx(7 * 3**0.5 / 1000)
     assert scene.lines[0].color_by == "color"
+    assert [each.scalars for each in scene.points] == [None, None, "RGB"]
     assert all(isinstance(each.radius, float) for each in scene.points)
     plan = opened.plan(scene)
-    assert [layer.count for layer in plan.content.geometry] == [8, 1, 0, 5]
+    assert [layer.count for layer in plan.content.geometry] == [8, 1, 0, 5, 5]
 
 
 def test_frame_coherence_is_off_with_surfaces_and_that_is_said() -> None:

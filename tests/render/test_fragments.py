@@ -153,6 +153,19 @@ MIXED: tuple[Entry, ...] = (
     (LinesSection(path="l", radius=0.7, opacity=0.6, color_by="direction", specular=0.5, specular_power=9.0), FIBRES),
     (PointsSection(path="p", scalars="rgb", opacity=0.5), BALLS),
 )
+VECTORS = np.random.default_rng(6).normal(0, 2.0, (25, 3))
+VECTORS[3], VECTORS[4, 1] = 0, np.nan
+FLOW, BESIDE = (
+    Points("p", ATOMS + n, {"v": VECTORS, "size": np.linspace(-1.0, 6, 25), "thin": np.linspace(0.1, 0.5, 25)})
+    for n in (0, 0.7)
+)
+STRAIGHT: dict[str, Any] = {"path": "p", "style": "arrows", "direction": "v"}
+ASIDE = ((0.9, 0.3, 0, -3.0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+ARROWS: tuple[Entry, ...] = (
+    (PointsSection(**STRAIGHT, scale=2.5, scalars="v", opacity=0.6, specular=0.3, specular_power=9.0), FLOW),
+    (PointsSection(**STRAIGHT, length="size", radius="thin", color="red", opacity=0.5, shade=False), BESIDE),
+    (PointsSection(**STRAIGHT, length=5.0, radius=0.2, transform=ASIDE), FLOW),
+)
 SCALED = ((0.9, 0.3, 0, -3.0), (0, 1.2, 0, -1.0), (0.1, 0, 0.8, 2.0), (0, 0, 0, 1.0))
 WHOLE: tuple[Entry, ...] = (
     (section(shade=False, color="red", transform=SCALED), sphere(3.0, (12.1, 8.3, 9.2))),
@@ -165,6 +178,7 @@ CASES = {
     "isosurfaces, lit, clipped": ((SHELLS, FLOATS), LIT, {"lights": LIGHTS} | CUT, ("outside",)),
     "clipped, culled": ((), CULLED, CUT, ("inside", "parallel")),
     "edges": ((BYTES,), EDGED, {}, ("outside", "inside")),
+    "arrows": ((BYTES,), ARROWS, {"lights": LIGHTS}, ("outside", "inside")),
     "jittered": ((BYTES, FLOATS), PLAIN, {"quality": {"jitter": True}}, ("inside",)),
     "tubes and spheres": ((BYTES, FLOATS), MIXED, {"lights": LIGHTS}, ("outside", "inside", "parallel", "far")),
     "meshes, tubes and spheres, clipped": ((), (*LIT, *MIXED), CUT, ("outside",)),

@@ -70,7 +70,14 @@ BAD = [
     (beside({"transform": SQUASHED[:3]}), "meshes[0].transform", "[[1", "a list, such as [[1, 0, 0, 10]"),
     ({"lines": [{"path": "a", "radius": 0}]}, "lines[0].radius", "0", "more than 0"),
     ({"points": [{"path": "a", "radius": -1}]}, "points[0].radius", "-1", "more than 0"),
-    ({"points": [{"path": "a", "radius": True}]}, "points[0].radius: not a radius", "true", "the name of an array"),
+    ({"points": [{"path": "a", "radius": True}]}, "points[0].radius: not a size", "true", "the name of an array"),
+    (
+        {"points": [{"path": "a", "style": "arrows"}]},
+        "points[0].direction: arrows need vectors",
+        "",
+        "three components",
+    ),
+    ({"points": [{"path": "a", "scale": 2}]}, "points[0].scale: spheres have none", "2", "null, or style: arrows"),
     ({"meshes": [{}]}, "meshes[0].path: missing", "", "a value, such as"),
     (
         beside({}, volumes=[{"path": "a", "blending": "maximum"}]),

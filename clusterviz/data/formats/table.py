@@ -1,9 +1,10 @@
 """Tables of points, and of lines: text (.csv, .tsv, .txt, .xyz) and NumPy files (.npy, .npz).
 
 The columns x, y, z (or `Points:0` to `Points:2`, as ParaView writes them) are positions; without names the first
-three. Other columns of numbers are attributes. Rows of equal `line`, one after another, are a polyline. A .npy file is
-an array (n, 3 or more), or a structured one with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and
-further arrays of n or m; or `arr_0` to `arr_2`: vertices (z, y, x), faces and values, as napari has them.
+three. Other columns of numbers are attributes, and three whose names end in :0 to :2, or in _x to _z, are a vector.
+Rows of equal `line`, one after another, are a polyline. A .npy file is an array (n, 3 or more), or a structured one
+with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and further arrays of n or m; or `arr_0` to
+`arr_2`: vertices (z, y, x), faces and values, as napari has them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from clusterviz.errors import DataError
 
 POSITIONS = (("x", "y", "z"), ("points:0", "points:1", "points:2"))
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+VECTORS = ((":0", ":1", ":2"), ("_x", "_y", "_z"))
 MAX_LINE = 1 << 16
 
 
@@ -139,6 +141,11 @@ def _geometry(columns: dict[str, NDArray[Any]], where: str) -> Geometry:
     stacked = np.stack([columns.pop(by_name[name]) for name in found], axis=1)
     positions = np.ascontiguousarray(stacked, np.promote_types(stacked.dtype, np.float32))
     number = columns.pop(by_name.get("line", ""), None)
+    for ends in VECTORS:
+        for stem in [name.removesuffix(ends[0]) for name in columns if name.endswith(ends[0])]:
+            names = [stem + end for end in ends]
+            if stem and stem not in columns and all(name in columns for name in names):
+                columns[stem] = np.stack([columns.pop(name) for name in names], axis=1)
     if number is None:
         return Geometry(points=Points(where, positions, columns))
     begins = np.flatnonzero(np.concatenate([[True], number[1:] != number[:-1]])) if len(number) else np.empty(0, int)
