@@ -95,6 +95,7 @@ class _Scan:
         self.stack: list[str] = []
         self.attributes: Attributes = {}
         self.text_begin: int | None = None
+        self.text_end: int | None = None
         self.active = ""
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self._start
@@ -103,6 +104,8 @@ class _Scan:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         layout, parent = self.layout, self.stack[-1] if self.stack else ""
         self.stack.append(tag)
+        if parent == "DataArray" and self.text_begin is not None and self.text_end is None:
+            self.text_end = self.parser.CurrentByteIndex  # information keys precede or follow the data
         if tag == "VTKFile":
             layout.file = attributes
         elif parent == "VTKFile" and tag == layout.file.get("type"):
@@ -112,8 +115,8 @@ class _Scan:
         elif tag in ("PointData", "CellData"):
             self.active = attributes.get("Scalars", "")
         elif tag == "DataArray" and parent in SECTIONS:
-            self.attributes = attributes
-            self._await_text()
+            self.attributes, self.text_begin, self.text_end = attributes, None, None
+            self.parser.CharacterDataHandler = self._text
         elif tag == "AppendedData":
             layout.appended_encoding = attributes.get("encoding", "base64")
             layout.appended_begin = self.parser.CurrentByteIndex
@@ -121,23 +124,18 @@ class _Scan:
 
     def _end(self, tag: str) -> None:
         self.stack.pop()
-        parent, end = self.stack[-1] if self.stack else "", self.parser.CurrentByteIndex
-        if parent == "DataArray":
-            self._await_text()  # the data follows the information keys
-        elif tag == "DataArray" and parent in SECTIONS:
+        parent, end = self.stack[-1] if self.stack else "", self.text_end or self.parser.CurrentByteIndex
+        if tag == "DataArray" and parent in SECTIONS:
             begin, name = end if self.text_begin is None else self.text_begin, self.attributes.get("Name", "")
             active = bool(name) and self.active == name and parent in ("PointData", "CellData")
             piece = len(self.layout.pieces) - 1
             self.layout.arrays.append(XmlArray(name, parent, piece, active, self.attributes, begin, end))
+            self.parser.CharacterDataHandler = None
 
-    def _await_text(self) -> None:
-        self.text_begin = None
-        self.parser.CharacterDataHandler = self._text
-
-    def _text(self, _: str) -> None:
-        if self.text_begin is None:
+    def _text(self, text: str) -> None:
+        if self.stack[-1] == "DataArray" and not text.isspace():
             self.text_begin = self.parser.CurrentByteIndex
-        self.parser.CharacterDataHandler = None
+            self.parser.CharacterDataHandler = None
 
 
 def scan_xml(path: Path, kind: str) -> XmlLayout:

@@ -323,20 +323,21 @@ class KnownGeometry:
         return Normals(rows, found)
 
 
-EMPTY: dict[type[GeometrySection], Part] = {
-    MeshSection: Mesh("", NOTHING, np.empty((0, 3), np.uint32)),
-    LinesSection: Lines("", NOTHING, np.zeros(1, np.int64)),
-    PointsSection: Points("", NOTHING),
-}
-
-
 def part_of(section: GeometrySection, geometry: Geometry) -> Part:
-    """Return the part of a file's geometry that a section shows; an empty one if the file has none."""
-    kind = type(section)
-    found: Part | None = geometry.mesh
-    if kind is not MeshSection:
-        found = geometry.lines if kind is LinesSection else geometry.points
-    return EMPTY[kind] if found is None else found
+    """Return the part of a file's geometry that a section shows; an empty one if the file has none.
+
+    Of a file without points of its own these are the vertices of its mesh, or the points of its lines.
+    """
+    mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
+    if isinstance(section, MeshSection):
+        return mesh or Mesh("", NOTHING, np.empty((0, 3), np.uint32))
+    if isinstance(section, LinesSection):
+        return lines or Lines("", NOTHING, np.zeros(1, np.int64))
+    if points is None and mesh:
+        return Points(mesh.name, mesh.vertices, mesh.vertex_attributes)
+    if points is None and lines:
+        return Points(lines.name, lines.points, lines.point_attributes)
+    return points or Points("", NOTHING)
 
 
 def _key_of(section: GeometrySection, grid: BrickGrid) -> tuple[object, ...]:

@@ -198,7 +198,8 @@ def vti(
             tags += f'{start} format="ascii">\n{" ".join(map(repr, array.ravel().tolist()))}\n</DataArray>'
         elif form == "binary":
             key = '<InformationKey name="RANGE" location="x">7</InformationKey>'
-            tags += f'{start} format="binary">{key}\n  {data.decode()}\n  </DataArray>'
+            inner = f"{key}\n  {data.decode()}\n " if tags else f"\n {data.decode()}\n  {key} "  # VTK has written both
+            tags += f'{start} format="binary">{inner}</DataArray>'
         else:
             tags += f'{start} format="appended" offset="{len(appended)}"/>'
             appended += data

@@ -17,6 +17,7 @@ from clusterviz.frame import render_frame
 from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.image import compare
+from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.plan.plan import changed_settings
 from clusterviz.reference import render_reference
 from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
@@ -215,6 +216,15 @@ def test_open_keys_are_completed_by_the_content() -> None:
     assert all(isinstance(each.radius, float) for each in scene.points)
     plan = opened.plan(scene)
     assert [layer.count for layer in plan.content.geometry] == [8, 1, 0, 5, 5]
+
+
+def test_points_are_the_vertices_of_a_file_without_points() -> None:
+    mesh, path = shell(4.0, vertex_attributes={"heat": np.arange(6.0)}), Lines("l", FLOW, np.array([0, 5]))
+    for geometry, positions in ((Geometry(mesh, path), mesh.vertices), (Geometry(lines=path), FLOW)):
+        found = part_of(PointsSection(path="a"), geometry)
+        assert isinstance(found, Points)
+        assert found.positions is positions
+        assert list(found.attributes) == (["heat"] if geometry.mesh else [])
 
 
 def test_frame_coherence_is_off_with_surfaces_and_that_is_said() -> None:
