@@ -33,7 +33,7 @@ from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.values import Fill, Resolve, Scene, Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +102,6 @@ class VolumeLayer:
     preintegrated: bool = False
 
 
-Fill = Literal["fixed", "dynamic", "lists", "pages"]
-Resolve = Literal["static", "optimised", "peeling", "both"]
-
-
 @dataclass(frozen=True, eq=False)
 class Content:
     """Several volumes, or any number and geometry, in one domain.
@@ -117,7 +113,8 @@ class Content:
     geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
     brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
     reach : cells beyond its own in which a brick has primitives
-    fill, resolve : how fragments are stored and come in order: `render/abuffer/fills.py` and `resolves.py`
+    fill : how fragments are stored, see `render/abuffer/fills.py`
+    resolve : how they come in order, see `render/abuffer/resolves.py`; not auto
     """
 
     domain: Domain
@@ -125,7 +122,7 @@ class Content:
     geometry: tuple[GeometryLayer, ...] = ()
     brick: int = 0
     reach: int = 0
-    fill: Fill = "dynamic"
+    fill: Fill = "auto"
     resolve: Resolve = "static"
 
     @property
@@ -185,7 +182,10 @@ def make_content(
         layer = known_one.layer(section, scene.lights, BrickGrid(domain, layout, reach))
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
         layers.append(layer)
-    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach), cost
+    asked = scene.quality.abuffer
+    resolve: Resolve = "peeling" if asked.fill in ("lists", "pages") else "static"
+    schemes = asked.fill, resolve if asked.resolve == "auto" else asked.resolve
+    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach, *schemes), cost
 
 
 def domain_of(scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry]) -> Domain:

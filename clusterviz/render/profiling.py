@@ -167,6 +167,12 @@ class ProfilingVectorCaster(VectorCaster):
         self.variant = None
         return replace(shown, variant=replace(shown.variant, cpu=cpu))
 
+    def _draw_piece(self, plan: Plan, *given: Any) -> RenderResult:
+        """Draw with one program, not with one for each class of tiles."""
+        if self.mode and plan.content and plan.content.resolve in ("optimised", "both"):
+            plan = replace(plan, content=replace(plan.content, resolve="peeling"))
+        return super()._draw_piece(plan, *given)
+
     def _run(self, variant: Variant, table: NDArray[np.uint64], state: Any, rect: Rect, progress: Any) -> None:
         call: Any = compiled_variant(variant)
         if self.mode:

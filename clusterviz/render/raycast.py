@@ -27,7 +27,7 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools
+from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
 from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
 from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
@@ -272,6 +272,7 @@ class Raycaster:
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
+        plan = with_fill(plan, self._pools)
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         geometry = plan.content.geometry if plan.content else ()

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
+        ABuffer,
         AmbientOcclusion,
         Blending,
         Borders,
@@ -261,6 +262,7 @@ class Settings(TypedDict, total=False):
     frame_coherence: bool
     max_error: float | None
     pixel: PixelFormat
+    abuffer: ABuffer | Mapping[str, Any]
     # Cluster
     mode: Mode
     groups: int | None

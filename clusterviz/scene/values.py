@@ -65,6 +65,8 @@ Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
 Filter = Literal["exact", "hardware"]
 PixelFormat = Literal["float32", "float16", "uint8"]
+Fill = Literal["auto", "fixed", "dynamic", "lists", "pages"]
+Resolve = Literal["auto", "static", "optimised", "peeling", "both"]
 Layer = Literal["depth", "normal", "opacity", "object"]
 View = Literal[
     "iso",
@@ -336,6 +338,21 @@ class ImageSettings(Section):
     )
 
 
+class ABuffer(Section):
+    """Storage and sorting of the fragments of meshes, lines and points; pictures do not depend on it."""
+
+    fill: Fill = Field(
+        default="auto",
+        description="Storage: as many places for each pixel (fixed); counted, then without gaps (dynamic); linked "
+        "lists of fragments, or of pages of four. auto: fixed or dynamic, by the counts of the last frame.",
+    )
+    resolve: Resolve = Field(
+        default="auto",
+        description="Sorting: all fragments of a pixel at once (static), with programs for classes of pixels "
+        "(optimised), some at a time (peeling), or both. auto: static, with lists and pages peeling.",
+    )
+
+
 class Quality(Section):
     """Accuracy and cost of rendering; the error of each setting is measured."""
 
@@ -382,6 +399,9 @@ class Quality(Section):
         default="float32",
         description="Pixel format of partial images: float16 and uint8 need half and a quarter of the bytes, and round "
         "by up to n/1024 and 2n/255 for n blended images; not with projections.",
+    )
+    abuffer: ABuffer = Field(
+        default=ABuffer(), examples=[{"fill": "pages", "resolve": "both"}], description="The A-buffer of fragments."
     )
 
 

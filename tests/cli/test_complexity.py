@@ -82,15 +82,15 @@ def test_memory_by_hand() -> None:
     assert frame.classes == {8: 1, 16: 1, 32: 0, 64: 0, 128: 1}
     assert (frame.covered, frame.fragments, frame.maximum, frame.mean) == (3, 80, 70, 80 / 3)
     assert frame.fill_bytes == {
-        "fixed": 5 * (4 + 70 * 8),
-        "dynamic": 6 * 4 + 80 * 8,
-        "linked lists": 6 * 4 + 80 * 12,
-        "linked pages": 11 * 4 + (1 + 3 + 18) * (4 * 8 + 4),
+        "fixed": 14 * 4 + 5 * 70 * 8,
+        "dynamic": 14 * 4 + 5 * 8 * 8 + 80 * 8,
+        "lists": 14 * 4 + 80 * 12,
+        "pages": 14 * 4 + (1 + 3 + 18) * (4 * 8 + 4),
     }
     found = {name: tuple(one.values()) for name, one in frame.resolve.items()}
     assert found == {
         "static": (128, 3 * 128 * 8, 80 / 384, 1.0),
         "optimised": (128, (8 + 16 + 128) * 8, 80 / 152, 1.0),
-        "peeling": (8, 24 * 8, 17 / 24, (1 + 9 * 2 + 70 * 10) / 80),
+        "peeling": (8, 24 * 8, 17 / 24, (1 + 9 * 2 + 70 * 9) / 80),
         "both": (32, (8 + 16 + 32) * 8, 42 / 56, (1 + 9 + 70 * 3) / 80),
     }

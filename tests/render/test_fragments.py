@@ -20,19 +20,18 @@ from clusterviz.errors import DeviceError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece, build_tree
-from clusterviz.plan.content import Fill, Resolve
 from clusterviz.reference import render_reference
 from clusterviz.render.abuffer import fills, on_gl, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
-from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
+from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
 
 Entry = tuple[GeometrySection, Mesh | Lines | Points]
 Part = tuple[Volume, np.ndarray, Grid]
 LIGHTS = (Light(position=(30, 20, 60), focal_point=(5, 5, 5)), Light(type="headlight", intensity=0.5))
 
 
-FILLS, RESOLVES = get_args(Fill), get_args(Resolve)
+FILLS, RESOLVES = get_args(Fill)[1:], get_args(Resolve)[1:]
 EACH = pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
 
 
@@ -314,6 +313,34 @@ def test_lists_of_pixels_and_of_tiles_give_one_picture(
         monkeypatch.setattr(tiles, "SMALL", small)
         pictures.append(drawn(where, scene, (), (*LIT, *MIXED)))
     assert np.array_equal(*pictures)
+
+
+@pytest.mark.parametrize(
+    ("asked", "schemes"),
+    [
+        ({}, ("auto", "static")),
+        ({"fill": "fixed"}, ("fixed", "static")),
+        ({"fill": "pages"}, ("pages", "peeling")),
+        ({"fill": "lists", "resolve": "static"}, ("lists", "static")),
+        ({"resolve": "both"}, ("auto", "both")),
+    ],
+)
+def test_schemes_are_keys_of_the_scene(asked: dict[str, str], schemes: tuple[str, str]) -> None:
+    scene = scene_of((), quality={"abuffer": asked}, size=(8, 8))
+    content = prepared(scene, (), PLAIN).plan.content
+    assert content
+    assert (content.fill, content.resolve) == schemes
+
+
+def test_the_fill_is_chosen_by_the_fragments_of_the_last_frame() -> None:
+    """Fixed places where most pixels have many, and not for the first frame."""
+    pools, plan = fills.Pools(), prepared(scene_of((), size=(8, 8)), (), PLAIN).plan
+    for counts, fill in (([], "dynamic"), ([0] * 9, "fixed"), ([20] * 8 + [24], "fixed"), ([0] * 99 + [24], "dynamic")):
+        if counts:
+            pools.note(np.array(counts, np.uint32))
+        content = fills.with_fill(plan, pools).content
+        assert content
+        assert content.fill == fill
 
 
 @pytest.mark.gl

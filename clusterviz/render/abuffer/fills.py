@@ -18,19 +18,21 @@ Histogram Analysis, 2014, section 4. C. Crassin, Linked lists of fragment pages,
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
 from clusterviz.image.partial import Rect
-from clusterviz.plan.content import Fill
+from clusterviz.plan.plan import Plan
+from clusterviz.scene.values import Fill
 
 Pass = Literal["count", "fill", "fixed", "pages"]
-FILLS: tuple[Fill, ...] = get_args(Fill)
 PASSES: dict[Fill, tuple[Pass, ...]] = {
+    "auto": ("count", "fill"),  # of the first frame
     "fixed": ("fixed",),
     "dynamic": ("count", "fill"),
     "lists": ("pages",),
@@ -47,6 +49,7 @@ START = {"fixed": 4.0, "lists": 1.0, "pages": 0.5}
 """First pool: layers, fragments or pages for each pixel."""
 SLACK = 1.25
 """Pool over what the frame before has needed."""
+MEMORY_RATIO = 2
 MOST_BYTES = 1 << 30
 """Memory for the fragments of a rectangle, beyond which it is divided."""
 LEAST_SIDE = 8
@@ -60,10 +63,32 @@ class ManyFragmentsError(Exception):
 
 
 class Pools:
-    """Sizes of the pools that the last rectangle has needed, by scheme, for each pixel."""
+    """What is known of the last rectangle's fragments.
+
+    Attributes
+    ----------
+    rooms : sizes of the pools that it has needed, by scheme: layers, and fragments or pages for each pixel
+    most, mean : fragments of a pixel
+    """
 
     def __init__(self) -> None:
-        self.rooms = dict(START)
+        self.rooms, self.most, self.mean = dict(START), np.inf, 0.0
+
+    def note(self, counts: NDArray[np.uint32]) -> None:
+        """Note the fragments of pixels."""
+        self.most, self.mean = float(counts.max(initial=0)), float(counts.mean())
+
+
+def with_fill(plan: Plan, pools: Pools) -> Plan:
+    """Return a plan with a fill scheme in place of `auto`.
+
+    This is the fixed scheme, which has one pass, if it would have taken at most twice the memory of the dynamic one for
+    the last rectangle, else that. Both store the fragments of a pixel side by side.
+    """
+    if plan.content is None or plan.content.fill != "auto":
+        return plan
+    fill: Fill = "fixed" if pools.most <= MEMORY_RATIO * (pools.mean + EARLY) else "dynamic"
+    return replace(plan, content=replace(plan.content, fill=fill))
 
 
 def bytes_of(fill: Fill, pixels: int) -> tuple[int, int]:
@@ -137,6 +162,7 @@ def store_fragments(fill: Fill, rect: Rect, pools: Pools, run: Run, whole_rows: 
         if can_divide and room > most_room:
             raise ManyFragmentsError
         lists[HEAD::2] = ends - counts
+        pools.note(counts)
         if room:
             run_for("fill", room)
         return lists
@@ -148,6 +174,7 @@ def store_fragments(fill: Fill, rect: Rect, pools: Pools, run: Run, whole_rows: 
         needed = room_for(fill, counts)
         pools.rooms[fill] = (1.0 if fill == "fixed" else SLACK) * needed / units
         if needed <= room:
+            pools.note(counts)
             return lists
         if can_divide and needed > most_room:
             raise ManyFragmentsError

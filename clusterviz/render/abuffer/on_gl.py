@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
@@ -34,7 +34,7 @@ LLVMPIPE_ITERATIONS = 65535
 FIND_ITERATIONS, DRAW_ITERATIONS = 3, 16
 """Bounds for a primitive of a tile in each pass over them, and for a fragment of a pixel; each layer adds one."""
 Make = Callable[[NDArray[Any]], moderngl.Buffer]
-Programs = Mapping[FindVariant, moderngl.ComputeShader]
+Programs = dict[FindVariant, moderngl.ComputeShader]
 
 
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
@@ -58,7 +58,7 @@ def bind_fragments(
 
     Parameters
     ----------
-    programs : compiled; the uniform blocks of the frame and of clipping are bound
+    programs : those that are compiled, and then others; the uniform blocks of the frame and of clipping are bound
     make : makes a buffer, of at least one byte
     pools : of fragments
 
@@ -110,7 +110,9 @@ def bind_fragments(
             raise MemoryError
         for binding, buffer in ((11, given), (8, keys), (16, links)):
             buffer.bind_to_storage_buffer(binding)
-        run_compute(programs[variants[step]], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
+        if (variant := variants[step]) not in programs:
+            programs[variant] = compile_compute(context, variant.source)
+        run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
         context.memory_barrier()
         lists[:] = np.frombuffer(given.read(), np.uint32)
         most = int(lists[HEAD + 1 :: 2].max(initial=0))

@@ -33,7 +33,7 @@ DRAWN_CLASS = 3
 
 def is_sorted(content: Content | None) -> bool:
     """Return whether the stored fragments of a pixel are in order."""
-    return bool(content and content.resolve == "static" and content.fill in ("fixed", "dynamic"))
+    return bool(content and content.resolve == "static" and content.fill not in ("lists", "pages"))
 
 
 def class_of(counts: NDArray[Any]) -> NDArray[np.int64]:

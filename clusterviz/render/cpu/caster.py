@@ -27,7 +27,7 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools
+from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools, with_fill
 from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
@@ -252,6 +252,7 @@ class VectorCaster:
         rays: Starts | Crossing | None,
     ) -> RenderResult:
         started, progress = report
+        plan = with_fill(plan, self._pools)
         pixels = np.zeros((rect.height, rect.width, 4), np.float32)
         squares = -(-rect.height // SQUARE), -(-rect.width // SQUARE)
         ahead, planes = AHEAD + squares[0] * squares[1], rays.planes if rays else np.zeros(0, np.float32)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +20,16 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.opening import Given
 from clusterviz.frame.work import DrawnFrame, Rendered
 from clusterviz.image.partial import Rect
+from clusterviz.render.abuffer.fills import FRAGMENT, bytes_of, room_for
+from clusterviz.render.abuffer.resolves import LARGEST, MOST_SIZE, SMALLEST, class_of
 from clusterviz.render.choice import Device
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.geometry import GeometrySection, as_sections
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Fill, Scene
 
-SMALLEST = 8
-"""Fragments of the smallest class of pixels, and of the array that peeling uses again and again."""
-LARGEST = 32
-"""Fragments of the largest class where classes and peeling are combined."""
-FRAGMENT, WORD = 8, 4
-"""Bytes of a fragment (depth, and number of the primitive), and of a counter, begin or link."""
-FRAGMENTS_OF_PAGE = 4
 TRANSPARENT = 1 - 2.0**-20
 """Opacity of surfaces whose hidden fragments are counted, at most."""
+FILLS: tuple[Fill, ...] = get_args(Fill)[1:]
 Counts = NDArray[np.int64]
 
 
@@ -84,13 +80,11 @@ class FrameComplexity:
     @property
     def fill_bytes(self) -> dict[str, int]:
         """Memory of each fill scheme for the whole picture on one rank, by its name."""
-        pages = int(-(-self._complexities // FRAGMENTS_OF_PAGE) @ self.histogram)
-        return {
-            "fixed": self.pixels * (WORD + self.maximum * FRAGMENT),
-            "dynamic": (self.pixels + 1) * WORD + self.fragments * FRAGMENT,
-            "linked lists": (self.pixels + 1) * WORD + self.fragments * (FRAGMENT + WORD),
-            "linked pages": (2 * self.pixels + 1) * WORD + pages * (FRAGMENTS_OF_PAGE * FRAGMENT + WORD),
-        }
+        found = dict[str, int]()
+        for fill in FILLS:
+            fixed, each = bytes_of(fill, self.pixels)
+            found[fill] = fixed + each * room_for(fill, self._complexities, self.histogram)
+        return found
 
     @property
     def resolve(self) -> dict[str, dict[str, float]]:
@@ -102,15 +96,14 @@ class FrameComplexity:
         """
         counts, own = self._complexities[1:], class_of(self._complexities[1:])
         arrays = {
-            "static": np.full_like(own, own.max(initial=0)),
-            "optimised": own,
+            "static": np.full_like(own, min(own.max(initial=0), MOST_SIZE)),
+            "optimised": np.minimum(own, MOST_SIZE),
             "peeling": np.minimum(own, SMALLEST),
             "both": np.minimum(own, LARGEST),
         }
         found = {}
         for name, sizes in arrays.items():
-            # A pass over a list that is longer than the array takes all but one of the array's fragments.
-            passes = np.where(counts <= sizes, 1, -(-counts // (sizes - 1)))
+            passes = -(-counts // sizes)
             total, held = int(sizes @ self.histogram[1:]), int(np.minimum(counts, sizes) @ self.histogram[1:])
             reads = int((passes * counts) @ self.histogram[1:]) / max(1, self.fragments)
             largest = int(sizes.max(initial=0))
@@ -144,13 +137,6 @@ class Report:
     degrees: float | None
     counts: NDArray[np.int32]
     frames: tuple[FrameComplexity, ...]
-
-
-def class_of(counts: Counts) -> Counts:
-    """Return the class of numbers of fragments: the least of 8, 16, 32, … that is not below."""
-    doublings = np.ceil(np.log2(np.maximum(counts, SMALLEST) / SMALLEST))
-    found: Counts = SMALLEST << doublings.astype(np.int64)
-    return found
 
 
 def measure(

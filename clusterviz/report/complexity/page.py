@@ -10,15 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.report.complexity.measure import (
-    FRAGMENT,
-    FRAGMENTS_OF_PAGE,
-    LARGEST,
-    SMALLEST,
-    WORD,
-    FrameComplexity,
-    Report,
-)
+from clusterviz.render.abuffer.fills import FRAGMENT, PAGE_SHIFT, WORD
+from clusterviz.render.abuffer.resolves import LARGEST, MOST_SIZE, SMALLEST
+from clusterviz.report.complexity.measure import FrameComplexity, Report
 from clusterviz.report.output import make_figure, svg_of
 from clusterviz.report.tradeoff.pictures import data_url, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
@@ -94,9 +88,10 @@ def html(name: str, report: Report, picture: Path) -> str:
         orbit=svg_of(orbit_figure(report.frames)) if len(report.frames) > 1 else "",
         fragment=FRAGMENT,
         word=WORD,
-        page=FRAGMENTS_OF_PAGE,
+        page=1 << PAGE_SHIFT["pages"],
         smallest=SMALLEST,
         largest=LARGEST,
+        most_size=MOST_SIZE,
         json_name=NUMBERS,
         counts_name=COUNTS,
         picture_name=PICTURE,

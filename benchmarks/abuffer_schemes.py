@@ -1,0 +1,220 @@
+"""Fill and resolve schemes of the A-buffer: `python benchmarks/abuffer_schemes.py [--size N] [--rounds K] [--gl]`.
+
+All sixteen combinations draw each scene in turn, K times, on one rank with bricks in memory. Of each the least CPU time
+of all threads is printed: of the passes that store fragments, without the lists of tiles, and of drawing, which brings
+fragments in order and composites them with the volumes; with OpenGL both together. Memory is that of stored
+fragments. Static arrays are in the store itself for the fills "fixed" and "dynamic", and private for the others.
+
+protein-like : two electron densities, a tube of 3,000 segments and 2,000 spheres
+medical-like : a head CT, meshes of its bone and skin, 680,008 triangles
+flow-like : 300 streamlines of 60 segments and 500 spheres in the same CT
+worst case : 64 layers that fill the picture, in random order
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from time import process_time
+from typing import Any, get_args
+
+import numpy as np
+from blend_modes import whole_pieces
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data import open_source, read_geometry
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.samples import fetch_sample
+from clusterviz.data.source import Grid
+from clusterviz.frame import Options, Run, prepare
+from clusterviz.gl.context import open_context
+from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.fills import bytes_of, room_for
+from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.raycast import Raycaster
+from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
+from clusterviz.scene.values import Camera, Fill, ImageSettings, Resolve, Scene, Volume
+
+FILLS, RESOLVES = get_args(Fill)[1:], get_args(Resolve)[1:]
+SCHEMES = tuple(product(FILLS, RESOLVES))
+FLIPPED = ((1, 0, 0, 0), (0, -1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+CT = {"clim": (0, 1200), "opacity": ((150, 0.0), (1200, 0.1)), "cmap": "bone"}
+Parts = list[tuple[Any, Any]]
+
+
+def walk(count: int, steps: int, begin: float, step: float, seed: int = 1) -> Lines:
+    """Smooth random paths in the box [0, 1]³ that begin near its centre."""
+    random = np.random.default_rng(seed)
+    ways = np.cumsum(random.normal(0, 1, (count, steps, 3)), axis=1)
+    ways /= np.linalg.norm(ways, axis=2, keepdims=True) + 1e-9
+    points = random.normal(0.5, begin, (count, 1, 3)) + np.cumsum(step * ways, axis=1)
+    folded = np.abs((points + 1) % 2 - 1)
+    return Lines("l", folded.reshape(-1, 3).astype(np.float32), np.arange(count + 1) * steps)
+
+
+def scaled(one: Any, sides: Any) -> Any:
+    """Points or lines in a box of other sides."""
+    name = "positions" if isinstance(one, Points) else "points"
+    return replace(one, **{name: getattr(one, name) * np.array(sides, np.float32)})
+
+
+def balls(count: int, radius: float, sides: Any) -> Points:
+    """Spheres anywhere in a box."""
+    places = np.random.default_rng(2).random((count, 3)) * sides
+    return Points("p", places.astype(np.float32), {"radius": np.full(count, radius)})
+
+
+def protein() -> Parts:
+    """Two electron densities in one box, a tube and spheres."""
+    found: Parts = []
+    for name, colour, clim in (("ispg", "viridis", (0.1, 1.5)), ("1jzv", "magma", (0.5, 4.0))):
+        source = open_source(str(fetch_sample(name)), None)
+        voxels = source.read((0, 0, 0), source.grid.shape_zyx)
+        spacing = tuple(100 / (n - 1) for n in voxels.shape[::-1])
+        look = {"cmap": colour, "clim": clim, "opacity": ((clim[0], 0.0), (clim[1], 0.1)), "opacity_unit_distance": 2.0}
+        found.append((Volume(path=name, **look), ArraySource(voxels, Grid(voxels.shape, spacing))))
+    found.append((LinesSection(path="l", radius=0.7, opacity=0.5), scaled(walk(1, 3001, 0.1, 0.03), [100] * 3)))
+    found.append((PointsSection(path="p", opacity=0.4, color="tomato"), balls(2000, 1.5, [100] * 3)))
+    return found
+
+
+def head() -> tuple[Any, Any]:
+    """A head CT."""
+    path = str(fetch_sample("cranium"))
+    return Volume(path=path, opacity_unit_distance=5.0, **CT), open_source(path, None)
+
+
+def medical() -> Parts:
+    """A head CT with its bone and skin."""
+    found: Parts = [head()]
+    for name, colour in (("cranium-bone", "ivory"), ("cranium-skin", "peachpuff")):
+        path = str(fetch_sample(name))
+        look = MeshSection(path=path, opacity=0.3, color=colour, transform=FLIPPED)
+        found.append((look, read_geometry(path).mesh))
+    return found
+
+
+def flow() -> Parts:
+    """Streamlines and spheres in a head CT."""
+    sides = [244.0, 244.0, 160.5]
+    lines = LinesSection(path="l", radius=0.8, opacity=0.4, color_by="direction")
+    spheres = PointsSection(path="p", opacity=0.5, color="gold")
+    return [head(), (lines, scaled(walk(300, 61, 0.15, 0.012), sides)), (spheres, balls(500, 3.0, sides))]
+
+
+def worst() -> Parts:
+    """Layers that fill the picture, in random order."""
+    found: Parts = []
+    for depth in np.random.default_rng(3).permutation(np.linspace(2, 8, 64)):
+        corners = np.array([[-10, -10, depth], [20, -10, depth], [20, 20, depth], [-10, 20, depth]], np.float32)
+        look = MeshSection(path="m", opacity=0.05, color=(depth / 8, 0.5, 1 - depth / 8), shade=False)
+        found.append((look, Mesh("m", corners, np.array([[0, 1, 2], [0, 2, 3]]))))
+    return found
+
+
+SCENES = {"protein-like": protein, "medical-like": medical, "flow-like": flow, "worst case": worst}
+ABOVE = {"camera": Camera(position=(5, 5, -20), focal_point=(5, 5, 0), view_up=(0, 1, 0), parallel_scale=4.0)}
+
+
+def prepared(name: str, size: int) -> tuple[Plan, dict[Any, Any]]:
+    """The plan of a scene, and its bricks."""
+    parts = SCENES[name]()
+    keys: dict[str, list[Any]] = {"volumes": [], "meshes": [], "lines": [], "points": []}
+    given = []
+    for look, one in parts:
+        kind = {Volume: "volumes", MeshSection: "meshes", LinesSection: "lines", PointsSection: "points"}[type(look)]
+        keys[kind].append(look)
+        one_of = {"meshes": "mesh"}.get(kind, kind)
+        given.append(one if kind == "volumes" else Geometry(**{one_of: one}))
+    settings = ABOVE if name == "worst case" else {}
+    scene = Scene(image=ImageSettings(size=(size, size)), **settings, **{key: tuple(own) for key, own in keys.items()})
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, given)
+    assert share.plan, "there is something to show"
+    return share.plan, bricks
+
+
+class TimedCaster(VectorCaster):
+    """Ray caster on CPUs that measures the CPU time of passes and of drawing."""
+
+    passes = drawing = 0.0
+
+    def _take_tiles(self, *given: Any) -> None:
+        begin = process_time()
+        super()._take_tiles(*given)
+        self.passes += process_time() - begin
+
+    def _run(self, *given: Any) -> None:
+        begin, before = process_time(), self.passes
+        super()._run(*given)
+        self.passes = before
+        self.drawing += process_time() - begin
+
+
+def measure(name: str, size: int, rounds: int, gl: bool) -> dict[str, Any]:
+    """Time all combinations, in turn; their pictures are equal."""
+    plan, bricks = prepared(name, size)
+    caster: Any = Raycaster(open_context(), plan) if gl else TimedCaster(plan)
+    caster.load(plan, bricks)
+    least: dict[tuple[str, str], tuple[float, float]] = dict.fromkeys(SCHEMES, (np.inf, np.inf))
+    picture = counts = None
+    for _ in range(rounds + 1):
+        for fill, resolve in SCHEMES:
+            assert plan.content, "there is geometry"
+            chosen = replace(plan, content=replace(plan.content, fill=fill, resolve=resolve))
+            if not caster.can_draw(chosen):
+                caster.compile(chosen)
+            caster.passes = caster.drawing = 0.0
+            begin = process_time()
+            (drawn,) = caster.draw(chosen, whole_pieces(chosen))
+            seconds = (process_time() - begin, 0.0) if gl else (caster.passes, caster.drawing)
+            before = least[fill, resolve]
+            least[fill, resolve] = min(before[0], seconds[0]), min(before[1], seconds[1])
+            picture = drawn.partial.rgba if picture is None else picture
+            assert np.array_equal(drawn.partial.rgba, picture), (name, fill, resolve)
+            counts = drawn.fragments
+    assert counts is not None, "all are drawn"
+    memory = {}
+    for fill in FILLS:
+        base, each = bytes_of(fill, counts.size)
+        memory[fill] = base + each * room_for(fill, counts.ravel())
+    return {
+        "scene": name,
+        "fragments": int(counts.sum()),
+        "most": int(counts.max()),
+        "covered": int((counts > 0).sum()),
+        "pixels": counts.size,
+        "least_s": {f"{fill}, {resolve}": seconds for (fill, resolve), seconds in least.items()},
+        "bytes": memory,
+    }
+
+
+def main() -> None:
+    """Print the tables, and write them as JSON on request."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, default=384)
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--gl", action="store_true", help="OpenGL; default: the CPU ray caster")
+    parser.add_argument("--only", choices=SCENES, action="append")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for name in options.only or SCENES:
+        row = measure(name, options.size, options.rounds, options.gl)
+        rows.append(row)
+        print(
+            f"{name}: {row['fragments']:,} fragments, at most {row['most']}, in {row['covered']:,} of {row['pixels']:,}"
+        )
+        for fill, resolve in SCHEMES:
+            passes, drawing = row["least_s"][f"{fill}, {resolve}"]
+            times = f"{1e3 * passes:7.0f} ms" + ("" if options.gl else f" {1e3 * drawing:7.0f} ms")
+            print(f"  {fill:8} {resolve:10} {times} {row['bytes'][fill] / 2**20:8.1f} MiB", flush=True)
+    if options.json:
+        options.json.write_text(json.dumps({"size": options.size, "rows": rows}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
