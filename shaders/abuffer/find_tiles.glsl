@@ -1,4 +1,5 @@
 // CPUs: threads take tiles from a counter. A work group is a packet of pixels, one a vector lane.
+const int PARTS_ACROSS = LIST_TILE / PACKET_WIDTH, PARTS = PARTS_ACROSS * (LIST_TILE / PACKET_HEIGHT);
 shared int tile;
 
 void main() {
@@ -9,14 +10,14 @@ void main() {
         barrier();
         if (tile >= tiles) break;
         ivec2 corner = LIST_TILE * ivec2(tile % across, tile / across);
-        for (int y = 0; y < LIST_TILE; y += PACKET_HEIGHT) {
-            for (int x = 0; x < LIST_TILE; x += PACKET_WIDTH) {
-                ivec2 pixel = corner + ivec2(x + lane % PACKET_WIDTH, y + lane / PACKET_WIDTH);
-                if (any(greaterThanEqual(pixel, frame.rect.zw))) continue;
-                // A list that all lanes share is read once for all.
-                if (geometry.counts.z == 0) find_all(pixel, number_of(pixel));
-                else find_all(pixel, tile);
-            }
+        // Downwards, so that it is not unrolled.
+        for (int part = PARTS - 1; part >= 0; --part) {
+            ivec2 packet = ivec2(part % PARTS_ACROSS * PACKET_WIDTH, part / PARTS_ACROSS * PACKET_HEIGHT);
+            ivec2 pixel = corner + packet + ivec2(lane % PACKET_WIDTH, lane / PACKET_WIDTH);
+            if (any(greaterThanEqual(pixel, frame.rect.zw))) continue;
+            // A list that all lanes share is read once for all.
+            if (geometry.counts.z == 0) find_all(pixel, number_of(pixel));
+            else find_all(pixel, tile);
         }
     }
 }
