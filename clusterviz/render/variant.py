@@ -315,8 +315,9 @@ class Variant:
         if self.is_mixed:
             # On CPUs the number of surfaces is no constant.
             each = MOST_IN_SLAB if self.cpu else MOST_MET
-            most = max(1, min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB))
-            lines.append(f"const int MOST_SURFACES = {most}; // in a slab of several volumes")
+            most = min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
+            lines.append(f"const bool HAS_SURFACES = {str(most > 0).lower()};")
+            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
         if self.geometry:
             lines += [self.geometry.constants, f"const bool HAS_VOLUMES = {str(bool(self.volumes)).lower()};"]
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")

@@ -3,14 +3,26 @@
 void face(Ray ray);
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object);
 
+double fragment_position; // of the next fragment, and the slab that holds it, or the number of none
+int fragment_slab;
+
 double next_position() {
     return position_of(depth_of(nearest_fragment().x));
+}
+
+void find_next() {
+    fragment_slab = NO_SLAB;
+    if (has_fragment()) {
+        fragment_position = next_position();
+        fragment_slab = int(clamp(floor(fragment_position + 0.5LF), -1.0LF, double(NO_SLAB - 1)));
+    }
 }
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     begin_fragments(pixel);
     // The dispatch before has composited those in front.
     while (!begins && has_fragment() && slab_at_position(next_position(), ray.slabs) < slab) next_fragment();
+    find_next();
     if (!HAS_VOLUMES) slab = ray.slabs;
 }
 

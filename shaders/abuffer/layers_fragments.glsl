@@ -4,21 +4,24 @@ vec4 light_of(uint number, double position);
 
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
+    if (k < fragment_slab && surfaces == 0) {
+        if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
+        return;
+    }
     float begin = -0.5 * length;
     int n = 0;
     for (;;) {
-        double position = 1e300LF;
-        if (has_fragment()) position = next_position();
-        bool is_here = position < double(k) + 0.5LF;
-        float place = clamp(float(position - double(k)) - middle, begin, 0.5 * length);
+        bool is_here = fragment_slab <= k && fragment_slab < NO_SLAB;
+        float place = clamp(float(fragment_position - double(k)) - middle, begin, 0.5 * length);
         vec4 light = vec4(0.0);
         if (n < surfaces && (!is_here || surface_place[n] <= place)) {
             place = surface_place[n];
             light = surface_light[n];
             ++n;
         } else if (is_here) {
-            light = light_of(nearest_fragment().y, position);
+            light = light_of(nearest_fragment().y, fragment_position);
             next_fragment();
+            find_next();
         } else break;
         sum += (1.0 - sum.a) * absorbed(depth.a * (place - begin) / length) * vec4(colour, 1.0);
         sum += (1.0 - sum.a) * light;

@@ -53,9 +53,13 @@ bool is_behind(uvec2 a, uvec2 b) {
 }
 
 int layer_of(int row) {
-    int found = 0;
-    while (found + 1 < geometry.counts.x && uint(row) >= layer[found + 1].table.x) ++found;
-    return found;
+    int low = 0, high = geometry.counts.x;
+    while (high - low > 1) {
+        int middle = (low + high) >> 1;
+        if (uint(row) >= layer[middle].table.x) low = middle;
+        else high = middle;
+    }
+    return low;
 }
 
 // A vertex in the plane across the ray (S. Woop, C. Benthin, I. Wald, Watertight ray/triangle intersection, JCGT 2(1), 2013): the same for all triangles.

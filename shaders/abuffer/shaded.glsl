@@ -42,9 +42,10 @@ float to_edge(ivec4 of, Hit hit) {
 
 vec4 light_of(uint number, double position) {
     int row = int(number >> 1);
-    ivec4 of = corner[row];
     Layer own = layer[layer_of(row)];
     vec4 rgba = own.rgba;
+    if (own.table.z == 0u && (int(own.table.w) & LIT) == 0 && own.edge_half.x <= 0.0) return vec4(rgba.rgb * rgba.a, rgba.a);
+    ivec4 of = corner[row];
     Hit hit;
     meets(int(own.table.y), of, int(number & 1u), hit);
     vec3 normal = mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * hit.normal;
@@ -70,6 +71,7 @@ void face_all(Ray ray) {
     face_primitives(ray);
     first_midpoint = ray.first;
     slab_way = ray.slab;
+    find_next();
     face(ray);
 }
 

@@ -3,7 +3,7 @@ float surface_place[MOST_SURFACES]; // from the slab's midpoint
 vec4 surface_light[MOST_SURFACES];  // premultiplied
 int surface_object[MOST_SURFACES];
 int surfaces = 0;
-const bool ABREAST = false; // there is one list of surfaces, which is that of one slab
+const bool ABREAST = TWO_AT_ONCE && !HAS_SURFACES; // there is one list of surfaces, which is that of one slab
 
 // If there are too many, the farthest are left out.
 void meet(float place, vec4 light, int object) {
