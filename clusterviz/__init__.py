@@ -177,7 +177,7 @@ def _joined_sources(scene: Scene, source: Any, geometries: dict[str, list[Geomet
 def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
     """Return the scene of an argument of `render`, and the data if it is not a file."""
     from clusterviz.data import open_scene
-    from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, as_geometry
+    from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
     from clusterviz.data.memory import ArraySource
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume
@@ -185,8 +185,11 @@ def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
 
     if isinstance(given, (list, tuple)):
         return _several(given, grid)
-    if hasattr(given, "faces") or isinstance(given, (Geometry, Mesh, Lines, Points)):
-        geometry = as_geometry(given, "meshes", "render")
+    if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):
+        # Objects of pyvista may have all, of which some are empty.
+        cells = (("meshes", "faces"), ("lines", "lines"))
+        kind = next((name for name, attribute in cells if len(getattr(given, attribute, ()))), "points")
+        geometry = as_geometry(given, kind, "render")
         parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
         each = [section(path="array") for name, section in GEOMETRY_SECTIONS.items() if parts[name]]
         sections: dict[str, Any] = as_sections(each)

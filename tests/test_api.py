@@ -209,6 +209,11 @@ def test_a_mesh_in_memory_is_drawn_in_whatever_form_it_comes() -> None:
         assert found is not None
         assert set(np.unique(found[..., 3]).tolist()) == {0.0, 0.5}
         np.testing.assert_array_equal(found[..., 0], found[..., 3])
+    no_cells: dict[str, Any] = {"points": 1.0 * vertices, "faces": [], "point_data": {}, "cell_data": {}}
+    for more in ({"lines": np.array([4, 0, 1, 3, 2])}, {"lines": []}, {}):  # lines, or points, of pyvista
+        found = clusterviz.render(SimpleNamespace(**no_cells, **more), size=(20, 16), radius=0.3)
+        assert found is not None
+        assert 0.02 < (found[..., 3] > 0).mean() < 0.6
     volume = np.ones((4, 4, 4), np.float32)
     both = clusterviz.render(volume, meshes=[*forms, (vertices + 1, faces)], opacity=0.1, size=(20, 16))
     assert both is not None

@@ -394,3 +394,34 @@ def test_a_plane_alone(position: tuple[float, float, float], scale: float | None
     camera = Camera(position=position, focal_point=(12, 10.001, 9), view_up=(0.1, 0.2, 1), parallel_scale=scale)
     scene = scene_of(()).model_copy(update={"camera": camera})
     assert np.abs(drawn(None, scene, (), entries) - expected(scene, (), entries)).max() <= 1e-6
+
+
+SQUARE = np.array([[5.0, 5, 9], [16, 4, 9], [16, 16, 10], [4, 16, 9.5], [10, 10, 14], [10, 10, 14], [np.nan, 1, 2]])
+OPEN, FAN = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 2, 1], [0, 2, 3], [0, 2, 4], [2, 0, 4]])
+NEEDLE = np.array([[5.0, 5, 9], [5 + 1e-7, 5, 9], [17, 15, 11], [1e3, 3, 9], [-1e3, 9, 9], [12, 1e3, 12]])
+TWISTED = np.stack([np.arange(16), (np.arange(16) + 1) % 16, (np.arange(16) + 2) % 16], axis=1)
+TURN = np.pi * np.repeat(np.arange(8), 2) / 8
+WIDE = np.tile([4.0, 8.0], 8) - 6
+BAND = np.stack(
+    [(6 + WIDE * np.cos(TURN)) * np.cos(2 * TURN), (6 + WIDE * np.cos(TURN)) * np.sin(2 * TURN), WIDE * np.sin(TURN)], 1
+)
+FLAWED = {
+    "nothing": (np.empty((0, 3)), np.empty((0, 3), int)),
+    "no triangle that can be drawn": (SQUARE, np.array([[0, 1, 1], [4, 5, 0], [6, 0, 1]])),
+    "not finite, degenerate": (SQUARE, np.concatenate([OPEN, [[0, 1, 6], [2, 2, 2], [4, 5, 1]]])),
+    "open": (SQUARE, OPEN),
+    "four triangles at an edge, two of them equal": (SQUARE, FAN),
+    "not orientable": (BAND + 10, TWISTED),
+    "a needle, and one far beyond all others": (NEEDLE, np.array([[0, 1, 2], [3, 4, 5]])),
+}
+
+
+@pytest.mark.parametrize("name", FLAWED)
+def test_flawed_meshes_are_drawn_as_the_reference_draws_them(name: str) -> None:
+    """Lit by normals that triangles share, from outside and from within, in small bricks."""
+    entries = ((section(opacity=0.5), Mesh("m", *FLAWED[name])), PLAIN[1])
+    for camera in ("outside", "inside"):
+        scene = scene_of((), camera, 9)
+        right = expected(scene, (), entries)
+        assert np.abs(drawn(None, scene, (), entries) - right).max() <= 1e-5
+        assert (right[..., 3] > 0.1).any()

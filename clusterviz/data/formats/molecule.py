@@ -12,13 +12,15 @@ Jmol: Colors, table of element colours.
 
 from __future__ import annotations
 
+import gzip
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clusterviz.data.files import require_file
+from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Points
 from clusterviz.errors import DataError
 
@@ -28,6 +30,7 @@ COLOURS = {
     "Co": 0xF090A0, "Ni": 0x50D050, "Cu": 0xC88033, "Zn": 0x7D80B0, "Se": 0xFFA100, "Br": 0xA62929, "I": 0x940094,
 }  # fmt: skip
 OTHER = 0xFF1493
+NUMBER = re.compile(rb" *[-+]?(\d+\.?\d*|\.\d+) *")
 
 
 def read_molecule(path: Path) -> Geometry:
@@ -46,6 +49,8 @@ def read_molecule(path: Path) -> Geometry:
         raise DataError(
             "needs the gemmi package", where=where, allowed="pip install 'clusterviz[molecules]'"
         ) from error
+    if path.name.lower().removesuffix(".gz").endswith((".pdb", ".ent")):
+        _check_pdb(path)
     structure = gemmi.read_structure(where)
     if not len(structure) or not structure[0].count_atom_sites():
         raise DataError("no atoms", where=where, allowed="ATOM and HETATM records, or _atom_site")
@@ -71,3 +76,19 @@ def read_molecule(path: Path) -> Geometry:
         "occupancy": table[:, 4],
     }
     return Geometry(points=Points(where, np.ascontiguousarray(table[:, :3]), attributes | whole))
+
+
+def _check_pdb(path: Path) -> None:
+    """Check that atoms have positions: gemmi takes what is no number as 0.
+
+    Raises
+    ------
+    DataError
+        One has none.
+    """
+    with readable(path), gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            words = [line[begin : begin + 8] for begin in (30, 38, 46)]
+            if line[:6].upper() in (b"ATOM  ", b"HETATM") and not all(map(NUMBER.fullmatch, words)):
+                found = b"".join(words).decode("utf-8", "replace")
+                raise DataError(f"no position in line {number}", where=str(path), found=repr(found), allowed="numbers")

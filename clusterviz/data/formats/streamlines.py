@@ -39,7 +39,8 @@ def read_streamlines(path: Path) -> Geometry:
         tractogram = streamlines.load(path)
     finally:
         logger.disabled = disabled
-    found, stated = tractogram.streamlines, int(tractogram.header.get("nb_streamlines", 0))
+    found, header = tractogram.streamlines, tractogram.header
+    stated = int(header.get("count" if path.suffix.lower() == ".tck" else "nb_streamlines", 0))
     if stated and stated != len(found):
         raise DataError("truncated, or the header lies", where=where, found=f"{len(found)} lines", allowed=stated)
     lengths = np.array([len(line) for line in found], np.int64)
