@@ -264,6 +264,7 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
         "layers": "Sequence[Layer]",
         "color": "str | Numbers",  # of a light: numbers only
         "radius": "float | str | None",
+        "direction": "Rows | str | None",  # of arrows, the name of an array
         **dict.fromkeys(("meshes", "lines", "points"), "Sequence[Any]"),  # sections, or geometry in memory
     }
     found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
+    from clusterviz.scene.geometry import Edges
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
         ABuffer,
@@ -212,7 +213,7 @@ class Settings(TypedDict, total=False):
     channel: int | str | None
     spacing: Numbers | None
     origin: Numbers | None
-    direction: Rows | None
+    direction: Rows | str | None
     cmap: str | Rows | Callable[..., Any] | None
     clim: Numbers | None
     opacity: str | float | Rows | None
@@ -292,8 +293,12 @@ class Settings(TypedDict, total=False):
     transform: Rows | None
     shading: Literal["smooth", "flat"]
     culling: Literal["none", "front", "back"]
+    edges: Edges | Mapping[str, Any] | None
     radius: float | str | None
     color_by: Literal["color", "scalars", "direction"] | None
+    style: Literal["spheres", "arrows"]
+    length: str | float | None
+    scale: float | None
     # Transfer2d
     values: Numbers | None
     magnitudes: Numbers | None
