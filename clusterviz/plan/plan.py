@@ -35,7 +35,7 @@ from clusterviz.plan.blend_mode import (
 from clusterviz.plan.content import Content, KnownVolume, domain_of, make_content
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry_bricks import KnownGeometry
-from clusterviz.plan.layers import LayeredVolume, make_layers
+from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
@@ -117,7 +117,7 @@ class Plan:
     layout: BrickLayout
     cost: NDArray[np.float64]
     content: Content | None = None
-    layers: tuple[LayeredVolume, ...] = ()
+    layers: tuple[LayeredContent, ...] = ()
 
     @property
     def crossing(self) -> Plan:

@@ -20,6 +20,7 @@ from clusterviz.data.geometry import Attributes, Lines, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.intersections import Hits, Primitives, Segments, Spheres, Triangles, intersect
+from clusterviz.reference.layers import unit
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.scene.background import background_rgb
@@ -41,11 +42,15 @@ class Fragments:
     begins : int64 (n + 1,); ray i has the fragments [begins[i], begins[i + 1])
     t : float64 (k,), world length along the ray
     rgba : float64 (k, 4), straight
+    entry : int64 (k,), number of the entry in the scene's geometry
+    normal : float64 (k, 3), unit vectors in the world, that light it; those of primitives if nothing is lit
     """
 
     begins: NDArray[np.int64]
     t: Floats
     rgba: Floats
+    entry: NDArray[np.int64]
+    normal: Floats
 
 
 @dataclass(frozen=True)
@@ -145,20 +150,21 @@ def find_fragments(rays: Rays, surfaces: Sequence[PlacedGeometry], scene: Scene)
     """
     parts = [_of_geometry(rays, surface, number, scene) for number, surface in enumerate(surfaces)]
     keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])
-    t, rgba = (
+    t, rgba, normal = (
         np.concatenate([np.empty(0), *(p[1] for p in parts)]),
         np.concatenate([np.empty((0, 4)), *(p[2] for p in parts)]),
+        np.concatenate([np.empty((0, 3)), *(p[3] for p in parts)]),
     )
     ray, number, primitive = keys.T
     order = np.lexsort((primitive, number, t, ray))
     begins = np.searchsorted(ray[order], np.arange(len(rays.direction) + 1))
-    return Fragments(begins, t[order], rgba[order])
+    return Fragments(begins, t[order], rgba[order], number[order], unit(normal[order]))
 
 
 def _of_geometry(
     rays: Rays, surface: PlacedGeometry, number: int, scene: Scene
-) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Return ray, number and primitive (k, 3), t (k,) and colours (k, 4) of one surface's fragments."""
+) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+    """Return ray, number and primitive (k, 3), t (k,), colours (k, 4) and normals (k, 3) of one surface's fragments."""
     section, hits = surface.section, intersect(rays, surface.primitives)
     point = rays.start[hits.ray] + hits.t[:, None] * rays.direction[hits.ray]
     seen = kept(point, scene.clip, WORLD)
@@ -170,12 +176,12 @@ def _of_geometry(
     if isinstance(section, MeshSection) and section.edges:
         is_edge = _to_edges(surface.primitives, hits) < 0.5 * (section.edges.width or 0.0)
         rgba[is_edge] = [*(background_rgb(section.edges.color) or ()), section.edges.opacity]
+    normal = hits.normal
     if section.shade:
-        normal = hits.normal
         if surface.normals is not None:
             normal = (surface.normals[surface.corners[hits.primitive]] * hits.weights[..., None]).sum(axis=1)
         rgba[:, :3] = lit(rgba[:, :3], normal, point, rays.direction[hits.ray], section, scene, WORLD)
-    return np.stack([hits.ray, np.full(len(hits.ray), number), hits.primitive], axis=1), hits.t, rgba
+    return np.stack([hits.ray, np.full(len(hits.ray), number), hits.primitive], axis=1), hits.t, rgba, normal
 
 
 def _to_edges(triangles: Primitives, hits: Hits) -> Floats:

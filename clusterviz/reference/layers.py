@@ -5,6 +5,7 @@ A slab, or a part of one between isosurfaces, absorbs evenly; its normal is that
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,8 +55,7 @@ class HalfOpacity:
         depth: Floats,
         part: tuple[Floats, Floats],
         number: int | Indices,
-        points: Floats,
-        field: Field,
+        normal: Callable[[Indices], Floats],
     ) -> None:
         """Take an even part of the rays.
 
@@ -66,8 +66,7 @@ class HalfOpacity:
         depth : float64 (m,), its optical depth; infinite if it is opaque
         part : float64 (m,) each, its begin and end
         number : of the object
-        points : float64 (m, 3), where its gradient is taken, (x, y, z) in samples
-        field : the volume
+        normal : unit normals in the world, or zeros, float64 (k, 3), of some of the rays, int (k,)
         """
         passed = np.flatnonzero((before > 0.5) & (before * np.exp(-depth) <= 0.5))
         if not len(passed):
@@ -76,14 +75,34 @@ class HalfOpacity:
         share = np.log(2 * before[passed]) / depth[passed]
         self.length[rays[passed]] = begin + share * (end - begin)
         self.object[rays[passed]] = np.broadcast_to(number, rays.shape)[passed]
-        volume, voxels, grid = field
-        matrix = grid.world_from_index[:3, :3]
-        slope = gradient_at(volume, voxels, np.clip(points[passed], 0, np.array(voxels.shape[::-1]) - 1.0))
+        found = normal(passed)
+        away = (found * self.directions[rays[passed]]).sum(axis=1, keepdims=True) > 0
+        self.normal[rays[passed]] = np.where(away, -found, found)
+
+
+def gradient_normals(points: Floats, field: Field) -> Callable[[Indices], Floats]:
+    """Return a function that gives the normals of a field at some of the points.
+
+    Parameters
+    ----------
+    points : float64 (m, 3), (x, y, z) in samples
+    field : the volume
+    """
+    volume, voxels, grid = field
+    matrix = grid.world_from_index[:3, :3]
+
+    def normals(some: Indices) -> Floats:
+        slope = gradient_at(volume, voxels, np.clip(points[some], 0, np.array(voxels.shape[::-1]) - 1.0))
         slope = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
-        normal = slope @ np.linalg.inv(matrix / np.abs(matrix).max())
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-        away = (normal * self.directions[rays[passed]]).sum(axis=1, keepdims=True) > 0
-        self.normal[rays[passed]] = np.where(away, -normal, normal)
+        return unit(slope @ np.linalg.inv(matrix / np.abs(matrix).max()))
+
+    return normals
+
+
+def unit(vectors: Floats) -> Floats:
+    """Return unit vectors (n, 3); the zero vector stays."""
+    found: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return found
 
 
 def layers_of(met: HalfOpacity, rgba: Floats, forward: Floats) -> dict[str, Floats | Indices]:

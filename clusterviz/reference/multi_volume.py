@@ -22,7 +22,7 @@ Graphics Hardware 2001, section 3.3 (integral functions, without attenuation wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +34,7 @@ from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
-from clusterviz.reference.layers import Field, HalfOpacity
+from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
@@ -71,11 +71,41 @@ class Layer:
     place : float64 (m,), world length along the ray
     opacity : float64 (m,), 0 where the slab has no surface
     colour : float64 (m, 3), straight
+    number : int (m,), of the object
     """
 
     place: Floats
     opacity: Floats
     colour: Floats
+    number: NDArray[np.int64]
+
+    @property
+    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
+        """Function that gives the normals of some of the rays."""
+        raise NotImplementedError
+
+    def note(self, met: HalfOpacity, rays: NDArray[np.int64], before: Floats, opacity: Floats, place: Floats) -> None:
+        """Let rays meet the surface at a place, with an opacity; parameters as of `HalfOpacity.take`."""
+        with np.errstate(divide="ignore"):
+            depth = -np.log1p(-opacity)
+        met.take(rays, before, depth, (place, place), self.number, self.normals)
+
+
+@dataclass(frozen=True)
+class FragmentHit(Layer):
+    """A fragment of geometry in a slab of rays.
+
+    Attributes
+    ----------
+    normal : float64 (m, 3), unit vectors in the world
+    """
+
+    normal: Floats
+
+    @property
+    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
+        """Function that gives the normals of some of the rays."""
+        return lambda some: self.normal[some]
 
 
 @dataclass(frozen=True)
@@ -84,14 +114,17 @@ class SurfaceHit(Layer):
 
     Attributes
     ----------
-    number : int (m,), of the object
     volume : that it belongs to
     inside : float64 (m, 3), points where the field has a gradient
     """
 
-    number: NDArray[np.int64]
     volume: VolumeRays
     inside: Floats
+
+    @property
+    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
+        """Function that gives the normals of some of the rays."""
+        return gradient_normals(self.inside, self.volume.field)
 
 
 def is_ramped(volume: Volume, scene: Scene) -> bool:
@@ -262,10 +295,11 @@ def march_mixture(
     volumes : the volumes, in any order
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
-    met : written, if given; a slab is that of the volume that absorbs most in it; surfaces are not met
+    met : written, if given; a slab is that of the volume that absorbs most in it
     surfaces : meshes, lines and points, in the order of the scene
     """
-    fragments = FragmentQueue(find_fragments(rays, surfaces, scene))
+    firsts = np.cumsum([0, *(1 + len(placed.volume.isosurfaces) for placed in volumes)]).tolist()
+    fragments = FragmentQueue(find_fragments(rays, surfaces, scene), firsts[-1], met)
     if not volumes:
         return fragments.composite_all()
     spacing = min(min(placed.grid.spacing) for placed in volumes)
@@ -281,7 +315,6 @@ def march_mixture(
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    firsts = np.cumsum([0, *(1 + len(placed.volume.isosurfaces) for placed in volumes)]).tolist()
     every = zip(volumes, firsts, strict=False)
     passages = [VolumeRays(rays, placed, scene, first) for placed, first in every if placed.has_extent]
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
@@ -299,10 +332,17 @@ def march_mixture(
 
 
 class FragmentQueue:
-    """Fragments of rays, of which each slab takes those in front of its end; `next` is the first of each ray left."""
+    """Fragments of rays, of which each slab takes those in front of its end; `next` is the first of each ray left.
 
-    def __init__(self, fragments: Fragments) -> None:
+    Parameters
+    ----------
+    first : number of the first entry of geometry as an object
+    met : written by `composite_rest`
+    """
+
+    def __init__(self, fragments: Fragments, first: int = 0, met: HalfOpacity | None = None) -> None:
         self.fragments, self.next = fragments, fragments.begins[:-1].copy()
+        self.first, self.met = first, met
 
     def take(self, slab: Slab) -> Iterator[Layer]:
         """Yield the fragments of a slab, in order, one for each ray at a time."""
@@ -321,6 +361,8 @@ class FragmentQueue:
             if not here.any():
                 return
             self.next[here] += 1
+            if self.met:
+                layer.note(self.met, rays, transmittance, layer.opacity, layer.place)
             weight = transmittance * layer.opacity
             rgba += weight[:, None] * np.column_stack([layer.colour, np.ones(len(rays))])
             transmittance *= 1 - layer.opacity
@@ -331,14 +373,16 @@ class FragmentQueue:
         self.composite_rest(rgba, transmittance)
         return rgba
 
-    def _layer(self, rays: NDArray[np.int64], end: Floats) -> tuple[Layer, Flags]:
+    def _layer(self, rays: NDArray[np.int64], end: Floats) -> tuple[FragmentHit, Flags]:
         """Return the next fragment of each ray in front of `end`, and where there is one."""
         left = self.next[rays] < self.fragments.begins[rays + 1]
         t, rgba = np.full(len(rays), np.inf), np.zeros((len(rays), 4))
         t[left] = self.fragments.t[self.next[rays[left]]]
         here = left & (t < end)
-        rgba[here] = self.fragments.rgba[self.next[rays[here]]]
-        return Layer(np.where(here, t, np.inf), rgba[:, 3], rgba[:, :3]), here
+        which, numbers, normals = self.next[rays[here]], np.zeros(len(rays), np.int64), np.zeros((len(rays), 3))
+        rgba[here], numbers[here] = self.fragments.rgba[which], self.first + self.fragments.entry[which]
+        normals[here] = self.fragments.normal[which]
+        return FragmentHit(np.where(here, t, np.inf), rgba[:, 3], rgba[:, :3], numbers, normals), here
 
 
 def _pass(
@@ -371,7 +415,7 @@ def _pass(
         _absorb(rgba, transmittance, slab.rays, part, colour)
         alpha = alphas[which, pixel]
         if passed:
-            passed.take_surfaces(transmittance, alpha, place, which, [m for m in met if isinstance(m, SurfaceHit)])
+            passed.take_surfaces(transmittance, alpha, place, which, met)
         weight = transmittance[slab.rays] * alpha
         rgba[slab.rays] += weight[:, None] * np.column_stack([colours[which, pixel], np.ones(len(depth))])
         transmittance[slab.rays] *= 1 - alpha
@@ -402,19 +446,16 @@ class _Passed:
         for n, one in enumerate(self.volumes):
             rays = self.slab.rays
             own = np.where(densest == n, depth, 0)
-            points = one.points(self.slab, middle)
-            self.met.take(rays, transmittance[rays], own, (begin, end), one.first, points, one.field)
+            normals = gradient_normals(one.points(self.slab, middle), one.field)
+            self.met.take(rays, transmittance[rays], own, (begin, end), one.first, normals)
 
     def take_surfaces(
-        self, transmittance: Floats, alpha: Floats, place: Floats, which: NDArray[np.int64], met: Sequence[SurfaceHit]
+        self, transmittance: Floats, alpha: Floats, place: Floats, which: NDArray[np.int64], met: Sequence[Layer]
     ) -> None:
         """Take one of the surfaces of each ray."""
         for n, one in enumerate(met):
             rays = self.slab.rays
-            with np.errstate(divide="ignore"):
-                depth = -np.log1p(-np.where(which == n, alpha, 0))
-            way = place, place
-            self.met.take(rays, transmittance[rays], depth, way, one.number, one.inside, one.volume.field)
+            one.note(self.met, rays, transmittance[rays], np.where(which == n, alpha, 0), place)
 
 
 def _absorb(rgba: Floats, transmittance: Floats, rays: NDArray[np.int64], depth: Floats, colour: Floats) -> None:

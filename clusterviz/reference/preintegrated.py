@@ -20,7 +20,7 @@ from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
-from clusterviz.reference.layers import HalfOpacity
+from clusterviz.reference.layers import HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
@@ -75,8 +75,8 @@ def march_preintegrated(
                 way = way * fading(volume, magnitude_of(gradient, grid))
             colour, depth = integrate(classify, front, back, way)
             if met:
-                ends_of, field = (part.begin, part.end), (volume, voxels, grid)
-                met.take(slab.rays, transmittance[slab.rays], depth, ends_of, 0, part.point, field)
+                ends_of, normals = (part.begin, part.end), gradient_normals(part.point, (volume, voxels, grid))
+                met.take(slab.rays, transmittance[slab.rays], depth, ends_of, 0, normals)
             alpha = -np.expm1(-depth)
             if volume.shade and gradient is not None:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]

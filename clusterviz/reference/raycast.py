@@ -22,7 +22,7 @@ from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Surface, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
-from clusterviz.reference.layers import HalfOpacity, layers_of
+from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import march_preintegrated
@@ -46,11 +46,14 @@ DARK = 2.0**-60
 
 
 def reference_layers(
-    scene: Scene, grid: Grid | Sequence[Grid], voxels: NDArray[Any] | Sequence[NDArray[Any]]
+    scene: Scene,
+    grid: Grid | Sequence[Grid],
+    voxels: NDArray[Any] | Sequence[NDArray[Any]],
+    surfaces: Sequence[Surface] = (),
 ) -> dict[str, NDArray[Any]]:
     """Return all layers of a scene's picture, see `layers_of`; parameters and errors as of `render_reference`."""
     met = HalfOpacity.of(camera_rays(scene.camera, scene.image.size).direction)
-    rgba = render_reference(scene, grid, voxels, met=met)
+    rgba = render_reference(scene, grid, voxels, met=met, surfaces=surfaces)
     return layers_of(met, rgba, view_direction(scene.camera))
 
 
@@ -77,7 +80,7 @@ def render_reference(
     grid : grid of the samples, with any invertible direction matrix; a sequence for several volumes
     voxels : (z, y, x), of the grid's shape, any integer or float type; a sequence for several volumes
     step : h in units of the smallest spacing; by default the scene's `quality.step`
-    met : written, if given, for the layers of the picture; not of projections or surfaces
+    met : written, if given, for the layers of the picture; not of projections
     surfaces : meshes, lines and points with their sections, in the order of the scene
 
     Returns
@@ -179,8 +182,8 @@ def _march(
         colour, extinction = glow_and_extinction(volume, classify, scalar, gradient, grid, slab.point)
         depth = np.where(valid, extinction, 0) * (slab.end - slab.begin)
         if met:
-            part = slab.begin, slab.end
-            met.take(slab.rays, transmittance[slab.rays], depth, part, 0, slab.point, (volume, voxels, grid))
+            part, normals = (slab.begin, slab.end), gradient_normals(slab.point, (volume, voxels, grid))
+            met.take(slab.rays, transmittance[slab.rays], depth, part, 0, normals)
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)

@@ -26,7 +26,7 @@ from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
-from clusterviz.reference.layers import HalfOpacity
+from clusterviz.reference.layers import HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
@@ -217,7 +217,8 @@ def march_surfaces(
                 points = rays.start[pixels] + (0.5 * (way[0] + way[1]))[:, None] * rays.direction[pixels]
             with np.errstate(divide="ignore"):
                 depth = -np.log1p(-alpha)
-            passed.take(pixels, 1 - rgba[pixels, 3], depth, way, number, points, (volume, voxels, grid))
+            normals = gradient_normals(points, (volume, voxels, grid))
+            passed.take(pixels, 1 - rgba[pixels, 3], depth, way, number, normals)
         share = (1 - rgba[pixels, 3:]) * alpha[:, None]
         rgba[pixels] += share * np.append(colour, np.ones((len(pixels), 1)), axis=1)
 

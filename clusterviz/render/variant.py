@@ -205,7 +205,8 @@ class Variant:
     def _on_cpu(self) -> dict[str, Files]:
         """Return the slots of files that a CPU does in its own way."""
         assert self.cpu, "a GPU draws"
-        packets: Files = "packets_crossing.glsl" if self.crossing else "packets.glsl", "drawn_once.glsl"
+        packets: Files = "packets_fragments.glsl" if self.geometry else "packets.glsl", "drawn_once.glsl"
+        packets = ("packets_crossing.glsl", "drawn_once.glsl") if self.crossing else packets
         packets = "packets_starts.glsl" if self.frame_coherence and not self.crossing else packets
         found: dict[str, Files] = {"PACKETS": packets, "MAIN": "tiles.glsl"}
         if self.cpu.wide:
@@ -214,8 +215,6 @@ class Variant:
             found["PITCH"] = "pitches.glsl"
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl"
-        if self.geometry:
-            found["PACKETS"] = "packets_fragments.glsl"
         if self.is_mixed:
             return found
         found["VOXEL"] = voxel_files(self.slot, True)
@@ -235,17 +234,20 @@ class Variant:
     @property
     def _starts(self) -> Files:
         """Return the files that choose where rays start, and look at what they find."""
-        if self.crossing:
-            return (STARTS_BLOCK, "planes.glsl", "crossing.glsl")
+        fragments: tuple[str, ...] = ("no_fragments.glsl",)
         if self.geometry:
-            return (GEOMETRY_BLOCK, *self.geometry.files)
+            fragments = (GEOMETRY_BLOCK, *self.geometry.files)
+        if self.crossing:
+            return (STARTS_BLOCK, "planes.glsl", *fragments, "crossing.glsl")
+        if self.geometry:
+            return (*fragments, "entries_fragments.glsl")
         return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
 
     @property
     def _slope(self) -> tuple[str, ...]:
         if not self.crossing:
             return ()
-        return ("slope_mixed.glsl",) if self.volumes else ("slope.glsl",)
+        return ("slope_mixed.glsl",) if self.is_mixed else ("slope.glsl",)
 
     @property
     def _gradient(self) -> str:
@@ -319,7 +321,9 @@ class Variant:
             lines.append(f"const bool HAS_SURFACES = {str(most > 0).lower()};")
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
         if self.geometry:
-            lines += [self.geometry.constants, f"const bool HAS_VOLUMES = {str(bool(self.volumes)).lower()};"]
+            count = len(self.volumes)
+            lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
+            lines.append(f"const bool HAS_VOLUMES = {str(bool(count)).lower()};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
         if self.fading or self.table or self.look:
             own = LOOK_ROWS * bool(self.look)

@@ -122,16 +122,13 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], geometry: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
-    """Refuse layers with projections, which have no depth, with slabs that are cut at bricks, and with geometry.
+def check_layers(volumes: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+    """Refuse layers with projections, which have no depth, and with slabs that are cut at bricks.
 
     Parameters
     ----------
-    volumes, geometry, quality : sections of a scene; geometry: meshes, lines and points
+    volumes, quality : sections of a scene
     """
-    if layers and geometry:
-        allowed = "[], or volumes alone"
-        raise InvalidValueError("not with meshes, lines or points", allowed, key="image.layers", found=list(layers))
     problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}
     problems["borders: split"] = quality.borders == "split"
     for name, is_one in problems.items():

@@ -445,7 +445,7 @@ class Scene(Section):
         check_several_volumes(self.volumes, self.geometry, self.quality, self.cluster)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
-        check_layers(self.volumes, self.geometry, self.quality, self.image.layers)
+        check_layers(self.volumes, self.quality, self.image.layers)
         return self
 
     @property

@@ -1,7 +1,10 @@
-// Fragments of a pixel in the order in which its ray meets them; rays start where they enter the box.
+// Fragments of a pixel in the order in which its ray meets them.
 // The scheme of resolving defines begin_fragments, has_fragment, nearest_fragment, next_fragment, fragments_left and go_back.
 void face(Ray ray);
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object);
+void note_fragment(double position, float opacity, uint number, int object); // as `note`, of a key
+vec3 fragment_normal(Ray ray, uint number);                                  // in the world, of any length
+const uint NO_FRAGMENT = 0xffffffffu;
 
 double fragment_position; // of the next fragment, and the slab that holds it, or the number of none
 int fragment_slab;
@@ -18,22 +21,12 @@ void find_next() {
     }
 }
 
-void start_at(Ray ray, int pixel, bool begins, inout int slab) {
+void start_fragments(Ray ray, int pixel, bool begins, inout int slab) {
     begin_fragments(pixel);
     // The dispatch before has composited those in front.
     while (!begins && has_fragment() && slab_at_position(next_position(), ray.slabs) < slab) next_fragment();
     find_next();
     if (!HAS_VOLUMES) slab = ray.slabs;
-}
-
-int up_to_start(int k, int slabs, float kept, float batch) {
-    return slabs;
-}
-
-void note(int k, vec2 part, float opacity, int object) {}
-
-bool is_late() {
-    return false;
 }
 
 // Tiles of one class are drawn by one program.
@@ -42,9 +35,10 @@ bool is_drawn_now(int tile) {
 }
 
 // Composite what lies in front of the slab with which the ray goes on, and that no slab of the march has come to.
-void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
+void end_fragments(Ray ray, inout Sum sum, int slab) {
     if (!has_fragment() || is_done(sum)) return;
     face(ray);
+    in_front = sum.high.a;
     vec4 rest = vec4(0.0);
     in_order(rest, vec4(0.0), slab < ray.slabs ? slab - 1 : NO_SLAB, 0.0, 1.0, 0);
     put_behind(sum, rest);

@@ -1,11 +1,13 @@
 // Slab of several volumes with isosurfaces (surface_list.glsl) and fragments: by their positions, with uniform absorption between them. Of two at
 // one position isosurfaces are in front. Fragments in front of the slab, which lie where nothing was sampled, come first.
 vec4 light_of(uint number, double position);
+int object_of(uint number);
 
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
     if (k < fragment_slab && surfaces == 0) {
         if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
+        if (LAYERS) note(k, middle + vec2(-0.5, 0.5) * length, sum.a, object);
         return;
     }
     float begin = -0.5 * length;
@@ -13,22 +15,32 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     for (;;) {
         bool is_here = fragment_slab <= k && fragment_slab < NO_SLAB;
         float place = clamp(float(fragment_position - double(k)) - middle, begin, 0.5 * length);
+        double position = fragment_position;
+        uint number = NO_FRAGMENT;
         vec4 light = vec4(0.0);
         if (n < surfaces && (!is_here || surface_place[n] <= place)) {
             place = surface_place[n];
             light = surface_light[n];
-            ++n;
         } else if (is_here) {
-            light = light_of(nearest_fragment().y, fragment_position);
+            number = nearest_fragment().y;
+            light = light_of(number, position);
             next_fragment();
             find_next();
         } else break;
         sum += (1.0 - sum.a) * absorbed(depth.a * (place - begin) / length) * vec4(colour, 1.0);
+        if (LAYERS) note(k, middle + vec2(begin, place), sum.a, object);
         sum += (1.0 - sum.a) * light;
+        if (number == NO_FRAGMENT) {
+            if (LAYERS) note(k, vec2(middle + place), sum.a, surface_object[n]);
+            ++n;
+        } else if (LAYERS) {
+            note_fragment(position, sum.a, number, object_of(number));
+        }
         begin = place;
         ++run_iterations;
     }
     sum += (1.0 - sum.a) * absorbed(depth.a * (0.5 * length - begin) / length) * vec4(colour, 1.0);
+    if (LAYERS) note(k, middle + vec2(begin, 0.5 * length), sum.a, object);
     run_iterations += surfaces;
     surfaces = 0;
 }

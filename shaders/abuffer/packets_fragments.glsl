@@ -12,13 +12,3 @@ void keep_start(int packet) {
 void take_start(int packet) {
     go_back(kept_fragments[packet]);
 }
-
-bool is_drawn() {
-    return true;
-}
-
-void begin_tile() {}
-
-bool has_late_rays() {
-    return false;
-}

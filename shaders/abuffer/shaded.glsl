@@ -40,6 +40,11 @@ float to_edge(ivec4 of, Hit hit) {
     return min(away.x, min(away.y, away.z));
 }
 
+vec3 normal_of(ivec4 of, int row, Hit hit, Layer own) {
+    if (own.words.x != NONE) return attribute_of(of, row, hit.weights, own.words.x, 3, true).xyz;
+    return mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * hit.normal;
+}
+
 vec4 light_of(uint number, double position) {
     int row = int(number >> 1);
     Layer own = layer[layer_of(row)];
@@ -48,8 +53,7 @@ vec4 light_of(uint number, double position) {
     ivec4 of = corner[row];
     Hit hit;
     meets(int(own.table.y), of, int(number & 1u), hit);
-    vec3 normal = mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * hit.normal;
-    if (own.words.x != NONE) normal = attribute_of(of, row, hit.weights, own.words.x, 3, true).xyz;
+    vec3 normal = normal_of(of, row, hit, own);
     int channels = int(own.table.z);
     if (channels > 0) {
         vec4 given = attribute_of(of, row, hit.weights, own.words.y, channels, own.words.z != 0);
@@ -81,4 +85,21 @@ void begin_all(dvec3 position, int brick) {
 
 void take_all(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool both) {
     take_before(mixed, next, k, at, middle, length, both);
+}
+
+void slope_all(int volume, float offset) {
+    slope_before(volume, offset);
+}
+
+int object_of(uint number) {
+    return VOLUMES + layer_of(int(number >> 1));
+}
+
+vec3 fragment_normal(Ray ray, uint number) {
+    face_primitives(ray);
+    int row = int(number >> 1);
+    Layer own = layer[layer_of(row)];
+    Hit hit;
+    meets(int(own.table.y), corner[row], int(number & 1u), hit);
+    return normal_of(corner[row], row, hit, own);
 }

@@ -4,17 +4,22 @@ struct Passed {
     bool has_passed;
     float reached;
     int slab, object;
-    float at, middle;
+    double position;
+    float middle;
+    uint fragment;
+    uvec4 left;
 };
 Passed kept_passed[MOST_PACKETS];
 
 void reset_start() {
     has_passed = false;
     reached = 0.0;
+    fragment_passed = NO_FRAGMENT;
+    go_back(uvec4(0u));
 }
 
 void keep_start(int packet) {
-    kept_passed[packet] = Passed(has_passed, reached, slab_passed, object_passed, at_passed, middle_passed);
+    kept_passed[packet] = Passed(has_passed, reached, slab_passed, object_passed, position_passed, middle_passed, fragment_passed, fragments_left());
 }
 
 void take_start(int packet) {
@@ -23,6 +28,8 @@ void take_start(int packet) {
     reached = passed.reached;
     slab_passed = passed.slab;
     object_passed = passed.object;
-    at_passed = passed.at;
+    position_passed = passed.position;
     middle_passed = passed.middle;
+    fragment_passed = passed.fragment;
+    go_back(passed.left);
 }

@@ -5,13 +5,16 @@ const int OBJECT = 1; // as `note` names it; negative if the opacity does not pa
 const int SLOPE = 2;  // three planes: the gradient in index space, turned to the eye, of any length
 
 bool has_passed = false;
-float reached = 0.0;      // opacity of the pixel
+float reached = 0.0; // opacity of the pixel
 int slab_passed = 0, object_passed = 0;
-float at_passed = 0.0, middle_passed = 0.0; // from the slab's midpoint on the lattice; the middle of the part of the slab
+double position_passed = 0.0LF; // along the ray, in slabs
+float middle_passed = 0.0;      // of the part of the slab, from its midpoint on the lattice
+uint fragment_passed = NO_FRAGMENT;
 
 vec3 slope_at(Ray ray, int k, float offset, int object);
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
+    start_fragments(ray, pixel, begins, slab);
     if (kept_in(OBJECT, pixel) >= 0.0) slab = ray.slabs;
 }
 
@@ -29,23 +32,30 @@ void note(int k, vec2 part, float opacity, int object) {
     // Where the field jumps at a surface, the gradient is the one behind it.
     middle_passed = part.x < part.y ? 0.5 * (part.x + part.y) : part.x + 1e-4;
     float share = before < 0.5 ? log(2.0 - 2.0 * before) / log((1.0 - before) / (1.0 - reached)) : 0.0;
-    at_passed = part.x < part.y ? mix(part.x, part.y, clamp(share, 0.0, 1.0)) : part.x;
+    position_passed = double(k) + double(part.x < part.y ? mix(part.x, part.y, clamp(share, 0.0, 1.0)) : part.x);
+}
+
+void note_fragment(double position, float opacity, uint number, int object) {
+    bool is_behind_half = has_passed;
+    note(0, vec2(0.0), opacity, object);
+    if (is_behind_half || !has_passed) return;
+    position_passed = position;
+    fragment_passed = number;
 }
 
 bool is_late() {
     return has_passed;
 }
 
-bool is_drawn_now(int tile) {
-    return true;
-}
-
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
+    if (!has_passed && kept_in(OBJECT, pixel) < 0.0) end_fragments(ray, sum, slab);
     if (!has_passed) return;
-    dvec3 position = fma(dvec3(double(slab_passed) + double(at_passed)), ray.slab, ray.first);
+    dvec3 position = fma(dvec3(position_passed), ray.slab, ray.first);
     keep_in(DEPTH, pixel, float(dot(starts.depth.xyz, position) + starts.depth.w));
     keep_in(OBJECT, pixel, float(object_passed));
-    vec3 found = slope_at(ray, slab_passed, middle_passed, object_passed);
+    vec3 found;
+    if (fragment_passed == NO_FRAGMENT) found = slope_at(ray, slab_passed, middle_passed, object_passed);
+    else found = fragment_normal(ray, fragment_passed);
     float largest = max(max(abs(found.x), abs(found.y)), abs(found.z)); // squares might overflow
     found /= largest > 0.0 ? largest : 1.0;
     if (dot(dvec3(found), ray.slab) > 0.0LF) found = -found;

@@ -9,13 +9,15 @@ import pytest
 from render.scenes import SHAPE, TURNED, camera_at, lights_in, scene_of, smooth
 
 from clusterviz.comm import run_loopback
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, render_frame
 from clusterviz.image.picture import layers_of
 from clusterviz.reference import reference_layers
+from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.overrides import with_settings
-from clusterviz.scene.values import Clip, Scene
+from clusterviz.scene.values import Camera, Clip, ImageSettings, Scene, Volume
 
 PLAIN, OBLIQUE = Grid(SHAPE), Grid(SHAPE, (1.3, 0.6, 2.0), (100.0, -50.0, 3.0), TURNED)
 BESIDE = Grid((15, 12, 17), (1.3, 0.9, 1.1), (9.0, 7.0, 5.0), TURNED)
@@ -113,3 +115,51 @@ def test_layers_do_not_depend_on_how_ranks_share_the_work(name: str) -> None:
     made = case("surfaces within")
     alone = layers(*made, brick=16, early_termination=0.01)
     check_equal(layers(*made, 3, **SETTINGS[name]), alone, 0, 2e-5)
+
+
+def with_geometry(volumes: int) -> tuple[Scene, list[Any], list[np.ndarray], list[Grid], list[Any]]:
+    """A scene with layers, the content of its files, and the voxels, grids and geometry."""
+    rng, grid = np.random.default_rng(4), Grid((14, 15, 16))
+    corners = 6.0 * np.concatenate([np.eye(3), -np.eye(3)]) + (7.2, 6.9, 6.4)
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    parts = [
+        Mesh("m", corners.astype(np.float32), faces),
+        Mesh("n", corners * 0.5 + 4.0, faces),
+        Lines("l", np.cumsum(rng.normal(size=(12, 3)), axis=0) + 7.0, np.array([0, 12])),
+        Points("p", rng.random((9, 3)) * 14.0),
+    ]
+    sections: list[Any] = [
+        MeshSection(path="m", opacity=0.45),
+        MeshSection(path="n", opacity=0.3, shading="flat", shade=volumes == 0),
+        LinesSection(path="l", radius=0.5, opacity=0.4),
+        PointsSection(path="p", radius=1.2),
+    ]
+    volume = Volume(
+        path="a", clim=(0, 1), opacity=[[0.3, 0], [1, 0.3]], opacity_unit_distance=2.0, isosurfaces=((0.6, 0.2),)
+    )
+    camera = Camera(position=(44, 37, 40), focal_point=(8, 7, 7), view_up=(0, 0, 1), view_angle=18.0)
+    image = ImageSettings(size=(40, 34), **LAYERS)
+    scene = Scene(volumes=[volume] * volumes, camera=camera, image=image, **as_sections(sections))
+    voxels = [smooth(grid.shape_zyx)] * volumes
+    given = [Geometry(**{name: part}) for name, part in zip(("mesh", "mesh", "lines", "points"), parts, strict=True)]
+    sources = [ArraySource(each, grid) for each in voxels]
+    return scene, [*sources, *given], voxels, [grid] * volumes, parts
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("volumes", "device"), [(1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
+def test_layers_show_geometry(volumes: int, device: Any) -> None:
+    scene, given, voxels, grids, parts = with_geometry(volumes)
+    scene = with_settings(scene, {"brick": 6})
+
+    def drawn(ranks: int) -> tuple[Scene, dict[str, Any]]:
+        rendered = run_loopback(ranks, lambda channel: render_frame(scene, channel, given, Options(device)))[0]
+        assert rendered.image is not None
+        return rendered.scene, dict(layers_of(rendered.image))
+
+    completed, alone = drawn(1)
+    expected = reference_layers(completed, grids, voxels, list(zip(completed.geometry, parts, strict=True)))
+    first = 2 * volumes
+    assert {first, first + 2, first + 3} <= set(np.unique(expected["object"]).tolist())
+    check_equal(alone, expected, 3, 1e-4)
+    check_equal(drawn(3)[1], alone, 0, 2e-5)

@@ -86,7 +86,6 @@ BAD = [
         "alone",
     ),
     (beside({}, quality={"filter": "hardware"}), f"quality.filter: {SURFACES}", '"hardware"', "one volume alone"),
-    (beside({}, image={"layers": ["depth"]}), f"image.layers: {SURFACES}", '["depth"]', "[], or volumes alone"),
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
     (volume(spacing=[1, 1]), "volumes[0].spacing", "[1, 1]", "a list, such as [0.5, 0.5, 1.2]"),
     (volume(origin=[1, 1, NAN]), "volumes[0].origin[2]", "NaN", "a finite number"),

@@ -239,8 +239,10 @@ class VectorCaster:
             axis = int(rect.height <= LEAST_SIDE)
             side, begin = (rect.width, rect.x_begin) if axis else (rect.height, rect.y_begin)
             middle, name = begin + max(SQUARE, side // 2 // SQUARE * SQUARE), "yx"[axis]
-            halves = replace(rect, **{f"{name}_end": middle}), replace(rect, **{f"{name}_begin": middle})
-            each = [self._draw_rect(plan, half, shown, (perf_counter(), no_progress), None) for half in halves]
+            each = []
+            for half in (replace(rect, **{f"{name}_end": middle}), replace(rect, **{f"{name}_begin": middle})):
+                own = rays.inside(rect, half) if isinstance(rays, Crossing) else None
+                each.append(self._draw_rect(plan, half, shown, (perf_counter(), no_progress), own))
             return joined_bands(rect, each, axis)
 
     def _draw_piece(
