@@ -1,5 +1,5 @@
 // Fragments of a pixel whose stored list is in any order: the nearest SIZE are sorted in a private array (per-pixel array optimisation); when it is
-// used up, the next ones (per-pixel depth peeling). Keys differ, so that none is taken twice or left out.
+// used up, the next ones (per-pixel depth peeling). Keys differ, so that none is taken twice or left out. It is filled when the second is asked for.
 uvec2 peeled[SIZE], next_key; // next_key.y is LAST_KEY behind the last fragment
 int peeled_at, peeled_count, list_first, list_length;
 bool has_more; // behind those in the array, or it is not known
@@ -34,7 +34,15 @@ void peel_from(uvec2 first) {
 void begin_fragments(int pixel) {
     list_first = int(fragment_list[list_of(pixel)]);
     list_length = int(fragment_list[list_of(pixel) + 1]);
-    peel_from(uvec2(0u));
+    peeled_at = peeled_count = 0;
+    has_more = list_length > 1;
+    next_key = uvec2(LAST_KEY);
+    int place = list_first;
+    for (int n = 0; n < list_length; ++n) {
+        if (n > 0) place = place_after(place, page_shift);
+        uvec2 found = key[place];
+        if (is_behind(next_key, found)) next_key = found;
+    }
 }
 
 bool has_fragment() {
