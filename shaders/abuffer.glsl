@@ -19,5 +19,6 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 #include "primitives.glsl"
 #include "stored.glsl"
 #include <STORE>
+#include <KEEP>
 #include "find.glsl"
 #include <MAIN>

@@ -41,6 +41,7 @@ from clusterviz.image.files import LAYERED, check_writable, read_image, write_im
 from clusterviz.image.movie import check_encoder, write_movie
 from clusterviz.image.picture import layers_of
 from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
@@ -308,6 +309,8 @@ def command(
         print_info(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
         if movie.frame_coherence:
             print_info(f"frame coherence: {movie.frame_coherence}")
+        if movie.early_discarding:
+            print_info(f"early discarding: {movie.early_discarding}")
 
 
 def fit_to_orbit(scene: Scene) -> Scene:
@@ -342,6 +345,7 @@ class _Animation:
         self._thread = WriterThread() if files else None
         self.statistics: list[FrameStatistics] = []
         self.frame_coherence: FrameCoherence | None = None
+        self.early_discarding: EarlyDiscarding | None = None
 
     def draw(self, loop: FrameLoop, scenes: list[Scene], missing: list[int]) -> None:
         """Draw the missing frames; collective."""
@@ -362,6 +366,7 @@ class _Animation:
                     progress(following)
                 self._tracing.add(rendered.spans)
                 self.frame_coherence = together((self.frame_coherence, rendered.statistics.frame_coherence))
+                self.early_discarding = all_counts((self.early_discarding, rendered.statistics.early_discarding))
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)
 

@@ -247,7 +247,7 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
     # Rays end at opaque surfaces, but not those of ranks behind them.
-    changing |= any(not isinstance(one.opacity, float) or one.opacity == 1.0 for one in scene.geometry)
+    changing |= any(one.may_be_opaque for one in scene.geometry)
     return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
 
 

@@ -19,6 +19,7 @@ from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect, joined
 from clusterviz.partition import Piece
 from clusterviz.render.stored_brick import stamp_of
+from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.frame_coherence import together
 from clusterviz.report.statistics import RankFrame
 
@@ -179,5 +180,11 @@ class Drawing:
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
         frame_coherence = together(each.frame_coherence for each in drawn)
         return RankFrame(
-            {}, **held, bricks_drawn=bricks, bricks_occluded=occluded, samples=samples, frame_coherence=frame_coherence
+            {},
+            **held,
+            bricks_drawn=bricks,
+            bricks_occluded=occluded,
+            samples=samples,
+            frame_coherence=frame_coherence,
+            early_discarding=all_counts(each.early_discarding for each in drawn),
         )

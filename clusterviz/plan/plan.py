@@ -70,6 +70,8 @@ class March:
     adaptive_step : the adaptive step; None: all slabs are equally long
     split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
+    discard_margin : world units behind the end of a ray of the last frame, beyond which fragments are not stored;
+        None: all are stored
     crossing : only where the opacity of a pixel passes one half is found, see `Plan.crossing`
     """
 
@@ -84,6 +86,7 @@ class March:
     adaptive_step: AdaptiveStep | None = None
     split: bool = False
     frame_coherence: int | None = None
+    discard_margin: float | None = None
     crossing: bool = False
 
 
@@ -122,7 +125,8 @@ class Plan:
     @property
     def crossing(self) -> Plan:
         """Plan by which rays find where their opacity passes one half, with the same bricks."""
-        return replace(self, march=replace(self.march, crossing=True, residual=CROSSED, frame_coherence=None))
+        march = replace(self.march, crossing=True, residual=CROSSED, frame_coherence=None, discard_margin=None)
+        return replace(self, march=march)
 
     @property
     def extent(self) -> tuple[float, float, float]:
@@ -254,6 +258,7 @@ def make_content_plan(scene: Scene, volumes: Sequence[KnownVolume], geometry: Se
             frame_coherence=None
             if geometry
             else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
+            discard_margin=scene.quality.early_discarding if geometry else None,
         ),
         BlendMode(),
         planes,
@@ -309,6 +314,9 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
         found += [*_of_quality(scene), *_of_light(scene)]
     if scene.geometry:
         found += _with_geometry(scene)
+    margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
+    if margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
+        found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
     if scene.volumes or scene.geometry:
         found += _of_cluster(scene, ranks)
     if on_cpu and scene.quality.filter == "hardware":

@@ -87,7 +87,7 @@ class LastFrame:
         """
         starts, last = np.zeros(shape, np.float32), self._last.get(bricks)
         hits, drawn, suspects = np.empty((3, *shape), np.float32), np.zeros(shape, np.bool_), np.empty((0, 4))
-        if last is not None and _still_holds(last.plan, plan):
+        if last is not None and still_holds(last.plan, plan):
             box = _box_of(plan, bricks[0])
             if is_coherent(last.plan.view, plan.view, box):
                 suspects, restarted = self._suspected(last, plan, rect, shape)
@@ -156,7 +156,7 @@ def depth_of(plan: Plan) -> NDArray[np.float64]:
     return row
 
 
-def _still_holds(last: Plan, plan: Plan) -> bool:
+def still_holds(last: Plan, plan: Plan) -> bool:
     """Return True if only the camera differs; then the frames share all other values."""
     names = ("march", "blend_mode", "clip", "encoding", "transfer", "segments", "layout", "cost", "content")
     return all(getattr(last, name) is getattr(plan, name) for name in names)

@@ -244,7 +244,7 @@ class Profiler:
     """
 
     def __init__(self, plan: Plan, bricks: MutableMapping[Any, Any], context: moderngl.Context | None = None) -> None:
-        self._plan = replace(plan, march=replace(plan.march, frame_coherence=None))
+        self._plan = replace(plan, march=replace(plan.march, frame_coherence=None, discard_margin=None))
         self._caster: Any = _raycaster(context, self._plan) if context else ProfilingVectorCaster(self._plan)
         self._caster.load(self._plan, bricks)
 

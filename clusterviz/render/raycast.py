@@ -27,10 +27,13 @@ from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.discarding import HIDDEN, HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
 from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
-from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes
+from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes, list_primitives
 from clusterviz.render.abuffer.primitives import TableCache
+from clusterviz.render.abuffer.program import find_variants
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
+from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.crossing import Crossing
@@ -89,7 +92,7 @@ class Raycaster:
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
         self._primitives, self._pools = TableCache(), Pools()
-        self._last_frame = LastFrame()
+        self._last_frame, self._last_ends = LastFrame(), LastEnds()
 
     @property
     def renderer(self) -> str:
@@ -106,9 +109,10 @@ class Raycaster:
         return variant_of(plan, self.slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
 
     def can_draw(self, plan: Plan) -> bool:
-        """Return True if there is a program for a plan."""
+        """Return True if there are the programs of a plan."""
         needed = (plan, plan.crossing) if plan.layers else (plan,)
-        return all(self.variant_of(each) in self._programs for each in needed)
+        has_passes = all(variant in self._passes for variant in find_variants(plan))
+        return has_passes and all(self.variant_of(each) in self._programs for each in needed)
 
     def compile(self, plan: Plan) -> None:
         """Compile the program of another plan with the same slots; the bricks stay."""
@@ -121,6 +125,8 @@ class Raycaster:
         """Compile the programs of a plan, and the kernel of frame coherence if it needs one."""
         if plan.march.frame_coherence is not None:
             prepare_reprojection()
+        if plan.march.discard_margin is not None:
+            prepare_discarding()
         variants = [self.variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
         return {variant: compile_compute(self._context, variant.source) for variant in variants}
 
@@ -203,6 +209,7 @@ class Raycaster:
         count = length_hint(pieces)
         if not crossings:
             self._last_frame.next_frame()
+            self._last_ends.next_frame()
         with ExitStack() as last:
             tables: _Tables | None = None
             for number, piece in enumerate(pieces):
@@ -221,13 +228,25 @@ class Raycaster:
                     if tables is None or not piece.shows_bricks_of(tables.piece):
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                    drawn.append(self._draw_bands(plan, rect, tables, started, starts, part))
+                    hidden = self._last_ends.begin(plan, piece, rect)
+                    drawn.append(self._draw_bands(plan, rect, tables, started, starts, hidden, part))
+                    if hidden:
+                        self._last_ends.finish(plan, piece, rect, hidden)
+                        counts = hidden.counts(drawn[-1].fragments)
+                        drawn[-1] = replace(drawn[-1], early_discarding=counts)
                 if isinstance(starts, Starts):
                     drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
 
     def _draw_bands(
-        self, plan: Plan, rect: Rect, tables: _Tables, started: float, starts: Rays | None, progress: Progress
+        self,
+        plan: Plan,
+        rect: Rect,
+        tables: _Tables,
+        started: float,
+        starts: Rays | None,
+        hidden: HiddenPixels | None,
+        progress: Progress,
     ) -> RenderResult:
         """Draw a large picture from top to bottom, in bands that take about `PROGRESS_SECONDS` each."""
         drawn: list[RenderResult] = []
@@ -236,9 +255,10 @@ class Raycaster:
             rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
         while top < rect.y_end:
             began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
-            own = starts and starts.rows(top - rect.y_begin, band.y_end - rect.y_begin)
+            within = top - rect.y_begin, band.y_end - rect.y_begin
+            own = starts and starts.rows(*within), hidden and hidden.rows(*within)
             try:
-                drawn.append(self._draw_piece(plan, band, _only(tables), started, own, ONLY if tables.alone else 1))
+                drawn.append(self._draw_piece(plan, band, _only(tables), started, *own, ONLY if tables.alone else 1))
             except ManyFragmentsError:
                 rows = max(TILE, band.height // 2 // TILE * TILE)
                 continue
@@ -269,11 +289,13 @@ class Raycaster:
         layers: Callable[[March], Iterator[_Tables]],
         started: float,
         starts: Rays | None = None,
+        hidden: HiddenPixels | None = None,
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         plan = with_fill(plan, self._pools)
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
+        tiles = dict[BrickBox, TileLists]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         geometry = plan.content.geometry if plan.content else ()
         fragments = np.zeros((rect.height, rect.width) if geometry else (0, 0), np.int32)
@@ -284,7 +306,12 @@ class Raycaster:
             planes = starts.planes if starts else np.zeros(0, np.float32)
             progress = buffers.bind(2, np.append(np.zeros(ahead + squares, np.uint32), planes.view(np.uint32)))
             march = March(self._context, self._program(self.variant_of(plan)), buffers, progress, groups)
-            for again in (False, True) if starts else (False,):
+            for again in (False, True) if starts or hidden else (False,):
+                if hidden:
+                    if not again:
+                        hidden.begin()
+                    kept = buffers.bind(HIDDEN_BINDING, hidden.pixels)
+                    first = 0 if again else first
                 if starts:
                     buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
                     # Rays that are drawn again begin with the zeros that were kept.
@@ -296,9 +323,10 @@ class Raycaster:
                         block["first_box"], first = first, 0
                         if table := self._primitives.table(geometry, *tables.primitives_of(box)):
                             buffers.make(block).bind_to_uniform_block(0)
-                            found = bind_fragments(
-                                self._context, self._passes, plan, table, rect, buffers.make, self._pools
-                            )
+                            if box not in tiles:
+                                tiles[box] = list_primitives(self._context, plan, table, rect)
+                            given = plan, table, tiles[box], rect, buffers.make, self._pools
+                            found = bind_fragments(self._context, self._passes, *given)
                             fragments += found[0]
                             for size in found[2]:
                                 found[1].write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
@@ -306,7 +334,11 @@ class Raycaster:
                                 replace(march, program=program).through(block)
                         else:
                             march.through(block)
+                if hidden:
+                    hidden.pixels[:] = np.frombuffer(kept.read(), HIDDEN).reshape(hidden.pixels.shape)
                 read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
+                if hidden and (again or not hidden.draw_again()):
+                    break
                 if starts and not starts.keep(read[squares:].view(np.float32).reshape(-1, rect.height, rect.width)):
                     break
             rendered = perf_counter()

@@ -12,6 +12,7 @@ from clusterviz.image.merge import EXISTS
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.report.early_discarding import EarlyDiscarding
 from clusterviz.report.frame_coherence import FrameCoherence
 
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
@@ -51,6 +52,7 @@ class RenderResult:
     seconds_render, seconds_readback : time for drawing, and for reading pixels back
     occluded : bricks not drawn, as all rays ended in front of them
     frame_coherence : counts of rays; None without frame coherence
+    early_discarding : counts of fragments; None if all are stored
     fragments : int32 (h, w), fragments of meshes, lines and points at each pixel; (0, 0) without any of these
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
@@ -64,6 +66,7 @@ class RenderResult:
     occluded: int = 0
     frame_coherence: FrameCoherence | None = None
     fragments: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    early_discarding: EarlyDiscarding | None = None
 
 
 def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> RenderResult:

@@ -22,6 +22,7 @@ import numba
 LENS = 16  # numbers of a camera: three rows of four, half the width and height, pixel, 1 for parallel projection
 BOX = 6  # least and greatest x, y, z
 ROUNDED = 1e-3  # pixels
+GROWN = 8.0  # pixels
 RIM = 1.0  # pixels around cells whose rays did not all hit, or at different depths
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
@@ -69,6 +70,42 @@ def reproject(numbers, sizes, hits, places, target):  # type: ignore[no-untyped-
             _splat_rim(ray, box, seen, rect, places, (x, y), bounds, target)
     if sizes[11]:
         _start_unseen(numbers[2 * LENS : 3 * LENS], box, last, rect, bounds, sizes[12:16], target)
+
+
+def move_ends(numbers, sizes, depths, places, target):  # type: ignore[no-untyped-def]
+    """Raise depths to those at which rays should end.
+
+    The ends of four neighbouring rays of the last frame are the corners of a cell, which is drawn as the rectangle of
+    pixels around it, at the depth of its farthest corner; the farthest cell wins. Cells that have grown much are left
+    out.
+
+    Parameters
+    ----------
+    numbers : float64: rays of the last frame and projection of this one (LENS each)
+    sizes : int64: rectangles of pixels (x, y, width, height) of the last frame and of this one
+    depths : float64 (height, width) of the last frame, NaN where no ray ended
+    places : float64 (3, height, width), memory for their pixels and depths in this frame
+    target : float64 (height, width) of this frame
+    """
+    ray, seen, rect, bounds = numbers[:LENS], numbers[LENS:], sizes[:4], sizes[4:]
+    for y in range(rect[3]):
+        for x in range(rect[2]):
+            point = _on_ray(ray, rect[0] + x, rect[1] + y, depths[y, x])
+            places[0, y, x], places[1, y, x], depth = _projected(seen, point[0], point[1], point[2])
+            places[2, y, x] = depth if depth > 0.0 or seen[15] != 0.0 else math.nan
+    for y in range(rect[3] - 1):
+        for x in range(rect[2] - 1):
+            _, depth, known = _around(places[2], x, y)
+            if known < 4:
+                continue
+            (left, right, top, bottom), _ = _between_hits(places, x, y)
+            if right - left > GROWN or bottom - top > GROWN:
+                continue
+            begin_x, end_x = max(math.ceil(left) - bounds[0], 0), min(math.floor(right) - bounds[0] + 1, bounds[2])
+            begin_y, end_y = max(math.ceil(top) - bounds[1], 0), min(math.floor(bottom) - bounds[1] + 1, bounds[3])
+            for v in range(begin_y, end_y):
+                for u in range(begin_x, end_x):
+                    target[v, u] = max(target[v, u], depth)
 
 
 @_inline

@@ -16,7 +16,6 @@ from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
-from clusterviz.render.abuffer.tiles import GEOMETRY_BLOCK
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
@@ -206,6 +205,7 @@ class Variant:
         """Return the slots of files that a CPU does in its own way."""
         assert self.cpu, "a GPU draws"
         packets: Files = "packets_fragments.glsl" if self.geometry else "packets.glsl", "drawn_once.glsl"
+        packets = ("packets_cut.glsl", "drawn_once.glsl") if self.geometry and self.geometry.discards else packets
         packets = ("packets_crossing.glsl", "drawn_once.glsl") if self.crossing else packets
         packets = "packets_starts.glsl" if self.frame_coherence and not self.crossing else packets
         found: dict[str, Files] = {"PACKETS": packets, "MAIN": "tiles.glsl"}
@@ -236,11 +236,11 @@ class Variant:
         """Return the files that choose where rays start, and look at what they find."""
         fragments: tuple[str, ...] = ("no_fragments.glsl",)
         if self.geometry:
-            fragments = (GEOMETRY_BLOCK, *self.geometry.files)
+            fragments = self.geometry.files
         if self.crossing:
             return (STARTS_BLOCK, "planes.glsl", *fragments, "crossing.glsl")
         if self.geometry:
-            return (*fragments, "entries_fragments.glsl")
+            return fragments if self.geometry.discards else (*fragments, "entries_fragments.glsl")
         return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
 
     @property

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from clusterviz.report.decisions import Accuracy, Change, Sharing
+from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.trace import Span
 
@@ -76,6 +77,7 @@ class RankFrame:
     peak_memory_bytes : peak resident size of the process
     renderer : name of the renderer, as in OpenGL
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
+    early_discarding : statistics of early fragment discarding; None if all fragments are stored
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """
@@ -95,6 +97,7 @@ class RankFrame:
     peak_memory_bytes: int = 0
     renderer: str = ""
     frame_coherence: FrameCoherence | None = None
+    early_discarding: EarlyDiscarding | None = None
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 
@@ -137,6 +140,11 @@ class FrameStatistics:
         return together(rank.frame_coherence for rank in self.per_rank)
 
     @property
+    def early_discarding(self) -> EarlyDiscarding | None:
+        """Statistics of early fragment discarding on all ranks; None if all fragments are stored."""
+        return all_counts(rank.early_discarding for rank in self.per_rank)
+
+    @property
     def imbalance(self) -> float:
         """Largest over mean seconds of rendering; 1 if nothing was drawn."""
         cost = [rank.seconds.get("render", 0.0) for rank in self.per_rank]
@@ -175,6 +183,7 @@ class FrameStatistics:
             "changes": [asdict(change) for change in self.changes],
             "migration": self.migration,
             "frame_coherence": asdict(self.frame_coherence) if self.frame_coherence else None,
+            "early_discarding": asdict(self.early_discarding) if self.early_discarding else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

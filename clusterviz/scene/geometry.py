@@ -84,6 +84,11 @@ class GeometrySection(Section):
         description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change.",
     )
 
+    @property
+    def may_be_opaque(self) -> bool:
+        """Whether nothing may be visible behind the surface somewhere."""
+        return not isinstance(self.opacity, float) or self.opacity == 1.0
+
     @model_validator(mode="after")
     def _has_scalars(self) -> GeometrySection:
         if not isinstance(self.opacity, float) and self.scalars is None:

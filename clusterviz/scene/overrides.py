@@ -261,6 +261,7 @@ class Settings(TypedDict, total=False):
     early_termination: float
     adaptive: float
     frame_coherence: bool
+    early_discarding: float | None
     max_error: float | None
     pixel: PixelFormat
     abuffer: ABuffer | Mapping[str, Any]

@@ -390,6 +390,12 @@ class Quality(Section):
         description="In a row of frames, start each ray just before what the rays of the last frame found there: for "
         "composited volumes and isosurfaces; sort-last; what is thinner than a pixel may be missed for some frames.",
     )
+    early_discarding: Annotated[float, FINITE, Field(ge=0), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        description="In a row of frames, leave out meshes, lines and points more than these world units behind the "
+        "end of the last frame's ray, which early_termination or an opaque surface ended; pixels where they might "
+        "be visible are drawn again, so that pictures are the same; null: off.",
+    )
     max_error: Annotated[float, FINITE, Field(gt=0, le=1), BeforeValidator(to_builtin)] | None = Field(
         default=None,
         description="The largest error that a pixel may have, of a full scale of 1 (1/255 is 0.00392): step, "

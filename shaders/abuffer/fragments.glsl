@@ -29,6 +29,11 @@ void start_fragments(Ray ray, int pixel, bool begins, inout int slab) {
     if (!HAS_VOLUMES) slab = ray.slabs;
 }
 
+// Whether nothing behind a batch that has reached an opacity can matter.
+bool is_opaque(float opacity) {
+    return (1.0 - in_front) * (1.0 - opacity) <= frame.optics.y;
+}
+
 // Tiles of one class are drawn by one program.
 bool is_drawn_now(int tile) {
     return fragment_list[list_of(frame.rect.z * frame.rect.w) + tile] == fragment_list[DRAWN_CLASS];

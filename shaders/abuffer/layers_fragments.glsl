@@ -1,6 +1,5 @@
 // Slab of several volumes with isosurfaces (surface_list.glsl) and fragments: by their positions, with uniform absorption between them. Of two at
 // one position isosurfaces are in front. Fragments in front of the slab, which lie where nothing was sampled, come first.
-vec4 light_of(uint number, double position);
 int object_of(uint number);
 
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
@@ -8,12 +7,13 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     if (k < fragment_slab && surfaces == 0) {
         if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
         if (LAYERS) note(k, middle + vec2(-0.5, 0.5) * length, sum.a, object);
+        reach(double(k) + 0.5LF);
         return;
     }
     float begin = -0.5 * length;
     int n = 0;
     for (;;) {
-        bool is_here = fragment_slab <= k && fragment_slab < NO_SLAB;
+        bool is_here = fragment_slab <= k && fragment_slab < NO_SLAB && !is_opaque(sum.a);
         float place = clamp(float(fragment_position - double(k)) - middle, begin, 0.5 * length);
         double position = fragment_position;
         uint number = NO_FRAGMENT;
@@ -23,7 +23,7 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
             light = surface_light[n];
         } else if (is_here) {
             number = nearest_fragment().y;
-            light = light_of(number, position);
+            light = light_if_stored(number, position);
             next_fragment();
             find_next();
         } else break;
@@ -43,4 +43,5 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     if (LAYERS) note(k, middle + vec2(begin, 0.5 * length), sum.a, object);
     run_iterations += surfaces;
     surfaces = 0;
+    if (k < NO_SLAB) reach(double(k) + 0.5LF);
 }

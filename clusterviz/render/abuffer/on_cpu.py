@@ -15,7 +15,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
-from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, make_lists, prepare_tiles
+from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
 from clusterviz.spmd.machine_code import addresses, compiled
 
 Blocks = dict[int, NDArray[Any]]
@@ -39,25 +39,31 @@ def prepare_passes(plan: Plan, lanes: int) -> None:
         compiled_pass(variant)
 
 
+def list_primitives(plan: Plan, table: PrimitiveTable, rect: Rect, threads: tuple[Executor, int]) -> TileLists:
+    """Return the primitives of each tile of a rectangle of pixels, given a pool of threads and their number."""
+    shading = lit_layer(plan)
+    return make_lists(plan, table, rect, len(shading.lights) if shading else 0, CPU_TILE, *threads)
+
+
 def find_fragments(
     plan: Plan,
     table: PrimitiveTable,
+    tiles: TileLists,
     rect: Rect,
     uniforms: Blocks,
-    offsets: NDArray[Any],
+    given: Blocks,
     lanes: int,
     run: Run,
-    threads: tuple[Executor, int],
     pools: Pools,
 ) -> tuple[Blocks, Blocks]:
     """Return uniform blocks and storage buffers of geometry by their bindings; lists of fragments have `LISTS`.
 
     Parameters
     ----------
+    tiles : of the rectangle
     uniforms : blocks of the volumes' program
-    offsets : int32 (z, y, x) of the bricks of the box; negative: not drawn
+    given : its storage buffers
     run : runs a program in all threads, given the table of addresses, the counter of tiles, and their number
-    threads : their pool and number
     pools : of fragments
 
     Raises
@@ -66,9 +72,7 @@ def find_fragments(
         The rectangle should be divided.
     """
     assert plan.content, "there is geometry"
-    shading, fill = lit_layer(plan), plan.content.fill
-    lights = len(shading.lights) if shading else 0
-    tiles = make_lists(plan, table, rect, lights, CPU_TILE, *threads)
+    fill = plan.content.fill
     own: Blocks = {GEOMETRY_BINDING: tiles.block}
     buffers: Blocks = {12: tiles.vertices, 13: table.corners, 14: table.layers, 15: table.attributes}
     variants = {variant.step: variant for variant in find_variants(plan, lanes)}
@@ -78,10 +82,10 @@ def find_fragments(
         state = np.zeros(COUNTER + 1, np.uint32)
         buffers[LISTS], buffers[8] = lists, np.empty((max(1, fragments), 2), np.uint32)
         buffers[16] = np.empty(pages + 1, np.uint32) if pages else links
-        passed = buffers | {2: state, 3: offsets, 9: tiles.begins, 10: tiles.rows}
+        passed = given | buffers | {2: state, 9: tiles.begins, 10: tiles.rows}
         run(compiled_pass(variants[step]), addresses(uniforms | own, passed, ONE_GROUP), state, len(tiles.begins) - 1)
 
     store_fragments(fill, rect, pools, run_pass)
-    if shading:
+    if shading := lit_layer(plan):
         own[LIGHTING_BINDING] = shading.block()
     return own, buffers

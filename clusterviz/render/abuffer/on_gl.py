@@ -27,7 +27,7 @@ from clusterviz.render.abuffer.program import (
     lit_layer,
 )
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
-from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, make_lists, prepare_tiles
+from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -45,11 +45,27 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
     return {variant: compile_compute(context, variant.source) for variant in variants}
 
 
+def list_primitives(context: moderngl.Context, plan: Plan, table: PrimitiveTable, rect: Rect) -> TileLists:
+    """Return the primitives of each tile of a rectangle of pixels.
+
+    Raises
+    ------
+    DeviceError
+        llvmpipe would leave out primitives.
+    """
+    shading, threads = lit_layer(plan), kernel_threads()
+    tiles = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
+    most = int(np.diff(tiles.begins).max(initial=0))
+    _check_loops(context, most, 2 * (FIND_ITERATIONS + len(table.layers)), "primitives in a tile")
+    return tiles
+
+
 def bind_fragments(
     context: moderngl.Context,
     programs: Programs,
     plan: Plan,
     table: PrimitiveTable,
+    tiles: TileLists,
     rect: Rect,
     make: Make,
     pools: Pools,
@@ -59,6 +75,7 @@ def bind_fragments(
     Parameters
     ----------
     programs : those that are compiled, and then others; the uniform blocks of the frame and of clipping are bound
+    tiles : of the rectangle
     make : makes a buffer, of at least one byte
     pools : of fragments
 
@@ -73,17 +90,12 @@ def bind_fragments(
     ManyFragmentsError
         The rectangle should be divided.
     DeviceError
-        llvmpipe would leave out primitives or fragments, or there is no memory.
+        llvmpipe would leave out fragments, or there is no memory.
     """
     assert plan.content, "there is geometry"
-    shading, threads, fill = lit_layer(plan), kernel_threads(), plan.content.fill
-    tiles = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
-    layers = len(table.layers)
-    _check_loops(
-        context, int(np.diff(tiles.begins).max(initial=0)), 2 * (FIND_ITERATIONS + layers), "primitives in a tile"
-    )
+    fill, layers = plan.content.fill, len(table.layers)
     make(tiles.block).bind_to_uniform_block(GEOMETRY_BINDING)
-    if shading:
+    if shading := lit_layer(plan):
         make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
     given = {
         9: tiles.begins,

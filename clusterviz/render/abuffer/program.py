@@ -56,17 +56,21 @@ class GeometryVariant:
     near : some lights have a place
     kinds : of primitives, in alphabetical order
     size : fragments of a pixel that are sorted at a time; 0: all are stored in order
+    discards : what should be hidden is left out
     """
 
     lights: int
     near: bool
     kinds: tuple[Kind, ...]
     size: int
+    discards: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:
         """Files that bring the fragments of a pixel in order."""
-        return ("primitives.glsl", "stored.glsl", "peeled.glsl" if self.size else "sorted.glsl", "fragments.glsl")
+        resolve = "peeled.glsl" if self.size else "sorted.glsl"
+        ends = ("hidden.glsl", "cut.glsl") if self.discards else ("all_stored.glsl",)
+        return (GEOMETRY_BLOCK, "primitives.glsl", "stored.glsl", resolve, "fragments.glsl", *ends)
 
     @property
     def constants(self) -> str:
@@ -121,8 +125,8 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
-    size = 0 if is_sorted(plan.content) else SMALLEST
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size)
+    size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
@@ -132,7 +136,8 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
-    common = plan.march.jittered, planes, kinds_of(plan), which, brick, bool(layers) and is_sorted(plan.content), lanes
+    in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
+    common = plan.march.jittered, planes, kinds_of(plan), which, brick, in_order, lanes, discards
     return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and layers else ())]
 
 
@@ -149,6 +154,7 @@ class FindVariant:
     brick : cells along the side of a brick; on a CPU a variable
     in_order : the fragments of a pixel are sorted where they lie
     lanes : of a CPU's vectors; 0 for a GPU
+    discards : as in `GeometryVariant`
     """
 
     step: Pass
@@ -159,6 +165,7 @@ class FindVariant:
     brick: int
     in_order: bool
     lanes: int = 0
+    discards: bool = False
 
     @property
     def name(self) -> str:
@@ -191,6 +198,7 @@ class FindVariant:
                 "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
                 "GEOMETRY": GEOMETRY_BLOCK,
                 "STORE": ("sort.glsl", STORES[self.step]),
+                "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
                 "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
             },
         )

@@ -27,8 +27,9 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
 from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools, with_fill
-from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, prepare_passes
+from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, list_primitives, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
 from clusterviz.render.content_bricks import store_as
@@ -101,7 +102,7 @@ class VectorCaster:
         self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
         self._tables, self._pools = TableCache(), Pools()
-        self._last_frame = LastFrame()
+        self._last_frame, self._last_ends = LastFrame(), LastEnds()
         self.compile(plan)
 
     @property
@@ -125,6 +126,8 @@ class VectorCaster:
             compiled_variant(variant)
         if plan.march.frame_coherence is not None:
             prepare_reprojection()
+        if plan.march.discard_margin is not None:
+            prepare_discarding()
         prepare_passes(plan, self._width.lanes)
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
@@ -158,6 +161,7 @@ class VectorCaster:
         shown: _Shown | None = None
         if not crossings:
             self._last_frame.next_frame()
+            self._last_ends.next_frame()
         count = length_hint(pieces)
         for number, piece in enumerate(pieces):
             started, rect = perf_counter(), footprint(plan, piece)
@@ -172,7 +176,12 @@ class VectorCaster:
             rays: Starts | Crossing | None = crossings[number] if crossings else None
             if plan.march.frame_coherence is not None:
                 rays = Starts.of(self._last_frame, plan, piece, rect)
-            drawn.append(self._draw_rect(plan, rect, shown, (started, part), rays))
+            hidden = self._last_ends.begin(plan, piece, rect)
+            drawn.append(self._draw_rect(plan, rect, shown, (started, part), rays, hidden))
+            if hidden:
+                self._last_ends.finish(plan, piece, rect, hidden)
+                counts = hidden.counts(drawn[-1].fragments)
+                drawn[-1] = replace(drawn[-1], early_discarding=counts)
         return drawn
 
     def release(self) -> None:
@@ -230,11 +239,17 @@ class VectorCaster:
         )
 
     def _draw_rect(
-        self, plan: Plan, rect: Rect, shown: _Shown, report: tuple[float, Progress], rays: Starts | Crossing | None
+        self,
+        plan: Plan,
+        rect: Rect,
+        shown: _Shown,
+        report: tuple[float, Progress],
+        rays: Starts | Crossing | None,
+        hidden: HiddenPixels | None,
     ) -> RenderResult:
         """Draw a rectangle of pixels, or its halves if it has too many fragments."""
         try:
-            return self._draw_piece(plan, rect, shown, report, rays)
+            return self._draw_piece(plan, rect, shown, report, rays, hidden)
         except ManyFragmentsError:
             axis = int(rect.height <= LEAST_SIDE)
             side, begin = (rect.width, rect.x_begin) if axis else (rect.height, rect.y_begin)
@@ -242,7 +257,11 @@ class VectorCaster:
             each = []
             for half in (replace(rect, **{f"{name}_end": middle}), replace(rect, **{f"{name}_begin": middle})):
                 own = rays.inside(rect, half) if isinstance(rays, Crossing) else None
-                each.append(self._draw_rect(plan, half, shown, (perf_counter(), no_progress), own))
+                window = half.slices_in(rect)
+                part = hidden and HiddenPixels(hidden.pixels[window].copy())
+                each.append(self._draw_rect(plan, half, shown, (perf_counter(), no_progress), own, part))
+                if hidden and part:
+                    hidden.pixels[window] = part.pixels
             return joined_bands(rect, each, axis)
 
     def _draw_piece(
@@ -252,6 +271,7 @@ class VectorCaster:
         shown: _Shown,
         report: tuple[float, Progress],
         rays: Starts | Crossing | None,
+        hidden: HiddenPixels | None,
     ) -> RenderResult:
         started, progress = report
         plan = with_fill(plan, self._pools)
@@ -267,28 +287,39 @@ class VectorCaster:
         assert shown.variant, "there are bricks"
         variants = [shown.variant]
         if shown.geometry:
-            threads = _pool(os.getpid()), self._threads
-            found = find_fragments(
-                plan,
-                shown.geometry,
-                rect,
-                uniforms,
-                buffers[3],
-                self._width.lanes,
-                self._take_tiles,
-                threads,
-                self._pools,
-            )
-            uniforms, buffers = uniforms | found[0], buffers | found[1]
-            fragments = counts_of(buffers[LISTS], rect)
-            buffers[LISTS], sizes = classified(plan.content, buffers[LISTS], fragments, TILE)
-            variants = [of_size(shown.variant, size) for size in sizes]
-        table = addresses(uniforms, buffers, ONE_GROUP, shown.textures)
-        for variant in variants:
-            state[COUNTER] = 0
-            if variant.geometry:
-                buffers[LISTS][DRAWN_CLASS] = variant.geometry.size
-            self._run(variant, table, state, rect, progress)
+            tiles = list_primitives(plan, shown.geometry, rect, (_pool(os.getpid()), self._threads))
+        if hidden:
+            hidden.begin()
+            buffers[HIDDEN_BINDING] = hidden.pixels
+        for again in (False, True):
+            if again and not (hidden and hidden.draw_again()):
+                break
+            if again:
+                # Pixels that are not drawn again keep their colours, and the others have zeros.
+                frame["first_box"] = 0
+            if shown.geometry:
+                found = find_fragments(
+                    plan,
+                    shown.geometry,
+                    tiles,
+                    rect,
+                    uniforms,
+                    buffers,
+                    self._width.lanes,
+                    self._take_tiles,
+                    self._pools,
+                )
+                uniforms, buffers = uniforms | found[0], buffers | found[1]
+                counts = counts_of(buffers[LISTS], rect)
+                fragments = fragments + counts if again else counts
+                buffers[LISTS], sizes = classified(plan.content, buffers[LISTS], counts, TILE)
+                variants = [of_size(shown.variant, size) for size in sizes]
+            table = addresses(uniforms, buffers, ONE_GROUP, shown.textures)
+            for variant in variants:
+                state[COUNTER] = 0
+                if variant.geometry:
+                    buffers[LISTS][DRAWN_CLASS] = variant.geometry.size
+                self._run(variant, table, state, rect, progress)
         work, coherence = state[AHEAD:ahead].reshape(squares).copy(), None
         if rays:
             rays.keep(state[ahead:].view(np.float32).reshape(planes.shape))

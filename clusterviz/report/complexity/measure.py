@@ -160,7 +160,7 @@ def measure(
     -------
     report : on rank 0; None on the other ranks
     """
-    quality = scene.quality.model_copy(update={"frame_coherence": False})
+    quality = scene.quality.model_copy(update={"frame_coherence": False, "early_discarding": None})
     scene, options = scene.model_copy(update={"quality": quality}), Options(device, keep_drawn=True, overlap=False)
     degrees, count = orbit
     with FrameLoop(scene, channel, source, options) as loop:
