@@ -115,11 +115,14 @@ bool meets_sphere(vec3 away, vec3 direction, float radius, float side, out float
     return square >= 0.0;
 }
 
-// Squared distance of a point to a segment, both from one origin.
-float square_to(vec3 point, vec3 begin, vec3 end) {
-    vec3 way = end - begin, from = point - begin;
-    vec3 apart = from - clamp(dot(from, way) / dot(way, way), 0.0, 1.0) * way;
-    return dot(apart, apart);
+// Whether a point, relative to the joint, of a segment's tube lies in the neighbour's, which extends from the joint along `way`. Of the side it does
+// beyond the plane that halves the angle: it is farther along the neighbour than along its own segment. Distances to the axes would cancel where a
+// line is nearly straight. What lies on the plane is the second segment's.
+bool in_neighbour(vec3 point, vec3 way, float own, float radius, bool of_side, bool is_first) {
+    float length = sqrt(dot(way, way)), along = dot(point, way) / length;
+    if (of_side && along <= length) return along > own || (is_first && along == own);
+    vec3 apart = point - clamp(along / length, 0.0, 1.0) * way;
+    return dot(apart, apart) < radius * radius * (1.0 - 1e-6);
 }
 
 // Tube around a segment. What lies in the segments before and after it along the line is no surface; of two that touch, the first has the cap.
@@ -137,11 +140,12 @@ bool meets_tube(vec4 before, vec4 begin, vec4 end, vec4 after, float side, out H
     if (cap != 0) met = meets_sphere(cap < 0 ? away : away - way, direction, radius, side, t) && met;
     vec3 point = away + t * direction; // from the begin
     float share = clamp(dot(point, axis) / length, 0.0, 1.0);
-    float inside = radius * radius * (1.0 - 1e-6);
-    if (before.xyz != begin.xyz) met = met && cap >= 0 && square_to(point, before.xyz - begin.xyz, vec3(0.0)) >= inside;
+    if (before.xyz != begin.xyz) {
+        met = met && cap >= 0 && !in_neighbour(point, before.xyz - begin.xyz, along, radius, cap == 0, false);
+    }
     if (after.xyz != end.xyz) {
-        vec3 next = after.xyz - begin.xyz;
-        met = met && (cap > 0 ? dot(point - way, next - way) < 0.0 : square_to(point, way, next) >= inside);
+        vec3 next = after.xyz - end.xyz;
+        met = met && (cap > 0 ? dot(point - way, next) < 0.0 : !in_neighbour(point - way, next, length - along, radius, cap == 0, true));
     }
     hit.depth = begin.z + t * direction.z;
     hit.weights = vec3(0.0, 1.0 - share, share);

@@ -425,3 +425,16 @@ def test_flawed_meshes_are_drawn_as_the_reference_draws_them(name: str) -> None:
         right = expected(scene, (), entries)
         assert np.abs(drawn(None, scene, (), entries) - right).max() <= 1e-5
         assert (right[..., 3] > 0.1).any()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-5, 4e-4, 2e-3, 0.1])
+def test_nearly_straight_lines_have_one_surface(angle: float) -> None:
+    """The inner side of a bend, seen through a window a few times as wide as what two tubes share there."""
+    path = np.array([[0, 10, 10], [10, 10, 10], [20, 10 + 10 * angle, 10.0], [30, 10 + 30 * angle, 10]])
+    entries = ((LinesSection(path="l", radius=1.0, shade=False, opacity=0.5), Lines("l", path, np.array([0, 4]))),)
+    window = 2.1 * max(angle, 1e-4)  # no pixel is where one surface begins, but for rounding
+    camera = Camera(position=(10, 40, 10), focal_point=(10, 10, 10), view_up=(0, 0, 1), parallel_scale=window)
+    scene = scene_of((), size=(40, 30)).model_copy(update={"camera": camera})
+    found = drawn(None, scene, (), entries)
+    assert np.abs(found[..., 3] - 0.75).max() <= 1e-6
+    assert np.abs(expected(scene, (), entries) - found).max() <= 1e-6
