@@ -304,6 +304,11 @@ def test_no_memory_for_one_more_page_is_an_error_or_divides(fill: Fill) -> None:
             fills.store_fragments(fill, rect, fills.Pools(), run, whole_rows)
 
 
+def test_opaque_geometry_alone_has_one_place_for_each_pixel() -> None:
+    fills = [prepared(scene_of(()), (), entries).plan.content.fill for entries in (WHOLE, PLAIN, (*PLAIN, *WHOLE))]
+    assert fills == ["fixed", "auto", "auto"]
+
+
 @EACH
 def test_lists_of_pixels_and_of_tiles_give_one_picture(
     where: Any, caster: str, monkeypatch: pytest.MonkeyPatch

@@ -34,7 +34,7 @@ def prepare_passes(plan: Plan, lanes: int) -> None:
     """Compile what a plan needs."""
     variants = find_variants(plan, lanes)
     if variants:
-        prepare_tiles()
+        prepare_tiles(plan)
     for variant in variants:
         compiled_pass(variant)
 

@@ -41,7 +41,7 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
     """Compile the programs of a plan."""
     variants = find_variants(plan)
     if variants:
-        prepare_tiles()
+        prepare_tiles(plan)
     return {variant: compile_compute(context, variant.source) for variant in variants}
 
 

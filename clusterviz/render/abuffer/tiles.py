@@ -73,9 +73,11 @@ class TileLists:
     rows: NDArray[np.uint32]
 
 
-def prepare_tiles() -> None:
-    """Compile the kernels, or load them."""
-    for kernel in (*_MOVE.values(), _LIST, _PLACE):
+def prepare_tiles(plan: Plan) -> None:
+    """Compile the kernels that a plan needs, or load them."""
+    assert plan.content, "there is geometry"
+    kinds = {layer.position_type.name for layer in plan.content.geometry}
+    for kernel in (*(_MOVE[kind] for kind in kinds), _LIST, _PLACE):
         kernel.prepare()
 
 
