@@ -353,6 +353,9 @@ def _arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
     names = (f"{noun}_data", {"point": "vertex_attributes", "cell": "face_attributes"}[noun])
     found: Any = next((getattr(given, name) for name in names if hasattr(given, name)), {})
     arrays = {str(name): np.asarray(found[name]) for name in found.keys()}  # noqa: SIM118 (not all are mappings)
+    visual, owner = getattr(given, "visual", None), {"point": "vertex", "cell": "face"}[noun]
+    if getattr(visual, "kind", None) == owner:  # trimesh keeps colours apart
+        arrays["RGBA"] = np.asarray(getattr(visual, f"{owner}_colors"))
     return {n: a for n, a in arrays.items() if a.dtype.kind in "iufb" and a.ndim in (1, 2) and len(a) == count}
 
 

@@ -454,6 +454,17 @@ def test_objects_of_other_libraries_are_geometry() -> None:
     assert as_geometry(whole, "meshes", "m") is whole
 
 
+@pytest.mark.parametrize("owner", ["vertex", "face", "texture"])
+def test_colours_of_trimesh_are_arrays(owner: str) -> None:
+    """They lie apart from the other arrays, and only those of vertices or of faces have been given."""
+    colours = np.arange(16, dtype=np.uint8).reshape(4, 4)
+    visual = SimpleNamespace(kind=owner, vertex_colors=colours, face_colors=colours)
+    mesh = as_geometry(SimpleNamespace(vertices=VERTICES, faces=TRIANGLES, visual=visual), "meshes", "m").mesh
+    assert mesh is not None
+    found = {"vertex": mesh.vertex_attributes, "face": mesh.triangle_attributes}
+    assert {name for name, arrays in found.items() if "RGBA" in arrays} == {owner} - {"texture"}
+
+
 @pytest.mark.parametrize(
     ("given", "section", "said"),
     [
