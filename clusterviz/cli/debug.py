@@ -18,7 +18,7 @@ from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, 
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
-from clusterviz.debugger.draws import Frame, Pixel, Way, by_interpreter, by_opengl, look
+from clusterviz.debugger.draws import Frame, Pixel, Way, by_interpreter, by_opengl, look, without_finding
 from clusterviz.debugger.watches import COLOUR_MAP, Watched
 from clusterviz.errors import InputError
 from clusterviz.frame import STEPS, Options
@@ -126,7 +126,7 @@ def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks:
     from clusterviz.debugger.page import Page
     from clusterviz.debugger.session import Session
 
-    session = Session(Frame.of(scene, ranks).draws(rank))
+    session = Session(without_finding(Frame.of(scene, ranks).draws(rank)))
     if pixels:
         session.focus = pixels[0]
     console = Console(highlight=False)

@@ -41,8 +41,8 @@ def command(
     if by not in (None, *BY):
         raise InputError("nothing that draws", where="--by", found=by, allowed=" or ".join(BY))
     opened = open_scene(scene, overrides_of(define, size))
-    if not opened.volumes:
-        raise SceneError("nothing to draw", where=f"{scene}: volumes", allowed="a scene with a volume")
+    if not (opened.volumes or opened.geometry):
+        raise SceneError("nothing to draw", where=scene, allowed="a scene with a volume, a mesh, lines or points")
     check_folder(output, NUMBERS)
     steps = ("read", "compile", *(f"rank {rank}" for rank in range(ranks)), "write")
     with show_progress(steps) as progress:
@@ -67,6 +67,8 @@ def summary(report: Report) -> str:
         f"memory     {memory['bricks_sampled']:,} of {report.whole.bricks:,} bricks, "
         f"{memory['bytes_sampled'] / 2**20:.2f} MiB, each fetched {memory['times_fetched']:.1f} times",
     ]
+    if totals["fragments"]:
+        lines.append(f"fragments  {totals['fragments']:,} of meshes, lines and points")
     if report.code:
         lines += [
             f"time       {1e3 * report.code.seconds:.1f} ms of one thread, {report.code.idle:.1%} of the lanes idle, "

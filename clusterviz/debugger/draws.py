@@ -13,6 +13,7 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.debugger.watches import Watched
 from clusterviz.errors import InputError, SceneError
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.frame_block import FRAME
@@ -22,8 +23,8 @@ from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.probe import Probe, Shader, Taken, probe_bytes, taken_by, taken_of_words
 
 PIXEL = "inside"
-"""Variable of `main` in pixels.glsl with the pixel of an invocation, relative to the rectangle that is drawn."""
-PROBE_BINDING = 15
+"""Variable of `main` in pixels.glsl and find_pixels.glsl with an invocation's pixel, relative to what is drawn."""
+PROBE_BINDING = 23
 Pixel = tuple[int, int]
 
 
@@ -62,6 +63,11 @@ class Draw:
         inside = np.stack(at, axis=-1).astype(np.int64)
         drawn = (inside < rect[2:]).all(axis=-1)
         return cls(dispatch, shader, size, interpreter.groups, inside + rect[:2], drawn)
+
+    @property
+    def finds_fragments(self) -> bool:
+        """Whether it finds the fragments of geometry, which a later draw composites."""
+        return any(name.endswith("find_pixels.glsl") for name in self.dispatch.source.names)
 
     def only(self, pixels: Sequence[Pixel]) -> Draw:
         """Return the part of the draw that has some pixels: their work groups."""
@@ -109,11 +115,11 @@ class Frame:
         Raises
         ------
         SceneError
-            The scene has no volume, or settings that only the frame loop can choose.
+            The scene shows nothing, or settings that only the frame loop can choose.
         """
         share, bricks = prepare(Run(LoopbackChannel(), options or Options()), scene)
         if share.plan is None:
-            raise SceneError("nothing to draw", where="volumes", allowed="one volume")
+            raise SceneError("nothing to draw", where="volumes", allowed="a volume, a mesh, lines or points")
         plan = share.plan
         tree = build_tree(plan.cost, ranks)
         return cls(plan, leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward), bricks)
@@ -131,14 +137,27 @@ class Frame:
             allowed = ", ".join(str(number) for number in sorted(piece.rank for piece in self.pieces))
             raise InputError("the rank draws nothing", where="--rank", found=rank, allowed=allowed)
         shown = {tuple(index) for piece in pieces for index in piece.members(self.plan.cost > 0).tolist()}
-        shader: Shader | None = None
+        shaders: dict[ShaderSource, Shader] = {}
         for dispatch in recorded(self.plan, {index: self.bricks[index] for index in shown}, pieces):
-            shader = shader or Shader(dispatch.source)
-            yield Draw.of(dispatch, shader, self.plan.view.size)
+            source = dispatch.source
+            if source not in shaders:
+                shaders[source] = Shader(source)
+            yield Draw.of(dispatch, shaders[source], self.plan.view.size)
 
 
 Way = Callable[[Draw, Sequence[Probe], Sequence[Pixel]], list[list[Watched]]]
 """Execution of a draw: the watches of each probe. Only the given pixels matter, if there are any."""
+
+
+def without_finding(draws: Iterable[Draw]) -> Iterator[Draw]:
+    """Yield the draws that composite; those that find fragments are executed."""
+    for draw in draws:
+        if not draw.finds_fragments:
+            yield draw
+            continue
+        interpreter = draw.started()
+        while interpreter.advance() is not None:
+            pass
 
 
 def by_interpreter(draw: Draw, probes: Sequence[Probe], pixels: Sequence[Pixel]) -> list[list[Watched]]:
@@ -152,6 +171,9 @@ def by_opengl(context: Any) -> Way:
     """Return the execution by OpenGL with an instrumented shader."""
 
     def run(draw: Draw, probes: Sequence[Probe], pixels: Sequence[Pixel]) -> list[list[Watched]]:
+        if not probes:
+            run_on(context, draw.dispatch, PROBE_BINDING, 0)
+            return []
         instrumented = replace(draw.dispatch, source=draw.shader.instrumented(probes, PROBE_BINDING))
         words = run_on(context, instrumented, PROBE_BINDING, probe_bytes(probes) * len(draw.pixels))
         return [draw.watched(each, probe) for each, probe in zip(taken_of_words(words, probes), probes, strict=True)]
@@ -169,12 +191,26 @@ def look(
     draws : of one rank
     probes : those of a shader
     pixels : that matter; none: all
+
+    Raises
+    ------
+    InputError
+        No shader has what the probes name.
     """
     found: list[list[Watched]] = []
+    missing: InputError | None = None
     for draw in draws:
-        new = way(draw, probes(draw.shader), pixels)
+        try:
+            wanted = probes(draw.shader)
+        except InputError as error:  # another program may have it: fragments are found by programs of their own
+            way(draw, (), pixels)
+            missing = error
+            continue
+        new = way(draw, wanted, pixels)
         if found:
             pairs = zip(found, new, strict=True)
             new = [[old.filled(each) for old, each in zip(*pair, strict=True)] for pair in pairs]
         found = new
+    if missing and not found:
+        raise missing
     return [[each.only(pixels) for each in one] for one in found] if pixels else found

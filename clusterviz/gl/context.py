@@ -52,6 +52,8 @@ def compile_compute(context: moderngl.Context, source: ShaderSource) -> moderngl
     DeviceError
         The driver refuses the source.
     """
+    if not isinstance(context, moderngl.Context):  # the draw is recorded
+        return context.compiled(source)
     try:
         return context.compute_shader(source.text)
     except moderngl.Error as error:

@@ -274,6 +274,7 @@ class Profiler:
         result = self._drawn(piece, "counts")
         maps: Maps = dict(zip(COUNTS, np.moveaxis(self._caster.counters.planes(rect), 2, 0), strict=True))
         del maps["end"]
+        maps["fragments"] = result.fragments if result.fragments.size else np.zeros_like(maps["samples"])
         sampled = self._caster.counters.sampled > 0
         clock, maps["ticks"] = self._ticks(piece, rect)
         code = self._code(piece) if with_code and isinstance(self._caster, ProfilingVectorCaster) else None

@@ -91,8 +91,12 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
-        self._primitives, self._pools = TableCache(), Pools()
-        self._last_frame, self._last_ends = LastFrame(), LastEnds()
+        self._primitives, self._last_frame = TableCache(), LastFrame()
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what earlier draws have taught of fragments, which changes the dispatches of a draw."""
+        self._pools, self._last_ends = Pools(), LastEnds()
 
     @property
     def renderer(self) -> str:

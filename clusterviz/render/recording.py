@@ -7,7 +7,7 @@ shader and all that is bound, so that a debugger or a profiler executes it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import moderngl
@@ -32,6 +32,8 @@ LIMITS = {
     "GL_MAX_SHADER_STORAGE_BLOCK_SIZE": (1 << 31) - 1,
     "GL_MAX_3D_TEXTURE_SIZE": 2048,
 }
+EMPTY = bytes(16)
+"""OpenGL has no buffers without bytes."""
 TEXELS = {"f1": ("u1", 255.0), "nu2": ("<u2", 65535.0), "f4": ("<f4", 1.0)}
 """By moderngl's name of a type of texels NumPy's, and the divisor that makes them 0 … 1."""
 
@@ -55,13 +57,15 @@ def recorded(
     context: Any = _Context()
     caster = Raycaster(context, plan, band_pixels=1 << 62)
     caster.load(plan, bricks)
-    context.source, pieces = caster.variant_of(plan).source, tuple(pieces)
-    written = {each.binding for each in parse(context.source).blocks if not each.is_read_only}
+    pieces = tuple(pieces)
     while True:
         context.number = 0
+        caster.forget()
         try:
             caster.draw(plan, pieces, crossings=crossings)
         except _Reached as reached:
+            source = reached.dispatch.source
+            written = {each.binding for each in parse(source).blocks if not each.is_read_only}
             buffers = {n: data.copy() if n in written else data for n, data in reached.dispatch.buffers.items()}
             yield replace(reached.dispatch, buffers=buffers)
             context.outcomes.append({n: data for n, data in buffers.items() if n in written})
@@ -78,24 +82,25 @@ def run_on(context: moderngl.Context, dispatch: Dispatch, binding: int, size: in
     ----------
     binding, size : of the further buffer, in bytes
     """
-    program, further = compile_compute(context, dispatch.source), context.buffer(reserve=size)
+    program, further = compile_compute(context, dispatch.source), context.buffer(reserve=size or len(EMPTY))
     made, buffers = list[Any]([program, further]), dict[int, moderngl.Buffer]()
     further.clear()
     further.bind_to_storage_buffer(binding)
     for number, data in dispatch.uniforms.items():
-        made.append(context.buffer(data.tobytes()))
+        made.append(context.buffer(data.tobytes() or EMPTY))
         made[-1].bind_to_uniform_block(number)
     for number, data in dispatch.buffers.items():
-        buffers[number] = context.buffer(data.tobytes())
+        buffers[number] = context.buffer(data.tobytes() or EMPTY)
         buffers[number].bind_to_storage_buffer(number)
     for number, texture in dispatch.textures.items():
         made.append(_made(context, texture))
         made[-1].use(number)
     run_compute(program, dispatch.groups)
     context.memory_barrier()
-    found = np.frombuffer(further.read(), np.uint8)
+    found = np.frombuffer(further.read(), np.uint8)[:size]
     for number, buffer in buffers.items():
-        dispatch.buffers[number][:] = np.frombuffer(buffer.read(), np.uint8)
+        size = dispatch.buffers[number].nbytes
+        dispatch.buffers[number][:] = np.frombuffer(buffer.read(), np.uint8)[:size]
     for one in (*made, *buffers.values()):
         one.release()
     return found
@@ -123,10 +128,9 @@ class _Reached(Exception):  # noqa: N818
 class _Context:
     """What the ray caster uses of a context; a dispatch that was executed before has its outcome again."""
 
-    info = LIMITS
+    info, error = LIMITS, "GL_NO_ERROR"
 
     def __init__(self) -> None:
-        self.source = ShaderSource("", ())
         self.number, self.outcomes = 0, list[Mapping[int, Bytes]]()
         self.uniforms, self.buffers = dict[int, _Buffer](), dict[int, _Buffer]()
         self.textures = dict[int, _Texture]()
@@ -139,15 +143,15 @@ class _Context:
 
     texture3d = texture
 
-    def compute_shader(self, text: str) -> _Context:
-        return self
+    def compiled(self, source: ShaderSource) -> _Program:
+        return _Program(self, source)
 
-    def run(self, x: int, y: int = 1, z: int = 1) -> None:
+    def run(self, source: ShaderSource, groups: tuple[int, int, int]) -> None:
         if self.number == len(self.outcomes):
             buffers = {n: each.data for n, each in self.buffers.items()}
             uniforms = {n: each.data for n, each in self.uniforms.items()}
             textures = {n: each.contents for n, each in self.textures.items()}
-            raise _Reached(Dispatch(self.source, (x, y, z), uniforms, buffers, textures))
+            raise _Reached(Dispatch(source, groups, uniforms, buffers, textures))
         for number, data in self.outcomes[self.number].items():
             self.buffers[number].data[:] = data
         self.number += 1
@@ -157,6 +161,18 @@ class _Context:
 
     def memory_barrier(self) -> None:
         """A dispatch is over when it returns."""
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+
+@dataclass(frozen=True)
+class _Program:
+    context: _Context
+    source: ShaderSource
+
+    def run(self, x: int, y: int = 1, z: int = 1) -> None:
+        self.context.run(self.source, (x, y, z))
 
     def release(self) -> None:
         """Nothing is held."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from clusterviz.cli import run
@@ -33,3 +35,14 @@ def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
         return Outcome(status, captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def octahedron(tmp_path: Path) -> Path:
+    """A file with a mesh."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    lines = [f"v {x} {y} {z}" for x, y, z in corners.tolist()]
+    lines += [f"f {a} {b} {c}" for a in (1, 4) for b in (2, 5) for c in (3, 6)]
+    path = tmp_path / "octahedron.obj"
+    path.write_text("\n".join(lines))
+    return path

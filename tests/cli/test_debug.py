@@ -49,6 +49,28 @@ def test_numbers_pictures_and_json_agree(cli: Callable[..., Any], tmp_path: Path
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize(
+    ("file", "text", "watches"),
+    [
+        ("find.glsl", "found = uvec2(sorted_bits", "hit.depth"),
+        ("layers_fragments.glsl", "next_fragment();", "position,k"),
+    ],
+)
+def test_scenes_with_geometry_have_programs_of_their_own(
+    file: str, text: str, watches: str, cli: Callable[..., Any], octahedron: Path
+) -> None:
+    lines = shader_file(file).read_text().splitlines()
+    place = f"{file}:{next(n for n, line in enumerate(lines, 1) if text in line)}"
+    options = ("--size", "12x10", "--break", place, "--watch", watches, "--by", "both", "--json")
+    outcome = cli("debug", str(octahedron), *options)
+    assert (outcome.status, outcome.err) == (0, "")
+    report = json.loads(outcome.out)
+    assert report["same_pixels"]
+    assert min(one["pixels"] for one in report["watches"]) > 10
+    assert all(abs(one["max"]) < 1e-6 for each in report["difference"] for one in each["scalars"])
+
+
+@pytest.mark.gl
 def test_the_interpreter_and_opengl_agree(cli: Callable[..., Any]) -> None:
     outcome = cli(*LOOK, "--watch", "k,place,sum.high", "--visit", "2", "--by", "both", "--json")
     report = json.loads(outcome.out)

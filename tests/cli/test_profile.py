@@ -59,3 +59,16 @@ def test_opengl_counts_pixels_only(cli: Callable[..., Any], tmp_path: Path) -> N
     assert numbers["totals"]["samples"] > 0
     assert numbers["totals"]["ticks"] > 0
     assert "--by cpu" in (tmp_path / "gl" / "index.html").read_text()
+
+
+@pytest.mark.gl
+def test_fragments_are_counted_without_a_volume(cli: Callable[..., Any], octahedron: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    outcome = cli("profile", str(octahedron), "-o", str(out), "--size", "24x20", "-D", "opacity=0.5", "--by", "gl")
+    assert (outcome.status, outcome.err) == (0, "")
+    totals = json.loads((out / "profile.json").read_text())["totals"]
+    assert totals["samples"] == 0
+    with np.load(out / "maps.npz") as maps:
+        assert maps["fragments"].max() == 2
+        assert maps["fragments"].sum() == totals["fragments"] > 100
+    assert "fragments of meshes, lines and points" in (out / "index.html").read_text()

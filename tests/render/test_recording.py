@@ -243,7 +243,7 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    """A new file needs a look in the table, in which a pixel comes to it; scenes with geometry are not recorded."""
+    """A new file needs a look in the table, in which a pixel comes to it; those of geometry are in tests of `debug`."""
     files = " ".join(
         [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
     ).split()

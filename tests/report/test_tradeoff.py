@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -52,8 +53,10 @@ from clusterviz.report.tradeoff.rating import (
 )
 from clusterviz.report.tradeoff.survey import Survey
 from clusterviz.scene import Cluster, Quality, Scene, Volume, VolumeInfo, complete_scene, scene_of_data
+from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS
+from clusterviz.scene.values import ImageSettings
 
 SCENE = Scene(volumes=(Volume(path="field:ramp:8"),))
 ALL = [knob.name for knob in KNOBS]
@@ -152,6 +155,25 @@ def test_what_several_volumes_refuse_is_not_tried() -> None:
 
 
 FACTS = VolumeInfo((9, 9, 9), (0.25,) * 3, 2.0 * np.mgrid[:2, :2, :2].reshape(3, -1).T - 1, 0.0, 1.0, 0.0, 1.0)
+
+
+def test_of_geometry_only_what_applies_is_tried(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    alone = Scene(meshes=(MeshSection(path=str(path), opacity=0.5),), image=ImageSettings(size=(8, 8)))
+    tried = {name for setting in settings_of(alone, 2, ALL, 99)[0] for name in setting.changes}
+    controls = {"abuffer", "early_discarding", "codec", "transport", "brick"}
+    assert tried == controls | {"early_termination", "pixel"}
+    beside = alone.model_copy(update={"volumes": SCENE.volumes})
+    more = {name for setting in settings_of(beside, 2, ALL, 99)[0] for name in setting.changes}
+    assert more - tried == {"step", "classification", "jitter", "max_error"}
+    named = [str(setting) for setting in settings_of(alone, 1, ["abuffer"], 99)[0]]
+    assert named[1:3] == ["abuffer dynamic and static", "abuffer fixed and optimised"]
+    drawn = measure(changed(alone, settings_of(alone, 1, ["abuffer"], 99)[0][1]), LoopbackChannel(), 1, 0)
+    assert drawn.image is not None
+    assert drawn.image.any()
+    assert ground_truth._reference_renderer(drawn.scene, 60.0)[0] is not None
+    assert "s for a few pixels" in ground_truth._reference_renderer(drawn.scene, 0.0)[1]
 
 
 def scene(**settings: Any) -> Scene:

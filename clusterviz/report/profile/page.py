@@ -24,6 +24,7 @@ SHOWN = {
     "iterations": "iterations: runs of samples, and gaps",
     "skipped": "slabs skipped, as nothing is visible there",
     "left_out": "slabs left out behind the opaque point",
+    "fragments": "fragments of meshes, lines and points",
     "ticks": "cost",
 }
 """Maps on the page, and what they show."""

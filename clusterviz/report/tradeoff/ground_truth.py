@@ -115,7 +115,7 @@ def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Gr
     budget_seconds : approximate time limit
     """
     scene = with_settings(scene, exact_settings())
-    reference, why = _reference_renderer(scene)
+    reference, why = _reference_renderer(scene, CHECK_SHARE * max(1.0, budget_seconds))
     if reference is None:
         return _converged(renderer, "renderer", why, scene, budget_seconds)
     small = _resized(scene, CHECK_WIDTH)
@@ -150,8 +150,13 @@ def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, 
     )
 
 
-def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
-    """Return the float64 reference as a function of scene and step, or None and the reason."""
+def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[Draw | None, str]:
+    """Return the float64 reference as a function of scene and step, or None and the reason.
+
+    Parameters
+    ----------
+    most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
+    """
     sources = [open_volume(volume) for volume in scene.volumes]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
@@ -164,9 +169,11 @@ def _reference_renderer(scene: Scene) -> tuple[Draw | None, str]:
         return render_reference(of, grids, voxels, step, surfaces=surfaces)
 
     try:
-        reference(_resized(scene, 2), 8.0)
+        seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))
     except ClustervizError as error:
         return None, f"the reference cannot draw this scene ({error})"
+    if seconds > most_seconds:
+        return None, f"the reference takes {seconds:.0f} s for a few pixels"
     return reference, ""
 
 

@@ -51,6 +51,12 @@ class Knob:
         return self.values or _names(self.name)
 
 
+SCHEMES = (
+    {"fill": "dynamic", "resolve": "static"},
+    {"fill": "fixed", "resolve": "optimised"},
+    {"fill": "pages", "resolve": "peeling"},
+    {"fill": "lists", "resolve": "both"},
+)
 KNOBS = (
     Knob("step", "distance between samples along a ray, in voxels", (4.0, 2.0, 1.0, 0.5, 0.25)),
     Knob("classification", "where the transfer function is applied", exact="post"),
@@ -66,6 +72,8 @@ KNOBS = (
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
     Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
     Knob("transport", "how pixels travel", ranks=2, control=True),
+    Knob("abuffer", "how fragments are stored and sorted", SCHEMES, control=True),
+    Knob("early_discarding", "whether fragments behind the last frame's rays are left out", (0.0,), control=True),
     Knob("brick", "voxels along the side of a brick", (16, 32, 128), control=True),
 )
 
@@ -157,13 +165,19 @@ def changed(scene: Scene, setting: Setting) -> Scene:
 
 
 def _idle(scene: Scene) -> set[str]:
-    """Return the names of settings without effect on the scene's volumes."""
+    """Return the names of settings without effect on the scene."""
     volumes = scene.volumes
     works = {
+        # Geometry alone is where its rays meet it, and is not sampled.
+        "step": bool(volumes),
+        "max_error": bool(volumes),
+        "frame_coherence": not scene.geometry,
+        "abuffer": bool(scene.geometry),
+        "early_discarding": bool(scene.geometry),
         "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
-        "jitter": not any(has_surfaces(volume) for volume in volumes),
+        "jitter": bool(volumes) and not any(has_surfaces(volume) for volume in volumes),
         "filter": any(volume.interpolation != "nearest" for volume in volumes),
-        "early_termination": any(BLEND_MODES[volume.blending].composited for volume in volumes),
+        "early_termination": not volumes or any(BLEND_MODES[volume.blending].composited for volume in volumes),
     }
     return {name for name, does in works.items() if not does}
 
@@ -208,6 +222,8 @@ def _names(name: str) -> tuple[Any, ...]:
 
 def _shown(value: Any) -> str:
     """Return a value as text, with small fractions such as 1/1024 and 4/255."""
+    if isinstance(value, Mapping):
+        return " and ".join(map(str, value.values()))
     if isinstance(value, float) and 0 < value < 0.1 and len(f"{value:g}") > 6:
         for part, whole in ((1, round(1 / value)), (round(255 * value), 255)):
             if part / whole == value:

@@ -85,7 +85,7 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
 
     Parameters
     ----------
-    scene : a scene with a volume
+    scene : a scene with a volume or geometry
     channel : channel of the ranks
     frames, warm_up : numbers of timed frames, and of frames before them, at least one
 
@@ -94,8 +94,8 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
     SceneError, RankError
         On every rank: there is nothing to draw, or a rank failed.
     """
-    if not scene.volumes:
-        raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene with a volume"))
+    if not (scene.volumes or scene.geometry):
+        raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene that shows something"))
     with FrameLoop(scene, channel) as loop:
         costs = []
         for number, one in enumerate(_along(loop.scene, warm_up + frames)):

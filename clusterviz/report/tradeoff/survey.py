@@ -58,7 +58,7 @@ class Survey:
         Parameters
         ----------
         name : name of the scene
-        scene : a scene with a volume
+        scene : a scene with a volume or geometry
         job : draws a scene
         progress : called with each of `steps` when it begins
 
