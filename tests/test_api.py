@@ -7,6 +7,7 @@ import io
 import pickle
 import pydoc
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
@@ -220,6 +221,15 @@ def test_a_mesh_in_memory_is_drawn_in_whatever_form_it_comes() -> None:
     assert both[..., 3].max() == 1
     with pytest.raises(DataError, match=r"meshes\[1\]: not geometry; found int"):
         clusterviz.render(clusterviz.Scene(), meshes=[forms[0], {"path": 3}])
+
+
+@pytest.mark.gl
+def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["flow.py", str(tmp_path / "a.png")])
+    runpy.run_path(str(ROOT / "examples" / "flow.py"))
+    with Pillow.open(tmp_path / "a.png") as picture:
+        assert picture.size == (640, 480)
+        assert np.asarray(picture).std(axis=(0, 1)).min() > 20
 
 
 CHOICES = {
