@@ -327,8 +327,8 @@ class Raycaster:
                         block["first_box"], first = first, 0
                         if table := self._primitives.table(geometry, *tables.primitives_of(box)):
                             buffers.make(block).bind_to_uniform_block(0)
-                            if box not in tiles:
-                                tiles[box] = list_primitives(self._context, plan, table, rect)
+                            limits = hidden.limits if hidden else None
+                            tiles[box] = list_primitives(self._context, plan, table, rect, limits, tiles.get(box))
                             given = plan, table, tiles[box], rect, buffers.make, self._pools
                             found = bind_fragments(self._context, self._passes, *given)
                             fragments += found[0]

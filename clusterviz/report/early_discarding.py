@@ -14,20 +14,18 @@ class EarlyDiscarding:
     ----------
     stored : fragments stored, those of pixels that were drawn again twice, and one for each pixel where some were left
         out
-    skipped : primitives and fragments left out at pixels, without those of pixels that were drawn again
-    pixels : pixels where some were left out
+    pixels : pixels where some were left out, without those that were drawn again
     redrawn : pixels drawn again with all fragments, as their rays did not end in front of what was left out
     """
 
     stored: int = 0
-    skipped: int = 0
     pixels: int = 0
     redrawn: int = 0
 
     def __str__(self) -> str:
         """Return a summary in one line."""
         return (
-            f"{self.stored:,} fragments stored, {self.skipped:,} primitives left out at {self.pixels:,} pixels; "
+            f"{self.stored:,} fragments stored, some left out at {self.pixels:,} pixels; "
             f"{self.redrawn:,} pixels drawn again, none wrong"
         )
 

@@ -24,7 +24,6 @@ void find_in(Ray ray, int tile) {
             int row = int(tile_row[n]), own = layer_of(row);
             if (SOME_OPAQUE && (int(layer[own].table.w) & OPAQUE) != (pass == 0 ? OPAQUE : 0)) continue;
             int kind = int(layer[own].table.y);
-            if (is_hidden(kind, corner[row])) continue;
             for (int side = 0; side < (kind == TRIANGLE ? 1 : 2); ++side) {
                 if (ray.slabs == 0 || !find(ray, row, kind, side, found) || is_behind(found, last)) continue;
                 if (pass == 0) last = found;
@@ -41,7 +40,7 @@ int number_of(ivec2 pixel) {
 
 void find_all(ivec2 pixel, int tile) {
     int number = number_of(pixel);
-    if (begin_list(number) && begin_pixel(number)) {
+    if (begin_list(number) && begin_pixel(number, tile)) {
         Ray ray = ray_through(pixel + frame.rect.xy);
         cut(ray, false);
         face_primitives(ray);

@@ -1,10 +1,6 @@
 // All fragments are stored.
-bool begin_pixel(int pixel) {
+bool begin_pixel(int pixel, int tile) {
     return true;
-}
-
-bool is_hidden(int kind, ivec4 of) {
-    return false;
 }
 
 void keep(uvec2 found) {

@@ -4,10 +4,10 @@ int object_of(uint number);
 
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
+    if (k < NO_SLAB && !is_opaque(sum.a)) reach(double(k) + 0.5LF);
     if (k < fragment_slab && surfaces == 0) {
         if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
         if (LAYERS) note(k, middle + vec2(-0.5, 0.5) * length, sum.a, object);
-        reach(double(k) + 0.5LF);
         return;
     }
     float begin = -0.5 * length;
@@ -43,5 +43,4 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     if (LAYERS) note(k, middle + vec2(begin, 0.5 * length), sum.a, object);
     run_iterations += surfaces;
     surfaces = 0;
-    if (k < NO_SLAB) reach(double(k) + 0.5LF);
 }

@@ -26,9 +26,9 @@ from clusterviz.render.abuffer.tiles import camera_block
 from clusterviz.render.frame_coherence import projection_of, rays_of, still_holds
 from clusterviz.report.early_discarding import EarlyDiscarding
 
-HIDDEN = np.dtype([("limit", "f4"), ("end", "f4"), ("state", "i4"), ("skipped", "i4")])
+HIDDEN = np.dtype([("limit", "f4"), ("end", "f4"), ("state", "i4"), ("left_out", "i4")])
 """As `Hidden` in hidden.glsl."""
-HIDDEN_BINDING = 17
+HIDDEN_BINDING, LEFT_OUT_BINDING = 17, 18
 _MOVE = CompiledKernel(
     "clusterviz.render.reprojection_kernel",
     "move_ends",
@@ -101,20 +101,25 @@ class HiddenPixels:
 
     pixels: NDArray[np.void]
 
+    @property
+    def limits(self) -> NDArray[np.float32]:
+        """Depths behind which nothing is stored, float32 (rows, columns); nearer than all at pixels not drawn."""
+        return np.where(self.pixels["state"] == 0, self.pixels["limit"], np.float32(-np.inf))
+
     def rows(self, begin: int, end: int) -> HiddenPixels:
         """Return a view of some rows."""
         return HiddenPixels(self.pixels[begin:end])
 
     def begin(self) -> None:
         """Begin to draw all pixels."""
-        self.pixels["end"], self.pixels["state"], self.pixels["skipped"] = np.inf, 0, 0
+        self.pixels["end"], self.pixels["state"], self.pixels["left_out"] = np.inf, 0, 0
 
     def draw_again(self) -> bool:
         """Choose the pixels whose rays came to what was left out, to be drawn in full; return if there are any."""
         cut = self.pixels["state"] > 0
         self.pixels["state"] = ~cut
         self.pixels["limit"][cut] = np.inf
-        self.pixels["skipped"][cut] = 0
+        self.pixels["left_out"][cut] = 0
         return bool(cut.any())
 
     def counts(self, fragments: NDArray[np.int32]) -> EarlyDiscarding:
@@ -122,8 +127,7 @@ class HiddenPixels:
         pixels = self.pixels
         return EarlyDiscarding(
             int(fragments.sum(dtype=np.int64)),
-            int(pixels["skipped"].sum(dtype=np.int64)),
-            int(np.count_nonzero(pixels["skipped"])),
+            int(np.count_nonzero(pixels["left_out"])),
             int(np.count_nonzero(pixels["state"] == 0)),
         )
 

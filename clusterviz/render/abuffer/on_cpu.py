@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
 from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
@@ -39,10 +40,17 @@ def prepare_passes(plan: Plan, lanes: int) -> None:
         compiled_pass(variant)
 
 
-def list_primitives(plan: Plan, table: PrimitiveTable, rect: Rect, threads: tuple[Executor, int]) -> TileLists:
-    """Return the primitives of each tile of a rectangle of pixels, given a pool of threads and their number."""
+def list_primitives(
+    plan: Plan,
+    table: PrimitiveTable,
+    rect: Rect,
+    threads: tuple[Executor, int],
+    limits: NDArray[np.float32] | None,
+    last: TileLists | None,
+) -> TileLists:
+    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`."""
     shading = lit_layer(plan)
-    return make_lists(plan, table, rect, len(shading.lights) if shading else 0, CPU_TILE, *threads)
+    return make_lists(plan, table, rect, len(shading.lights) if shading else 0, CPU_TILE, *threads, limits, last)
 
 
 def find_fragments(
@@ -82,7 +90,7 @@ def find_fragments(
         state = np.zeros(COUNTER + 1, np.uint32)
         buffers[LISTS], buffers[8] = lists, np.empty((max(1, fragments), 2), np.uint32)
         buffers[16] = np.empty(pages + 1, np.uint32) if pages else links
-        passed = given | buffers | {2: state, 9: tiles.begins, 10: tiles.rows}
+        passed = given | buffers | {2: state, 9: tiles.begins, 10: tiles.rows, LEFT_OUT_BINDING: tiles.left_out}
         run(compiled_pass(variants[step]), addresses(uniforms | own, passed, ONE_GROUP), state, len(tiles.begins) - 1)
 
     store_fragments(fill, rect, pools, run_pass)

@@ -17,6 +17,7 @@ from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
 from clusterviz.render.abuffer.fills import EARLY, HEAD, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
@@ -45,8 +46,15 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
     return {variant: compile_compute(context, variant.source) for variant in variants}
 
 
-def list_primitives(context: moderngl.Context, plan: Plan, table: PrimitiveTable, rect: Rect) -> TileLists:
-    """Return the primitives of each tile of a rectangle of pixels.
+def list_primitives(
+    context: moderngl.Context,
+    plan: Plan,
+    table: PrimitiveTable,
+    rect: Rect,
+    limits: NDArray[np.float32] | None,
+    last: TileLists | None,
+) -> TileLists:
+    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`.
 
     Raises
     ------
@@ -54,7 +62,8 @@ def list_primitives(context: moderngl.Context, plan: Plan, table: PrimitiveTable
         llvmpipe would leave out primitives.
     """
     shading, threads = lit_layer(plan), kernel_threads()
-    tiles = make_lists(plan, table, rect, len(shading.lights) if shading else 0, GPU_TILE, _pool(), threads)
+    lights = len(shading.lights) if shading else 0
+    tiles = make_lists(plan, table, rect, lights, GPU_TILE, _pool(), threads, limits, last)
     most = int(np.diff(tiles.begins).max(initial=0))
     _check_loops(context, most, 2 * (FIND_ITERATIONS + len(table.layers)), "primitives in a tile")
     return tiles
@@ -104,6 +113,7 @@ def bind_fragments(
         13: table.corners,
         14: table.layers,
         15: table.attributes,
+        LEFT_OUT_BINDING: tiles.left_out,
     }
     for binding, data in given.items():
         make(_filled(data)).bind_to_storage_buffer(binding)

@@ -11,6 +11,7 @@ from typing import Any
 import numba
 
 ROUNDED = 1e-6  # of float32 coordinates, with a margin
+ROUNDED_DEPTH = 1e-5  # of fragments, with a margin
 MARGIN = 1e-2  # pixels
 LENS = 8  # numbers of `lens_of`
 
@@ -58,7 +59,9 @@ def _below(number):  # type: ignore[no-untyped-def]
     return number - MARGIN - ROUNDED * abs(number)
 
 
-def list_tiles(shift, width, height, layers, begin, end, boxes, corners, counts, pairs):  # type: ignore[no-untyped-def]
+def list_tiles(  # type: ignore[no-untyped-def]
+    shift, width, height, layers, begin, end, boxes, corners, vertices, limits, left_out, counts, pairs
+):
     """Find the primitives of each tile among some, and return how many pairs of a tile and a primitive there are.
 
     Parameters
@@ -69,6 +72,9 @@ def list_tiles(shift, width, height, layers, begin, end, boxes, corners, counts,
     begin, end : rows of primitives
     boxes : float32 (n, 4), as in `move`
     corners : int32 (m, 4), vertices of all primitives
+    vertices : float32 (n, 4)
+    limits : float32 (tiles,), depths behind which primitives are left out; (0,): none are
+    left_out : float32 (tiles,), lowered to depths that what is left out is not nearer than
     counts : int64 (tiles,), raised by the pairs of each tile
     pairs : int64 (k,), number of the tile · 2³² + row; those beyond the end are only counted
     """
@@ -90,6 +96,10 @@ def list_tiles(shift, width, height, layers, begin, end, boxes, corners, counts,
             j, j_end = math.ceil(min(max(y_low, 0.0), height)), math.floor(max(min(y_high, height - 1.0), -1.0))
             if i > i_end or j > j_end:
                 continue
+            depth = -math.inf
+            if len(limits):
+                a, b, c, radius = vertices[p, 2], vertices[q, 2], vertices[r, 2], vertices[p, 3]
+                depth = min(min(a, b), c) - radius - ROUNDED_DEPTH * (abs(a) + abs(b) + abs(c) + radius)
             # Sides of a triangle: a · column + b · row + c is at least 0 inside.
             a0 = b0 = c0 = a1 = b1 = c1 = a2 = b2 = c2 = 0.0
             if kind == 0 and not is_cut:
@@ -112,6 +122,9 @@ def list_tiles(shift, width, height, layers, begin, end, boxes, corners, counts,
                         and (right if a2 > 0 else left) * a2 + (bottom if b2 > 0 else top) * b2 + c2 >= 0
                     ):
                         tile = below * across + beside
+                        if len(limits) and depth > limits[tile]:
+                            left_out[tile] = min(left_out[tile], depth)
+                            continue
                         counts[tile] += 1
                         if found < len(pairs):
                             pairs[found] = (tile << 32) + row

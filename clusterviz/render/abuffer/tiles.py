@@ -46,7 +46,8 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "int64; int64; int64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; int64[::1]; int64[::1]",
+    "int64; int64; int64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
+    "float32[::1]; int64[::1]; int64[::1]",
     _SOURCES,
     1,
 )
@@ -65,12 +66,16 @@ class TileLists:
     vertices : float32 (n, 4), in the camera's coordinates, and radii
     begins : uint32 (tiles + 1,), of each tile in `rows`
     rows : uint32 (k,), at least one, rows of primitives, ascending in each tile
+    boxes : float32 (n, 4), pixels of the vertices, as in `tile_kernel.move`
+    left_out : float32 (tiles,), depths that what is left out of each tile is not nearer than; (0,): nothing is left out
     """
 
     block: NDArray[np.void]
     vertices: NDArray[np.float32]
     begins: NDArray[np.uint32]
     rows: NDArray[np.uint32]
+    boxes: NDArray[np.float32]
+    left_out: NDArray[np.float32]
 
 
 def prepare_tiles(plan: Plan) -> None:
@@ -115,7 +120,15 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
 
 
 def make_lists(
-    plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, tile: int, threads: Executor, count: int
+    plan: Plan,
+    table: PrimitiveTable,
+    rect: Rect,
+    lights: int,
+    tile: int,
+    threads: Executor,
+    count: int,
+    limits: NDArray[np.float32] | None = None,
+    last: TileLists | None = None,
 ) -> TileLists:
     """Return the lists of a rectangle of pixels.
 
@@ -124,7 +137,51 @@ def make_lists(
     lights : number of lights
     tile : pixels along the side of a tile, a power of two, where primitives are not small
     threads : do the work, in `count` tasks
+    limits : float32 (h, w), depths behind which primitives may be left out; None: all are listed
+    last : lists of the same plan and pixels, with other limits
     """
+    moved = (last.block, last.vertices, last.boxes) if last else _moved(plan, table, rect, lights, threads, count)
+    block, vertices, boxes = moved
+    shift = 0 if _are_small(table, boxes, rect) else tile.bit_length() - 1
+    across, down = ((side - 1 >> shift) + 1 for side in (rect.width, rect.height))
+    block["counts"][0, 1:3] = across, shift
+    layers = np.append(table.layers["table"][:, :2], [[len(table.corners), 0]], axis=0).astype(np.int64)
+    shares = _parts(len(table.corners), count) or [(0, 0)]
+    counts = np.zeros((len(shares), across * down), np.int64)
+    farthest = _of_tiles(limits, 1 << shift) if limits is not None else np.zeros(0, np.float32)
+    left_out = np.full((len(shares), len(farthest)), np.inf, np.float32)
+
+    def pairs_of(share: tuple[int, int], nearest: NDArray[np.float32], own: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the pairs of a share of the primitives, and count them."""
+        pairs = np.empty(4 * (share[1] - share[0]), np.int64)
+        given = shift, rect.width, rect.height, layers, *share, boxes, table.corners, vertices, farthest, nearest
+        while True:
+            found = _LIST(*given, own, pairs)
+            if found <= len(pairs):
+                return pairs[:found]
+            own[:], pairs = 0, np.empty(found, np.int64)
+
+    pairs = list(threads.map(pairs_of, shares, left_out, counts))
+    # By tiles, and in a tile by shares, whose rows ascend.
+    ends = np.cumsum(counts.T).reshape(-1, len(shares)).T
+    places = np.ascontiguousarray(ends - counts)
+    begins = np.append(places[0], ends[-1, -1]).astype(np.uint32)
+    rows = np.zeros(max(1, int(begins[-1])), np.uint32)
+    list(threads.map(_PLACE, pairs, places, [rows] * len(shares)))
+    return TileLists(block, vertices, begins, rows, boxes, left_out.min(axis=0))
+
+
+def _of_tiles(limits: NDArray[np.float32], tile: int) -> NDArray[np.float32]:
+    """Return the farthest limit of each tile, given those of pixels."""
+    for axis, side in enumerate(limits.shape):
+        limits = np.maximum.reduceat(limits, np.arange(0, side, tile), axis=axis)
+    return np.ascontiguousarray(limits).ravel()
+
+
+def _moved(
+    plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, threads: Executor, count: int
+) -> tuple[NDArray[np.void], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the block, the vertices in the camera's coordinates, and their pixels."""
     assert plan.content, "there is geometry"
     block = camera_block(plan, lights)
     lens = lens_of(plan, block, rect)
@@ -142,30 +199,7 @@ def make_lists(
         first += len(positions)
     for task in tasks:
         task.result()
-    shift = 0 if _are_small(table, boxes, rect) else tile.bit_length() - 1
-    across, down = ((side - 1 >> shift) + 1 for side in (rect.width, rect.height))
-    block["counts"][0, 1:3] = across, shift
-    layers = np.append(table.layers["table"][:, :2], [[len(table.corners), 0]], axis=0).astype(np.int64)
-    shares = _parts(len(table.corners), count) or [(0, 0)]
-    counts = np.zeros((len(shares), across * down), np.int64)
-
-    def pairs_of(share: tuple[int, int], own: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the pairs of a share of the primitives, and count them."""
-        pairs = np.empty(4 * (share[1] - share[0]), np.int64)
-        while True:
-            found = _LIST(shift, rect.width, rect.height, layers, *share, boxes, table.corners, own, pairs)
-            if found <= len(pairs):
-                return pairs[:found]
-            own[:], pairs = 0, np.empty(found, np.int64)
-
-    pairs = list(threads.map(pairs_of, shares, counts))
-    # By tiles, and in a tile by shares, whose rows ascend.
-    ends = np.cumsum(counts.T).reshape(-1, len(shares)).T
-    places = np.ascontiguousarray(ends - counts)
-    begins = np.append(places[0], ends[-1, -1]).astype(np.uint32)
-    rows = np.zeros(max(1, int(begins[-1])), np.uint32)
-    list(threads.map(_PLACE, pairs, places, [rows] * len(shares)))
-    return TileLists(block, vertices, begins, rows)
+    return block, vertices, boxes
 
 
 def _are_small(table: PrimitiveTable, boxes: NDArray[np.float32], rect: Rect) -> bool:

@@ -32,6 +32,7 @@ from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pool
 from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, list_primitives, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
+from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
@@ -286,8 +287,7 @@ class VectorCaster:
         buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
         assert shown.variant, "there are bricks"
         variants = [shown.variant]
-        if shown.geometry:
-            tiles = list_primitives(plan, shown.geometry, rect, (_pool(os.getpid()), self._threads))
+        tiles: TileLists | None = None
         if hidden:
             hidden.begin()
             buffers[HIDDEN_BINDING] = hidden.pixels
@@ -298,6 +298,8 @@ class VectorCaster:
                 # Pixels that are not drawn again keep their colours, and the others have zeros.
                 frame["first_box"] = 0
             if shown.geometry:
+                threads, limits = (_pool(os.getpid()), self._threads), hidden.limits if hidden else None
+                tiles = list_primitives(plan, shown.geometry, rect, threads, limits, tiles)
                 found = find_fragments(
                     plan,
                     shown.geometry,
