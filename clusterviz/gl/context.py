@@ -52,7 +52,7 @@ def compile_compute(context: moderngl.Context, source: ShaderSource) -> moderngl
     DeviceError
         The driver refuses the source.
     """
-    if not isinstance(context, moderngl.Context):  # the draw is recorded
+    if hasattr(context, "compiled"):  # the draw is recorded
         return context.compiled(source)
     try:
         return context.compute_shader(source.text)
