@@ -44,7 +44,6 @@ CONTENT: dict[str, tuple[dict[str, Any], Sequence[Any]]] = {
         VOLUME | LINES | POINTS | {"meshes": [{"path": "m", "opacity": 0.95}]},
         [FOG, Geometry(mesh=SOUP), Geometry(lines=PATHS), Geometry(points=CLOUD)],
     ),
-    "lines, points": (LINES | POINTS, [Geometry(lines=PATHS), Geometry(points=CLOUD)]),
 }
 
 
@@ -89,7 +88,7 @@ def counts(frame: Rendered) -> EarlyDiscarding:
         ("mesh", 2, {"mode": "sort-first"}, "cpu"),
         ("volume, mesh, lines, points", 1, {}, "cpu"),
         ("volume, mesh, lines, points", 3, {"brick": 4, "distribution": "interleaved"}, "cpu"),
-        ("lines, points", 1, {"early_termination": 0.0}, "cpu"),
+        ("volume, mesh, lines, points", 1, {"early_termination": 0.0}, "cpu"),
         pytest.param("mesh", 3, {"brick": 64}, 0, marks=pytest.mark.gl),
         pytest.param("volume, mesh, lines, points", 1, {}, 0, marks=pytest.mark.gl),
     ],
