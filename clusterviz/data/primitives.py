@@ -38,10 +38,10 @@ class DrawnPrimitives:
     positions : float32 or float64 (n, 3), vertices, points of lines, or centres
     corners : int (m, c), rows of `positions`, see `plan.geometry.Primitives`
     radii : float32 (n,), of an array of the file; (0,) without one
-    left_out : number of segments or points that cannot be drawn, which are no primitives
+    left_out : number of segments, points or arrows that cannot be drawn, which are no primitives
     of_vertices, of_cells : arrays of the file by name
     cells : int (m,), line or point of the file of each primitive; None: primitives are the triangles of `mesh`
-    mesh : of the triangles, some of which cannot be drawn
+    mesh : of the triangles, some of which cannot be drawn; None for tubes, spheres and arrows
     """
 
     kind: Kind
@@ -149,7 +149,7 @@ def _tubes(lines: Lines) -> DrawnPrimitives:
 
 
 def stored_normals(drawn: DrawnPrimitives) -> NDArray[Any] | None:
-    """Return the array `Normals` of a mesh's file, (n, 3), if there is one."""
+    """Return the array `Normals`, (n, 3), of a mesh's file or of arrows, if there is one."""
     stored = drawn.of_vertices.get("Normals")
     return stored if stored is not None and stored.shape == drawn.positions.shape else None
 
@@ -260,7 +260,7 @@ class DistinctRows:
 
 @dataclass(frozen=True)
 class BrickBoxes:
-    """Bricks in which primitives of one entry are looked for.
+    """A brick grid in the coordinates of one entry's file, for the search of its primitives.
 
     Attributes
     ----------

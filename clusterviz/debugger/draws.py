@@ -119,7 +119,7 @@ class Frame:
         """
         share, bricks = prepare(Run(LoopbackChannel(), options or Options()), scene)
         if share.plan is None:
-            raise SceneError("nothing to draw", where="volumes", allowed="a volume, a mesh, lines or points")
+            raise SceneError("nothing to draw", where="scene", allowed="a volume, a mesh, lines or points")
         plan = share.plan
         tree = build_tree(plan.cost, ranks)
         return cls(plan, leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward), bricks)

@@ -112,14 +112,14 @@ class OpenedContent:
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
-        assert plan.content is not None, "the plan is one of several volumes"
+        assert plan.content is not None, "the plan has content"
         return plan.content.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
         """Read bricks of a plan from all sources, with one pass over each volume; with geometry, collective."""
         content = plan.content
         if content is None:
-            raise ValueError("the plan is not one of several volumes")
+            raise ValueError("the plan has no content")
         # First, since the ranks exchange what their bricks hold.
         pairs = zip(self.geometry, content.geometry, strict=True)
         geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]

@@ -28,7 +28,7 @@ MOST_WITH_GEOMETRY = 1 << 16
 CELLS_OF_GEOMETRY = 512
 """Cells along the longest side of a domain without volumes, at least; at most twice as many."""
 GROWTH = 2.0**-10
-"""Cells by which the domain is larger than geometry that lie beyond all volumes, or where it would be flat."""
+"""Cells by which the domain is larger than geometry that lies beyond all volumes, or where it would be flat."""
 EMPTY = np.zeros((0, 3))
 ROUNDING = 1e-9
 """Part of a cell by which an extent may exceed a whole number of cells."""

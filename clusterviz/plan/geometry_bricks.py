@@ -123,8 +123,10 @@ class KnownGeometry:
             geometry = load()
             drawn = self._held = self._drawn(geometry)
             arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
+            self._colour_types: dict[str, np.dtype[Any]] = {}
             for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
                 arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
+                self._colour_types[name] = array.dtype
             values = np.empty(0)
             if section.scalars is not None and _channels(section, arrays, key) == 1:
                 array = _array(drawn, section.scalars)
@@ -138,9 +140,6 @@ class KnownGeometry:
         known = [one for one in ranges if one]
         self._kind, self._count = drawn.kind, sum(counts)
         self._position_type = np.dtype(drawn.positions.dtype)
-        self._colour_types = {
-            name: array.dtype for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items())
-        }
         self.info = GeometryInfo(
             np.stack([low, high]) if sum(counts) else np.empty((0, 3)),
             sum(counts) // (ARROW_TRIANGLES if is_arrows(section) else 1),
@@ -166,7 +165,7 @@ class KnownGeometry:
         channels = _channels(section, self.info.arrays, self._key)
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
         opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
-        transfer = surface_transfer(section) if channels == 1 else None
+        transfer = geometry_transfer(section) if channels == 1 else None
         edges = _edges(section, grid.domain.spacing)
         hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
         is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
@@ -212,9 +211,8 @@ class KnownGeometry:
         if layer.has_normals:
             normals = self._normals(section, grid, members)
         with agree(self._channel, 0, "load"):
-            rows = DistinctRows(len(self._opened().positions)) if some else None
+            rows = DistinctRows(len(self._opened().positions) if some else 0)
             for index, brick in zip(some, flat, strict=True):
-                assert rows is not None
                 found[index] = _cropped(members[brick], layer, self._opened(), normals, rows)
             self._held = self._share = None
         return found
@@ -357,7 +355,7 @@ def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, floa
     return *(background_rgb(edges.color) or (0.0, 0.0, 0.0)), edges.opacity, 0.5 * (edges.width or 0.0) / spacing
 
 
-def surface_transfer(section: GeometrySection) -> TransferFunction:
+def geometry_transfer(section: GeometrySection) -> TransferFunction:
     """Return the transfer function of a completed section's scalars."""
     clim = section.clim or (0.0, 1.0)
     domain = clim if clim[0] < clim[1] else range_around(clim[0])

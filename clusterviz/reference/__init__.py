@@ -11,7 +11,7 @@
 - intersections.py  intersections with triangles, spheres and tubes
 - fragments.py      meshes, lines and points
 - preintegrated.py  pre-integrated classification
-- multi_volume.py   several volumes, and surfaces
+- multi_volume.py   several volumes, and geometry
 - layers.py         layers beside the colours
 - raycast.py        picture of a scene
 - over.py           compositing of layers

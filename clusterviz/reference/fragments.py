@@ -164,7 +164,7 @@ def find_fragments(rays: Rays, surfaces: Sequence[PlacedGeometry], scene: Scene)
 def _of_geometry(
     rays: Rays, surface: PlacedGeometry, number: int, scene: Scene
 ) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
-    """Return ray, number and primitive (k, 3), t (k,), colours (k, 4) and normals (k, 3) of one surface's fragments."""
+    """Return ray, number and primitive (k, 3), t (k,), colours (k, 4) and normals (k, 3) of one entry's fragments."""
     section, hits = surface.section, intersect(rays, surface.primitives)
     point = rays.start[hits.ray] + hits.t[:, None] * rays.direction[hits.ray]
     seen = kept(point, scene.clip, WORLD)

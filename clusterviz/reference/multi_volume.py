@@ -276,7 +276,7 @@ DARK = 2.0**-60
 LONGEST = 2.0
 """Of a slab, in the smallest spacing, where anything depends on the field at its ends."""
 GROWTH = 2.0**-10
-"""Of the box around all where surfaces lie beyond the volumes, in the smallest spacing."""
+"""Of the box around all where geometry lies beyond the volumes, in the smallest spacing."""
 
 
 def march_mixture(
@@ -303,7 +303,7 @@ def march_mixture(
     if not volumes:
         return fragments.composite_all()
     spacing = min(min(placed.grid.spacing) for placed in volumes)
-    # The box is a little larger than surfaces beyond the volumes, so that nothing lies on its faces by rounding.
+    # The box is a little larger than geometry beyond the volumes, so that nothing lies on its faces by rounding.
     corners = np.concatenate([placed.grid.corners for placed in volumes])
     bounds = np.concatenate([np.empty((0, 3)), *(surface.bounds for surface in surfaces)])
     growth = GROWTH * spacing + 2.0**-48 * np.abs(bounds).max(initial=0.0)

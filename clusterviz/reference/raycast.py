@@ -65,7 +65,7 @@ def render_reference(
     met: HalfOpacity | None = None,
     surfaces: Sequence[Surface] = (),
 ) -> Floats:
-    """Ray cast the scene's volume; `multi_volume.py` handles several, and surfaces.
+    """Ray cast the scene's volume; `multi_volume.py` handles several, and geometry.
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. With jitter, t0 lies a fraction of h in front of the box, and the first slab is cut

@@ -118,8 +118,8 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points in light, and lines without colours by their direction."""
     found: dict[str, Any] = dict(GEOMETRY_KEYS)
-    if own_colours(section, info):
-        found["scalars"] = own_colours(section, info)
+    if colours := own_colours(section, info):
+        found["scalars"] = colours
     elif isinstance(section, LinesSection) and not {"color", "scalars"} & section.model_fields_set:
         found["color_by"] = "direction"
     chosen: GeometrySection = _with_defaults(section, found)

@@ -21,6 +21,7 @@ from clusterviz.scene.geometry import (
     MeshSection,
     PointsSection,
     as_sections,
+    is_arrows,
 )
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
@@ -77,21 +78,17 @@ def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[Geometr
 
 
 def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
-    """Return meshes, lines or points with clim and a radius."""
+    """Return meshes, lines or points with clim, a radius, the file's own colours and the width of edges."""
     found: dict[str, object] = {}
-    if own_colours(section, info):
-        found["scalars"] = own_colours(section, info)
+    if colours := own_colours(section, info):
+        found["scalars"] = colours
     if section.clim is None and info.scalars is not None:
         low, high = info.scalars
         found["clim"] = (low, high) if low < high else range_around(low)
     size = (math.dist(*info.box) if len(info.box) else 0.0) or float(np.abs(info.box).max(initial=0.0)) or 1.0
     share = RADIUS_OF_DIAGONAL.get(type(section), 0.0)
-    if (
-        share
-        and not info.has_radii
-        and getattr(section, "style", "") != "arrows"
-        and not isinstance(getattr(section, "radius", None), float)
-    ):
+    has_radius = info.has_radii or isinstance(getattr(section, "radius", None), float)
+    if share and not has_radius and not is_arrows(section):
         found["radius"] = share * size
     if isinstance(section, MeshSection) and section.edges and section.edges.width is None:
         found["edges"] = section.edges.model_copy(update={"width": size / 1000})

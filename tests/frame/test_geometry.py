@@ -39,7 +39,7 @@ def shell(radius: float, centre: Any = (7.2, 6.9, 6.4), **arrays: Any) -> Mesh:
 
 
 def scene_of(*parts: tuple[Any, dict[str, Any]], volumes: int = 1, **keys: Any) -> tuple[Scene, list[Any]]:
-    """A scene, and what is given for its volumes and surfaces: parts, each with keys of its section."""
+    """A scene, and what is given for its volumes and geometry: parts, each with keys of its section."""
     sections: list[GeometrySection] = [SECTIONS[type(part)][1](**{"path": "a", **more}) for part, more in parts]
     given = [ArraySource(VOXELS, GRID)] * volumes
     fog = Volume(path="a", clim=(0, 1), opacity=[[0.3, 0], [1, 0.2]], opacity_unit_distance=2.0)

@@ -305,8 +305,8 @@ def test_no_memory_for_one_more_page_is_an_error_or_divides(fill: Fill) -> None:
 
 
 def test_opaque_geometry_alone_has_one_place_for_each_pixel() -> None:
-    fills = [prepared(scene_of(()), (), entries).plan.content.fill for entries in (WHOLE, PLAIN, (*PLAIN, *WHOLE))]
-    assert fills == ["fixed", "auto", "auto"]
+    chosen = [prepared(scene_of(()), (), entries).plan.content.fill for entries in (WHOLE, PLAIN, (*PLAIN, *WHOLE))]
+    assert chosen == ["fixed", "auto", "auto"]
 
 
 @EACH
