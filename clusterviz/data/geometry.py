@@ -49,13 +49,13 @@ class Mesh:
     triangle_attributes: Attributes = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_positions(self.vertices, self.name)
+        check_positions(self.vertices, self.name)
         shape, kind = self.triangles.shape, self.triangles.dtype.kind
         if len(shape) != 2 or shape[1] != 3 or kind not in "iu":
             raise DataError("not triangles", where=self.name, found=f"{kind} {shape}", allowed="integers (m, 3)")
         check_indices(self.triangles, len(self.vertices), self.name)
-        _check_attributes(self.vertex_attributes, len(self.vertices), "vertices", self.name)
-        _check_attributes(self.triangle_attributes, shape[0], "triangles", self.name)
+        check_attributes(self.vertex_attributes, len(self.vertices), "vertices", self.name)
+        check_attributes(self.triangle_attributes, shape[0], "triangles", self.name)
 
     @cached_property
     def drawable(self) -> NDArray[np.bool_]:
@@ -128,13 +128,13 @@ class Lines:
     line_attributes: Attributes = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_positions(self.points, self.name)
+        check_positions(self.points, self.name)
         ends = self.offsets[[0, -1]].tolist() if self.offsets.ndim == 1 and len(self.offsets) else []
         if ends != [0, len(self.points)] or (np.diff(self.offsets) < 0).any():
             allowed = f"offsets that rise from 0 to {len(self.points)}"
             raise DataError("the lines' offsets are wrong", where=self.name, found=ends, allowed=allowed)
-        _check_attributes(self.point_attributes, len(self.points), "points", self.name)
-        _check_attributes(self.line_attributes, len(self.offsets) - 1, "lines", self.name)
+        check_attributes(self.point_attributes, len(self.points), "points", self.name)
+        check_attributes(self.line_attributes, len(self.offsets) - 1, "lines", self.name)
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
@@ -169,8 +169,8 @@ class Points:
     attributes: Attributes = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_positions(self.positions, self.name)
-        _check_attributes(self.attributes, len(self.positions), "points", self.name)
+        check_positions(self.positions, self.name)
+        check_attributes(self.attributes, len(self.positions), "points", self.name)
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
@@ -359,13 +359,15 @@ def _arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
     return {n: a for n, a in arrays.items() if a.dtype.kind in "iufb" and a.ndim in (1, 2) and len(a) == count}
 
 
-def _check_positions(positions: NDArray[Any], where: str) -> None:
+def check_positions(positions: NDArray[Any], where: str) -> None:
+    """Check the shape and type of positions (n, 3)."""
     if positions.ndim != 2 or positions.shape[1] != 3 or positions.dtype not in (np.float32, np.float64):
         found = f"{positions.dtype} {positions.shape}"
         raise DataError("not positions", where=where, found=found, allowed="float32 or float64 (n, 3)")
 
 
-def _check_attributes(attributes: Attributes, count: int, noun: str, where: str) -> None:
+def check_attributes(attributes: Attributes, count: int, noun: str, where: str) -> None:
+    """Check that arrays hold numbers of as many vertices, triangles, … as there are."""
     for name, array in attributes.items():
         if array.dtype.kind not in "iufb" or array.ndim not in (1, 2) or len(array) != count:
             found = f"{array.dtype} {array.shape}"

@@ -1,0 +1,169 @@
+"""Faces of tetrahedra in buckets by their smallest corner, where those of two tetrahedra are found, compiled by numba.
+
+A half-face is one of the four sides of a tetrahedron; its number is four times the tetrahedron's plus its place, as in
+`FACES`. In a bucket half-faces are sorted by their other two corners, then by their number.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+NONE = 0xFFFFFFFF
+SMALL = 48  # half-faces of a bucket that are sorted by insertion
+
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_inline = numba.njit(inline="always", **_OPTIONS)
+_function = numba.njit(**_OPTIONS)
+
+
+@_inline
+def _corners(tetrahedra, row, k):  # type: ignore[no-untyped-def]
+    """Return the corners of a half-face in increasing order, and 1 if it is clockwise in this order from outside."""
+    p, q, r, s = tetrahedra[row, 0], tetrahedra[row, 1], tetrahedra[row, 2], tetrahedra[row, 3]
+    a, b, c = p, r, q
+    if k == 1:
+        a, b, c = p, q, s
+    elif k == 2:
+        a, b, c = q, r, s
+    elif k == 3:
+        a, b, c = p, s, r
+    odd = 0
+    if a > b:
+        a, b, odd = b, a, 1 - odd
+    if b > c:
+        b, c, odd = c, b, 1 - odd
+    if a > b:
+        a, b, odd = b, a, 1 - odd
+    return a, b, c, odd
+
+
+def count_half_faces(tetrahedra, counts):  # type: ignore[no-untyped-def]
+    """Add the number of half-faces of each bucket.
+
+    Parameters
+    ----------
+    tetrahedra : uint32 (m, 4), corners
+    counts : int64 (n,), raised
+    """
+    for row in range(len(tetrahedra)):
+        for k in range(4):
+            counts[_corners(tetrahedra, row, k)[0]] += 1
+
+
+def fill_buckets(tetrahedra, first, places, keys, numbers):  # type: ignore[no-untyped-def]
+    """Put half-faces into their buckets.
+
+    Parameters
+    ----------
+    first : number of the first of these tetrahedra
+    places : int64 (n,), the next free place of each bucket; raised
+    keys : uint64 (h,), the other two corners
+    numbers : int64 (h,), twice the number of the half-face, plus 1 if it is clockwise
+    """
+    for row in range(len(tetrahedra)):
+        for k in range(4):
+            a, b, c, odd = _corners(tetrahedra, row, k)
+            place = places[a]
+            keys[place] = (b << 32) | c
+            numbers[place] = 2 * (4 * (first + row) + k) + odd
+            places[a] = place + 1
+
+
+def sort_buckets(ends, first, last, keys, numbers):  # type: ignore[no-untyped-def]
+    """Sort the buckets [first, last), and return their number of faces, and of half-faces that no side is free for.
+
+    Parameters
+    ----------
+    ends : int64 (n,), of the buckets
+    """
+    faces, crowded = 0, 0
+    for bucket in range(first, last):
+        begin, end = ends[bucket - 1] if bucket else 0, ends[bucket]
+        if end - begin <= SMALL:
+            _insertion_sort(keys, numbers, begin, end)
+        else:
+            _heap_sort(keys, numbers, begin, end)
+        while begin < end:
+            key, odds, run = keys[begin], 0, begin
+            while run < end and keys[run] == key:
+                odds += numbers[run] & 1
+                run += 1
+            evens = run - begin - odds
+            faces += max(odds, evens)
+            crowded += max(0, odds - 1) + max(0, evens - 1)
+            begin = run
+    return faces, crowded
+
+
+def write_faces(ends, first, last, keys, numbers, corners, sides):  # type: ignore[no-untyped-def]
+    """Write the faces of the sorted buckets [first, last).
+
+    Parameters
+    ----------
+    corners : uint32 (f, 3), written
+    sides : uint32 (f, 2), written
+    """
+    face = 0
+    for bucket in range(first, last):
+        begin, end = ends[bucket - 1] if bucket else 0, ends[bucket]
+        while begin < end:
+            key, even, odd, run = keys[begin], begin, begin, begin
+            while run < end and keys[run] == key:
+                run += 1
+            while True:  # the next even one beside the next odd one, as far as there are any
+                while even < run and numbers[even] & 1:
+                    even += 1
+                while odd < run and not numbers[odd] & 1:
+                    odd += 1
+                if even >= run and odd >= run:
+                    break
+                corners[face, 0], corners[face, 1], corners[face, 2] = bucket, key >> 32, key & 0xFFFFFFFF
+                sides[face, 0] = numbers[even] >> 3 if even < run else NONE
+                sides[face, 1] = numbers[odd] >> 3 if odd < run else NONE
+                face, even, odd = face + 1, even + 1, odd + 1
+            begin = run
+
+
+@_inline
+def _is_before(keys, numbers, i, j):  # type: ignore[no-untyped-def]
+    return keys[i] < keys[j] or (keys[i] == keys[j] and numbers[i] < numbers[j])
+
+
+@_inline
+def _swap(keys, numbers, i, j):  # type: ignore[no-untyped-def]
+    keys[i], keys[j] = keys[j], keys[i]
+    numbers[i], numbers[j] = numbers[j], numbers[i]
+
+
+@_function
+def _insertion_sort(keys, numbers, begin, end):  # type: ignore[no-untyped-def]
+    for n in range(begin + 1, end):
+        key, number, at = keys[n], numbers[n], n
+        while at > begin and (keys[at - 1] > key or (keys[at - 1] == key and numbers[at - 1] > number)):
+            keys[at], numbers[at] = keys[at - 1], numbers[at - 1]
+            at -= 1
+        keys[at], numbers[at] = key, number
+
+
+@_function
+def _heap_sort(keys, numbers, begin, end):  # type: ignore[no-untyped-def]
+    size = end - begin
+    for n in range(size // 2 - 1, -1, -1):
+        _sift(keys, numbers, begin, n, size)
+    for n in range(size - 1, 0, -1):
+        _swap(keys, numbers, begin, begin + n)
+        _sift(keys, numbers, begin, 0, n)
+
+
+@_function
+def _sift(keys, numbers, begin, node, size):  # type: ignore[no-untyped-def]
+    while 2 * node + 1 < size:
+        child = 2 * node + 1
+        if child + 1 < size and _is_before(keys, numbers, begin + child, begin + child + 1):
+            child += 1
+        if not _is_before(keys, numbers, begin + node, begin + child):
+            return
+        _swap(keys, numbers, begin + node, begin + child)
+        node = child

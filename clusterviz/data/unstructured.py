@@ -1,0 +1,270 @@
+"""Unstructured grids in memory: points, cells of four kinds, and their arrays.
+
+Cells are tetrahedra, pyramids, wedges (prisms) and hexahedra with VTK's order of corners. Curved cells of second order
+are subdivided (`linearised`). What cannot be drawn stays in the arrays; `tetrahedra.py` leaves it out and counts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.geometry import Attributes, Bounds, bounds_of, check_attributes, check_indices, check_positions
+from clusterviz.errors import DataError
+
+FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Corners of the faces of each kind of cell, counter-clockwise seen from outside; cells are kept in this order."""
+CORNERS = {kind: 1 + max(map(max, faces)) for kind, faces in FACES.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class UnstructuredGrid:
+    """Unstructured grid.
+
+    Attributes
+    ----------
+    name : the file, for messages
+    points : float32 or float64 (n, 3), world
+    cells : int (m, c) by kind, indices of points in VTK's order; kinds in the order of `FACES`
+    point_arrays : arrays (n,) or (n, components) by name
+    cell_arrays : of all cells, those of each kind one after another
+    ignored : number of cells of the file without a volume: points, lines, triangles, …
+    curved : by the name of a point array, the largest difference along the edges of curved cells that their
+        subdivision makes; "" for the edges themselves, world; empty without curved cells
+
+    Raises
+    ------
+    DataError
+        Wrong shapes or types, arrays of another length, or indices out of range.
+    """
+
+    name: str
+    points: NDArray[Any]
+    cells: Mapping[str, NDArray[np.integer[Any]]]
+    point_arrays: Attributes = field(default_factory=dict)
+    cell_arrays: Attributes = field(default_factory=dict)
+    ignored: int = 0
+    curved: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_positions(self.points, self.name)
+        for kind, corners in self.cells.items():
+            if kind not in CORNERS or corners.ndim != 2 or corners.shape[1] != CORNERS[kind]:
+                found, allowed = f"{kind} {corners.shape}", ", ".join(f"{k} (m, {c})" for k, c in CORNERS.items())
+                raise DataError("not cells", where=self.name, found=found, allowed=allowed)
+            if corners.dtype.kind not in "iu":
+                raise DataError("not indices", where=self.name, found=corners.dtype, allowed="integers")
+            check_indices(corners, len(self.points), self.name)
+        object.__setattr__(self, "cells", {kind: self.cells[kind] for kind in FACES if kind in self.cells})
+        check_attributes(self.point_arrays, len(self.points), "points", self.name)
+        check_attributes(self.cell_arrays, self.count, "cells", self.name)
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return sum(len(corners) for corners in self.cells.values())
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Corners of the axis-aligned box around the finite points of cells; None if there are none."""
+        used = np.zeros(len(self.points), bool)
+        for corners in self.cells.values():
+            used[corners.ravel()] = True
+        return bounds_of(self.points[used & np.isfinite(self.points).all(axis=1)])
+
+    def array(self, name: str | None) -> tuple[NDArray[Any], bool]:
+        """Return an array of scalars, (n,) of points or (m,) of cells, and whether it belongs to cells.
+
+        Parameters
+        ----------
+        name : of the array; the points' if points and cells have one; None: the only array of scalars
+
+        Raises
+        ------
+        DataError
+            There is no such array, several and none is named, or it does not hold one number each.
+        """
+        found = [(key, array, on_cells) for key, array, on_cells in self._arrays() if name in (None, key)]
+        scalars = [each for each in found if each[1].size == len(each[1]) and each[1].dtype.kind in "iufb"]
+        names = ", ".join(dict.fromkeys(key for key, array, _ in self._arrays() if array.size == len(array)))
+        if found and not scalars:
+            (key, array, _), allowed = found[0], names or "none: no array of the file has one number each"
+            raise DataError("not one number each", where=f"{self.name}:{key}", found=array.shape, allowed=allowed)
+        if not found:
+            allowed = names or "none: the file has no arrays"
+            raise DataError("no such array", where=self.name, found=name or "no array", allowed=allowed)
+        if name is None and len({key for key, _, _ in scalars}) > 1:
+            raise DataError("several arrays, and none is named", where=self.name, found=names, allowed="array: NAME")
+        return scalars[0][1].reshape(-1), scalars[0][2]
+
+    def _arrays(self) -> list[tuple[str, NDArray[Any], bool]]:
+        of_points = [(name, array, False) for name, array in self.point_arrays.items()]
+        return of_points + [(name, array, True) for name, array in self.cell_arrays.items()]
+
+
+def linearised(
+    points: NDArray[Any],
+    blocks: Sequence[tuple[str, NDArray[np.integer[Any]]]],
+    of_points: Attributes,
+    of_cells: Attributes,
+    where: str,
+) -> UnstructuredGrid:
+    """Return the grid of blocks of cells as files have them; curved cells are subdivided at their nodes.
+
+    A cell of second order becomes 8 cells (a pyramid 10) between its corners and the nodes on its edges and faces.
+    Faces without a node get one from those of their edges, so neighbours fit. The difference from the curved cell falls
+    with the square of the cells' size; `UnstructuredGrid.curved` states it.
+
+    Parameters
+    ----------
+    points : (n, 3)
+    blocks : kind and corners (m, c) of some cells, by meshio's names; kinds without a volume are dropped
+    of_points, of_cells : arrays by name, (n, …), and of all cells in the order of the blocks
+
+    Raises
+    ------
+    DataError
+        A kind is unknown, no cell has a volume, or as of `UnstructuredGrid`.
+    """
+    ignored, begin, curved = 0, 0, dict[str, float]()
+    cells: dict[str, list[NDArray[Any]]] = {kind: [] for kind in FACES}
+    rows: dict[str, list[NDArray[np.int64]]] = {kind: [] for kind in FACES}
+    for kind, corners in blocks:
+        number, begin = np.arange(begin, begin + len(corners)), begin + len(corners)
+        if kind in SECOND_ORDER:
+            order = SECOND_ORDER[kind]
+            check_indices(corners, len(points), where)
+            for name, value in order.differences(points, of_points, corners).items():
+                curved[name] = max(curved.get(name, 0.0), value)
+            points, of_points, nodes = order.with_nodes(points, of_points, corners)
+            for part, local in order.parts:
+                cells[part].append(nodes[:, local].reshape(-1, CORNERS[part]))
+                rows[part].append(np.repeat(number, len(local)))
+        elif kind in FACES:
+            cells[kind].append(corners)
+            rows[kind].append(number)
+        elif kind.startswith(FLAT_KINDS):
+            ignored += len(corners)
+        else:
+            allowed = ", ".join([*FACES, *SECOND_ORDER, *FLAT_KINDS])
+            raise DataError("cells of an unsupported kind", where=where, found=kind, allowed=allowed)
+    order_of = np.concatenate([np.zeros(0, np.int64), *(each for kind in FACES for each in rows[kind])])
+    check_attributes(of_cells, begin, "cells", where)
+    if not len(order_of) and ignored:
+        raise DataError("no cells with a volume", where=where, found=f"{ignored} others", allowed=", ".join(FACES))
+    kept = {kind: np.concatenate(each) for kind, each in cells.items() if each}
+    of_kept = {name: array[order_of] for name, array in of_cells.items()}
+    return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved)
+
+
+FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
+
+
+class _SecondOrder:
+    """Cells of second order of one kind: nodes on edges, faces and inside, and the cells between them.
+
+    A node is named by the corners that it lies between, in increasing order.
+    """
+
+    def __init__(self, linear: str, nodes: Sequence[tuple[int, ...]]) -> None:
+        every, faces = tuple(range(CORNERS[linear])), [frozenset(face) for face in FACES[linear]]
+        self.stored = [(corner,) for corner in every] + [tuple(sorted(node)) for node in nodes]
+
+        def between(*corners: int) -> tuple[int, ...]:
+            """Return the corners of the smallest edge, face or cell that has some corners."""
+            around = [face for face in faces if face.issuperset(corners)]
+            return tuple(sorted(frozenset(every).intersection(*around)))
+
+        # Half of the cell at each corner, and what remains between them.
+        named = {linear: [[between(corner, other) for other in every] for corner in every]}
+        if linear == "tetra":
+            ring = [(1, 2), (0, 2), (0, 3), (1, 3)]
+            named["tetra"] += [[(0, 1), (2, 3), ring[n], ring[(n + 1) % 4]] for n in range(4)]
+        elif linear == "wedge":
+            bottom, middle, top = (
+                [between(*pair) for pair in pairs]
+                for pairs in (((0, 1), (1, 2), (2, 0)), ((0, 4), (1, 5), (2, 3)), ((3, 4), (4, 5), (5, 3)))
+            )
+            named["wedge"] += [bottom + middle, middle + top]
+        elif linear == "pyramid":
+            rim, base = [(n, 4) for n in range(4)], (0, 1, 2, 3)
+            named["pyramid"].append([*rim[::-1], base])
+            sides = [between(n, (n + 1) % 4) for n in range(4)]
+            named["tetra"] = [[base, sides[n], rim[(n + 1) % 4], rim[n]] for n in range(4)]
+        wanted = {node for cells in named.values() for cell in cells for node in cell}
+        self.added = sorted(wanted - set(self.stored), key=lambda node: (len(node), node))
+        place = {node: n for n, node in enumerate([*self.stored, *self.added])}
+        self.parts = [
+            (kind, np.array([[place[node] for node in cell] for cell in cells])) for kind, cells in named.items()
+        ]
+        self.edges = np.array([[*node, place[node]] for node in self.stored if len(node) == 2])
+
+    def with_nodes(
+        self, points: NDArray[Any], of_points: Attributes, corners: NDArray[np.integer[Any]]
+    ) -> tuple[NDArray[Any], Attributes, NDArray[np.int64]]:
+        """Return points and their arrays with the nodes that files lack, and all nodes of the cells (m, nodes)."""
+        corners = corners.astype(np.int64)
+        nodes, more = [corners], {name: [array] for name, array in {"": points, **of_points}.items()}
+        for node in self.added:
+            own = corners[:, list(node)]
+            edges = corners[:, [edge for a, b, edge in self.edges if {a, b} <= set(node)]]
+            # In one order for both cells at a face, so that both get the same digits. Serendipity's shape functions.
+            own, edges = np.sort(own, axis=1), np.sort(edges, axis=1)
+            weight = 0.5 if len(node) == 4 else 0.25
+            for arrays in more.values():
+                given = arrays[0]
+                made = weight * given[edges].astype(np.float64).sum(axis=1) - 0.25 * given[own].astype(np.float64).sum(
+                    1
+                )
+                arrays.append(
+                    made.astype(given.dtype) if given.dtype.kind == "f" else np.rint(made).astype(given.dtype)
+                )
+            begin = len(points) + sum(len(each) for each in more[""][1:-1])
+            nodes.append(np.arange(begin, begin + len(corners))[:, None])
+        joined = {name: np.concatenate(arrays) for name, arrays in more.items()}
+        return joined.pop(""), joined, np.concatenate(nodes, axis=1)
+
+    def differences(
+        self, points: NDArray[Any], of_points: Attributes, corners: NDArray[np.integer[Any]]
+    ) -> dict[str, float]:
+        """Return the largest distance between a parabola on an edge and its two chords, of positions and arrays."""
+        found = {}
+        a, b, middle = (corners[:, places] for places in self.edges.T)
+        for name, array in {"": points, **of_points}.items():
+            if array.dtype.kind not in "iuf" or not len(corners):
+                continue
+            values = array.astype(np.float64)
+            with np.errstate(invalid="ignore"):
+                bent = (values[a] - 2 * values[middle] + values[b]) / 8
+                size = np.sqrt((bent**2).sum(axis=2)) if bent.ndim == 3 else np.abs(bent)
+            found[name] = float(np.nan_to_num(size, nan=0.0, posinf=0.0).max(initial=0.0))
+        return found
+
+
+_EDGES = {
+    "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
+    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    "hexahedron": [*((n, (n + 1) % 4) for n in range(4)), *((4 + n, 4 + (n + 1) % 4) for n in range(4))]
+    + [(n, n + 4) for n in range(4)],
+}
+_SIDES = [(0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)]
+SECOND_ORDER = {
+    "tetra10": _SecondOrder("tetra", _EDGES["tetra"]),
+    "pyramid13": _SecondOrder("pyramid", _EDGES["pyramid"]),
+    "pyramid14": _SecondOrder("pyramid", [*_EDGES["pyramid"], (0, 1, 2, 3)]),
+    "wedge15": _SecondOrder("wedge", _EDGES["wedge"]),
+    "wedge18": _SecondOrder("wedge", [*_EDGES["wedge"], (0, 1, 3, 4), (1, 2, 4, 5), (0, 2, 3, 5)]),
+    "hexahedron20": _SecondOrder("hexahedron", _EDGES["hexahedron"]),
+    "hexahedron27": _SecondOrder("hexahedron", [*_EDGES["hexahedron"], *_SIDES, tuple(range(8))]),
+}
+"""Cells of second order by meshio's names, with VTK's order of nodes."""

@@ -1,0 +1,233 @@
+"""Unstructured grids: tetrahedra that fit, curved cells, faces, and what cannot be drawn."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from data.cells import UNIT, VOLUMES, lattice, mixed, one_cell, tetrahedra, volumes, x_plus
+from data.checks import refused
+
+from clusterviz.data.faces import NONE, find_faces
+from clusterviz.data.predicates import determinant_sign, orientation
+from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
+from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, UnstructuredGrid, linearised
+
+KINDS = list(FACES)
+
+
+def check_faces(found: Tetrahedra, crowded: int = 0) -> None:
+    """Compare with all half-faces sorted by NumPy, and the sides with the positions of the tetrahedra."""
+    faces = find_faces(found.corners, len(found.points))
+    halves = np.sort(np.concatenate([found.corners[:, face] for face in FACES["tetra"]]), axis=1)
+    each, counts = np.unique(halves, axis=0, return_counts=True)
+    np.testing.assert_array_equal(np.unique(faces.corners, axis=0), each)
+    assert faces.crowded == crowded
+    assert len(faces.corners) == len(each) + crowded
+    assert crowded or faces.is_boundary.sum() == (counts == 1).sum()
+    a, b, c = (found.points[corner].astype(float) for corner in faces.corners.T)
+    centres = found.points[found.corners].mean(axis=1)
+    for side, sign in ((0, -1), (1, 1)):
+        there = faces.sides[:, side] != NONE
+        beyond = ((centres[faces.sides[there, side]] - a[there]) * np.cross(b - a, c - a)[there]).sum(axis=1)
+        assert (sign * beyond > 0).all()
+    met = np.bincount(faces.sides[faces.sides != NONE].astype(np.int64), minlength=len(found.corners))
+    assert (met == 4).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_cell_becomes_tetrahedra_of_its_volume(kind: str) -> None:
+    """For every order of the numbers of its corners that puts another one first, and its mirror image."""
+    for first in range(CORNERS[kind]):
+        points = np.roll(np.array(UNIT[kind], np.float32), -first, axis=0)
+        corners = np.roll(np.arange(len(points)), first)[None]
+        for mirrored in (1, -1):
+            grid = UnstructuredGrid(kind, points * np.float32([1, 1, mirrored]), {kind: corners}, {"f": points[:, 0]})
+            found = tetrahedra(grid)
+            each = volumes(found)
+            assert each.min() > 0
+            assert each.sum() == pytest.approx(VOLUMES[kind], rel=1e-6)
+            assert found.counts["inverted"] == (mirrored < 0 and kind != "wedge")
+            np.testing.assert_array_equal(found.values, found.points[:, 0])
+            check_faces(found)
+
+
+@pytest.mark.parametrize("grid", [lattice(2, 3, 4), mixed()], ids=["lattice", "mixed"])
+def test_tetrahedra_of_neighbours_fit(grid: UnstructuredGrid) -> None:
+    """The only faces on one side alone are those on the surface: their areas have no sum, and that of the surface."""
+    found = tetrahedra(grid)
+    faces = find_faces(found.corners, len(found.points))
+    check_faces(found)
+    outer = faces.corners[faces.is_boundary]
+    outward = np.where(faces.sides[faces.is_boundary, :1] != NONE, 1, -1)
+    a, b, c = (found.points[corner] for corner in outer.T)
+    areas = outward * np.cross(b - a, c - a) / 2
+    np.testing.assert_allclose(areas.sum(axis=0), 0, atol=1e-12)
+    if grid.name == "box":
+        assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(2 * (2 * 3 + 2 * 4 + 3 * 4))
+        assert len(outer) == 2 * 2 * (2 * 3 + 2 * 4 + 3 * 4)
+
+
+def test_faces_do_not_depend_on_threads_and_large_buckets_are_sorted() -> None:
+    many = lattice(20, 20, 20)
+    found = tetrahedra(many)
+    one, two = (find_faces(found.corners, len(found.points), threads) for threads in (1, 2))
+    np.testing.assert_array_equal(one.corners, two.corners)
+    np.testing.assert_array_equal(one.sides, two.sides)
+    turn = np.linspace(0, 2 * np.pi, 201)[:-1]
+    points = np.concatenate([[(0, 0, -1), (0, 0, 1)], np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)])
+    ring = np.arange(200)
+    fan = np.stack([0 * ring, 1 + 0 * ring, 2 + ring, 2 + (ring + 1) % 200], axis=1)
+    check_faces(tetrahedra(UnstructuredGrid("fan", points, {"tetra": fan}, {"f": points[:, 0]})))
+
+
+def test_tetrahedra_on_one_side_of_a_face_have_faces_of_their_own() -> None:
+    points = np.array([*UNIT["tetra"], (0.2, 0.2, 2.0), (0.3, 0.3, -1.0)])
+    cells = np.array([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]])
+    found = tetrahedra(UnstructuredGrid("crowded", points, {"tetra": cells}, {"f": points[:, 0]}))
+    faces = find_faces(found.corners, len(found.points))
+    assert (len(faces.corners), faces.crowded) == (11, 1)
+    check_faces(found, crowded=1)
+
+
+@pytest.mark.parametrize("kind", SECOND_ORDER)
+def test_curved_cells_are_cut_at_their_nodes(kind: str) -> None:
+    """Straight ones keep their volume and a linear field; the stated difference is that of a parabola."""
+    linear, order = kind.rstrip("0123456789"), SECOND_ORDER[kind]
+    nodes = np.array([np.array(UNIT[linear], float)[list(node)].mean(axis=0) for node in order.stored])
+    fields = {"f": x_plus(nodes), "square": nodes[:, 0] ** 2}
+    grid = linearised(nodes, [(kind, np.arange(len(nodes))[None])], fields, {"cell": np.array([7])}, kind)
+    found = tetrahedra(grid)
+    assert volumes(found).min() > 0
+    assert volumes(found).sum() == pytest.approx(VOLUMES[linear])
+    np.testing.assert_allclose(found.values, x_plus(found.points), atol=1e-14)
+    assert set(grid.cell_arrays["cell"]) == {7}
+    assert grid.curved[""] == pytest.approx(0, abs=1e-15)
+    assert grid.curved["square"] == pytest.approx(1 / 16)  # x² and its two chords on an edge of length 1
+    check_faces(found)
+
+
+def test_two_curved_cells_share_the_nodes_that_files_lack() -> None:
+    """Two hexahedra of 20 nodes side by side have no face between them left open."""
+    order, unit = SECOND_ORDER["hexahedron20"], np.array(UNIT["hexahedron"], float)
+    nodes = np.array([unit[list(node)].mean(axis=0) for node in order.stored])
+    both = np.concatenate([nodes, nodes + np.array([1, 0, 0])])
+    both += 0.1 * np.sin(3 * both)
+    grid = linearised(both, [("hexahedron20", np.arange(40).reshape(2, 20))], {"f": both[:, 0]}, {}, "two")
+    found = tetrahedra(grid)
+    faces = find_faces(found.corners, len(found.points))
+    assert faces.is_boundary.sum() == 10 * 4 * 2
+    assert grid.curved[""] > 0
+
+
+def broken(**changes: Any) -> UnstructuredGrid:
+    """A lattice of two cells."""
+    whole = lattice(1, 1, 2)
+    parts = {name: getattr(whole, name) for name in ("name", "points", "cells", "point_arrays", "cell_arrays")}
+    return UnstructuredGrid(**(parts | changes))
+
+
+def test_what_cannot_be_drawn_is_counted() -> None:
+    points, hexes = broken().points.copy(), broken().cells["hexahedron"]
+    alone = np.setdiff1d(hexes[0], hexes[1])[0]
+    values = points[:, 0].copy()
+    values[alone] = np.nan
+    found = tetrahedra(broken(point_arrays={"f": values}))
+    assert (len(found.corners), found.counts["invalid"], found.cells[0]) == (6, 1, 1)
+    moved = points.copy()
+    moved[alone] = np.inf
+    found = tetrahedra(broken(points=moved))
+    assert (len(found.corners), found.counts["misplaced"]) == (6, 1)
+    flat = points.copy()
+    flat[hexes[0]] *= [1, 1, 0]
+    found = tetrahedra(broken(points=flat))
+    assert found.counts["flat"] == 1
+    assert (volumes(found) > 0).all()
+    found = tetrahedra(broken(points=points * [1, 1, 1e-7]))
+    assert len(found.corners) == 12  # slivers have a volume
+    twice = np.concatenate([points[hexes[0]], points[hexes[1]], points[:3]])
+    cells = {"hexahedron": np.arange(16).reshape(2, 8)}
+    found = tetrahedra(broken(points=twice, cells=cells, point_arrays={"f": twice[:, 0]}))
+    assert (found.counts["duplicates"], found.counts["unused"], len(found.points)) == (7, 3, 12)
+    check_faces(found)
+    jump = np.arange(19.0)
+    found = tetrahedra(broken(points=twice, cells=cells, point_arrays={"f": jump}))
+    assert len(found.points) == 16  # the field is not the same on both sides
+    check_faces(found)
+
+
+def test_a_hexahedron_with_corners_in_one_place_is_cut_like_the_wedge_that_it_is() -> None:
+    points = np.array(UNIT["wedge"], float)
+    found = tetrahedra(
+        UnstructuredGrid("a", points, {"hexahedron": np.array([[0, 1, 2, 2, 3, 4, 5, 5]])}, {"f": points[:, 0]})
+    )
+    assert volumes(found).sum() == pytest.approx(0.5)
+    assert (len(found.corners), found.counts["flat"], found.counts["folded"]) == (3, 0, 0)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_few_cells(count: int) -> None:
+    grid = one_cell("tetra")
+    found = tetrahedra(UnstructuredGrid("few", grid.points, {"tetra": grid.cells["tetra"][:count]}, grid.point_arrays))
+    assert len(found.corners) == count
+    assert (found.bounds is None) == (count == 0)
+    assert len(find_faces(found.corners, len(found.points)).corners) == 4 * count
+
+
+def test_arrays_of_points_and_of_cells() -> None:
+    grid = mixed()
+    found = make_tetrahedra(grid, "kind")
+    assert found.on_cells
+    np.testing.assert_array_equal(found.values, np.array([4, 5, 6, 8], np.float64)[found.cells])
+    np.testing.assert_array_equal(np.unique(found.cells, return_counts=True)[1], [1, 2, 3, 6])
+
+
+REFUSED: list[tuple[dict[str, Any], str | None, str]] = [
+    ({}, "Temp", "no such array; found Temp; allowed f"),
+    ({"point_arrays": {}}, None, "no such array; found no array; allowed none"),
+    ({"point_arrays": {"u": np.zeros((12, 3))}}, "u", r"not one number each; found \(12, 3\)"),
+    ({"cell_arrays": {"g": np.zeros(2)}}, None, "several arrays, and none is named; found f, g"),
+    ({"point_arrays": {"f": np.zeros(2)}}, "f", "the array f does not fit; .*; allowed numbers, 12 points"),
+    ({"cell_arrays": {"f": np.zeros(12)}}, "f", "the array f does not fit; .*; allowed numbers, 2 cells"),
+    ({"cells": {"hexahedron": np.full((1, 8), 12)}}, "f", "out of range; found 12; allowed 0 to 11"),
+    ({"cells": {"tetra": np.full((1, 4), 2**31 + 5)}}, "f", f"out of range; found {2**31 + 5}"),
+    ({"cells": {"tetra": np.full((1, 4), -1)}}, "f", "out of range; found -1"),
+    ({"cells": {"tetra": np.zeros((1, 8), int)}}, "f", "not cells"),
+    ({"cells": {"tetra": np.zeros((1, 4))}}, "f", "not indices; found float64"),
+]
+
+
+@pytest.mark.parametrize(("changes", "array", "said"), REFUSED)
+def test_what_does_not_fit_is_refused(changes: dict[str, Any], array: str | None, said: str) -> None:
+    refused(lambda: make_tetrahedra(broken(**changes), array), said)
+
+
+def test_kinds_of_cells() -> None:
+    points = np.zeros((12, 3))
+    flat = linearised(points, [("triangle", np.zeros((2, 3), int)), ("tetra", np.zeros((1, 4), int))], {}, {}, "a")
+    assert (flat.ignored, flat.count) == (2, 1)
+    refused(lambda: linearised(points, [("triangle", np.zeros((2, 3), int))], {}, {}, "a"), "no cells with a volume")
+    refused(lambda: linearised(points, [("polyhedron9", np.zeros((2, 9), int))], {}, {}, "a"), "unsupported kind")
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9, 1e-120, 1e120])
+def test_signs_of_volumes_are_exact(scale: float) -> None:
+    """Points at the distance of a rounding from a plane, against fractions."""
+    rng = np.random.default_rng(5)
+    a, b, c = (scale * rng.integers(-8, 9, (400, 3)).astype(float) for _ in range(3))
+    d = a + (b - a) * rng.integers(0, 3, (400, 1)) / 2 + (c - a) * rng.integers(0, 3, (400, 1)) / 2
+    d = np.nextafter(d, d + rng.integers(-1, 2, d.shape))
+    found = orientation(a, b, c, d)
+
+    def exact(*corners: np.ndarray) -> int:
+        p, q, r, s = ([Fraction(x) for x in corner.tolist()] for corner in corners)
+        u, v, w = ([x - y for x, y in zip(end, p, strict=True)] for end in (q, r, s))
+        volume = sum(u[i] * (v[(i + 1) % 3] * w[(i + 2) % 3] - v[(i + 2) % 3] * w[(i + 1) % 3]) for i in range(3))
+        return (volume > 0) - (volume < 0)
+
+    expected = [exact(*each) for each in zip(a, b, c, d, strict=True)]
+    np.testing.assert_array_equal(found, expected)
+    assert {-1, 0, 1} == set(expected)
+    np.testing.assert_array_equal(determinant_sign((b, c, d), (a, a, a)), expected)
