@@ -10,6 +10,7 @@
 - surfaces.py       isosurfaces
 - intersections.py  intersections with triangles, spheres and tubes
 - fragments.py      meshes, lines and points
+- cells.py          unstructured grids
 - preintegrated.py  pre-integrated classification
 - multi_volume.py   several volumes, and geometry
 - layers.py         layers beside the colours

@@ -71,7 +71,7 @@ class Primitives(Protocol):
 
 def intersect(rays: Rays, primitives: Primitives) -> Hits:
     """Return all intersections with t ≥ 0, in no order."""
-    found = [primitives.meet(rays, *pair) for pair in _pairs(rays, primitives)]
+    found = [primitives.meet(rays, *pair) for pair in near_pairs(rays, primitives.low, primitives.high)]
     whole = Hits(
         np.concatenate([np.empty(0, np.int64), *(hits.ray for hits in found)]),
         np.concatenate([np.empty(0, np.int64), *(hits.primitive for hits in found)]),
@@ -82,9 +82,13 @@ def intersect(rays: Rays, primitives: Primitives) -> Hits:
     return whole.some(whole.t >= 0)
 
 
-def _pairs(rays: Rays, primitives: Primitives) -> Iterator[tuple[Indices, Indices]]:
-    """Yield rays (r,) and primitives (p,) that may meet."""
-    lows, highs = primitives.low, primitives.high
+def near_pairs(rays: Rays, lows: Floats, highs: Floats) -> Iterator[tuple[Indices, Indices]]:
+    """Yield rays (r,) and primitives (p,) that may meet.
+
+    Parameters
+    ----------
+    lows, highs : float64 (m, 3), corners of the boxes around primitives
+    """
     waiting = [(np.arange(len(rays.direction)), np.arange(len(lows)))]
     while waiting:
         ray, some = waiting.pop()
