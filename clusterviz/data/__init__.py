@@ -35,6 +35,7 @@ from clusterviz.scene.values import Scene, Volume
 
 if TYPE_CHECKING:
     from clusterviz.data.geometry import Geometry
+    from clusterviz.data.unstructured import UnstructuredGrid
 
 GZIP = (b"\x1f\x8b",)
 
@@ -116,6 +117,24 @@ MESH_FORMATS = (
     Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule", section="points"),
 )
 """Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
+GRID_FORMATS = (
+    Format("vtu", (".vtu",), (), "vtu.read_vtu"),
+    Format("pvtu", (".pvtu",), (), "vtu.read_pvtu"),
+    Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
+    Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf"),
+    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
+    Format(
+        "meshlane",
+        (
+            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".cgns", ".inp", ".med", ".mesh", ".meshb", ".ele"),
+            *(".su2", ".ugrid", ".avs", ".foam"),
+        ),
+        (),
+        "meshlane.read_meshlane",
+    ),
+)
+"""Formats of unstructured grids."""
+GRID_EXTENSIONS: dict[str, Format] = {extension: each for each in GRID_FORMATS for extension in each.extensions}
 MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS for extension in each.extensions}
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -261,6 +280,33 @@ def read_geometry(path: str | Path) -> Geometry:
         require_file(file, found.magic)
         geometry: Geometry = _function(found.opener)(file)
         return geometry
+
+
+def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
+    """Read the unstructured grid of a file of a format in `GRID_FORMATS`.
+
+    Parameters
+    ----------
+    time : number of a time step (int), or its time (float); None: the last one
+
+    Raises
+    ------
+    DataError
+        Missing, unreadable, damaged, of an unknown extension, no such time step, or as of `UnstructuredGrid`.
+    """
+    file = Path(path)
+    found = _by_extension(file, GRID_EXTENSIONS)
+    with guard(DataError, path):
+        if found is None:
+            require_file(file)
+            kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
+            raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
+        if found.magic:
+            require_file(file, found.magic)
+        if time is not None and found.name != "exodus":
+            raise DataError("no time steps", where=str(path), found=time, allowed="a file of Exodus II")
+        grid: UnstructuredGrid = _function(found.opener)(file, *([time] if time is not None else []))
+        return grid
 
 
 def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scene:

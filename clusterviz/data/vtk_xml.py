@@ -16,7 +16,7 @@ from __future__ import annotations
 import base64
 import binascii
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from itertools import accumulate
@@ -36,7 +36,7 @@ CHUNK = 1 << 16
 Attributes = Mapping[str, str]
 
 
-SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Polys")
+SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Polys", "Cells")
 """Tags whose arrays are noted."""
 
 
@@ -440,3 +440,66 @@ def load_array(path: Path, size: int, layout: XmlLayout, chosen: XmlArray, tuple
     storage, offset = storage_of(path, size, layout, chosen, stored, count, where)
     numbers = np.frombuffer(storage.read_at(offset, count * stored.itemsize), stored)
     return numbers.astype(stored.newbyteorder("="), copy=False).reshape(shape)
+
+
+@dataclass(frozen=True)
+class XmlPiece:
+    """One piece of a dataset of points and cells, whose arrays are read whole."""
+
+    path: Path
+    size: int
+    layout: XmlLayout
+    number: int
+
+    def count(self, key: str, before: bool = False) -> int:
+        """Return a number that the piece states, or the sum of those of the pieces before it."""
+        total = 0
+        for number in range(self.number) if before else (self.number,):
+            text = self.layout.pieces[number].get(key, "0").strip()
+            if not text.isdecimal() or len(text) > 18:
+                raise DataError(f"impossible {key}", where=str(self.path), found=repr(text), allowed="0 or more")
+            total += int(text)
+        return total
+
+    def points(self) -> NDArray[Any]:
+        """Return the positions of the points, (n, 3)."""
+        found, count = self._find("Points"), self.count("NumberOfPoints")
+        if count and (not found or found[0].components != 3):
+            raise DataError("a piece has no points", where=str(self.path), allowed="Points of three components")
+        return self._load(found[0], count).reshape(-1, 3) if found else np.empty((0, 3), np.float32)
+
+    def cells(self, section: str, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the ends of the section's cells (without the 0 at the beginning), and the indices of their points."""
+        if not count:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        offsets = self.array(section, "offsets", count).astype(np.int64).reshape(-1)
+        if len(offsets) != count or not 0 <= offsets[-1] < 1 << 60:
+            raise DataError(f"the offsets of {section} are wrong", where=str(self.path), found=offsets[-1:].tolist())
+        return offsets, self.array(section, "connectivity", int(offsets[-1])).astype(np.int64).reshape(-1)
+
+    def array(self, section: str, name: str, tuples: int) -> NDArray[Any]:
+        """Return one array of the cells, of so many tuples."""
+        found = self._find(section, name)
+        if not found:
+            raise DataError(f"{section} lack an array", where=str(self.path), allowed="connectivity and offsets")
+        return self._load(found[0], tuples)
+
+    def arrays(self, section: str, tuples: int) -> dict[str, NDArray[Any]]:
+        """Return the arrays of numbers of PointData or CellData."""
+        numbers = [each for each in self._find(section) if each.attributes.get("type") in TYPES and each.components]
+        return {each.name or f"array {number}": self._load(each, tuples) for number, each in enumerate(numbers)}
+
+    def _find(self, section: str, name: str | None = None) -> list[XmlArray]:
+        mine = [each for each in self.layout.arrays if each.piece == self.number and each.section == section]
+        return [each for each in mine if name in (None, each.name)]
+
+    def _load(self, array: XmlArray, tuples: int) -> NDArray[Any]:
+        return load_array(self.path, self.size, self.layout, array, tuples)
+
+
+def joined(pieces: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays that all pieces with tuples have, one after another."""
+    filled = [piece for piece in pieces if any(len(array) for array in piece.values())] or list(pieces[:1])
+    names = [name for name in filled[0] if all(name in piece for piece in filled)]
+    alike = [name for name in names if len({piece[name].shape[1:] for piece in filled}) == 1]
+    return {name: np.concatenate([piece[name] for piece in filled]) for name in alike}

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from data import grid_writers
 from data.cells import UNIT, VOLUMES, lattice, mixed, one_cell, tetrahedra, volumes, x_plus
 from data.checks import refused
+from data.grid_writers import FILES
 
+from clusterviz.data import GRID_EXTENSIONS, read_grid
 from clusterviz.data.faces import NONE, find_faces
 from clusterviz.data.predicates import determinant_sign, orientation
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, UnstructuredGrid, linearised
+from clusterviz.errors import DataError
 
 KINDS = list(FACES)
 
@@ -231,3 +237,99 @@ def test_signs_of_volumes_are_exact(scale: float) -> None:
     np.testing.assert_array_equal(found, expected)
     assert {-1, 0, 1} == set(expected)
     np.testing.assert_array_equal(determinant_sign((b, c, d), (a, a, a)), expected)
+
+
+WITHOUT_F = ("abaqus", "nas", "mesh", "su2")
+WITHOUT_KIND = (*WITHOUT_F, "avs", "gmsh", "gmsh-binary", "med")
+"""Formats whose files have no such arrays, or where meshlane does not write them."""
+
+
+def check_grid(found: UnstructuredGrid, name: str) -> None:
+    """Compare with the cells of `mixed`, in whatever order a file has the points."""
+    expected = mixed()
+    assert len(found.cells) == (3 if name == "abaqus" else 4)
+    for kind, corners in found.cells.items():
+        np.testing.assert_allclose(found.points[corners], expected.points[expected.cells[kind]], atol=1e-6)
+    if name not in WITHOUT_F:
+        np.testing.assert_allclose(found.array("f")[0], x_plus(found.points), atol=1e-5)
+    if name not in WITHOUT_KIND:
+        assert found.array("kind")[0][1:].tolist() == [5, 6, 8]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_format_is_read(name: str, tmp_path: Path) -> None:
+    file, write = FILES[name]
+    check_grid(read_grid(write(tmp_path / file)), name)
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name.startswith(("vtu", "vtk", "exodus-3"))])
+def test_a_file_that_ends_early_is_refused(name: str, tmp_path: Path) -> None:
+    file, write = FILES[name]
+    path = write(tmp_path / file)
+    content, taken = path.read_bytes(), []
+    end = content.rindex(b"</Appended") if b"</Appended" in content else len(content.rstrip())
+    for count in range(0, end, max(1, end // 40)):
+        if content.isascii():  # the end of a word, since a part of a number is a number
+            count = next((n for n in range(count, 0, -1) if content[n - 1 : n].isspace()), 0)
+        path.write_bytes(content[:count])
+        try:
+            read_grid(path)
+        except DataError as error:
+            taken += [] if path.name in str(error) else [str(error)]
+        else:  # the arrays of legacy VTK are optional
+            taken += [] if content[count:].lstrip().startswith((b"CELL_DATA", b"POINT_DATA", b"SCALARS")) else [count]
+    assert taken == []
+
+
+def test_time_steps_of_exodus(tmp_path: Path) -> None:
+    pytest.importorskip("netCDF4")
+    path = grid_writers.exodus(tmp_path / "a.exo")
+    for time, sign in ((None, 1), (0, -1), (1, 1), (0.5, -1), (1.5, 1)):
+        grid = read_grid(path, time)
+        np.testing.assert_allclose(grid.array("f")[0], sign * x_plus(grid.points))
+    assert np.isnan(grid.array("kind")[0][0])
+    assert make_tetrahedra(grid, "kind").counts["invalid"] == 1
+    for time in (2, -1, 1.0):
+        refused(lambda time=time: read_grid(path, time), "no such time step; .*; allowed 0 to 1, or a time from 0.5")
+    refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "Exodus")
+
+
+DAMAGED = [
+    ("vtu-ascii", b"types", b"kinds", "Cells lack an array"),
+    ("vtu-ascii", b"10 14 13 12", b"10 14 13 42", "VTK's type 42, a polyhedron"),
+    ("vtu-ascii", b"10 14 13 12", b"10 14 13 99", "unsupported kind; found VTK's type 99"),
+    ("vtu-ascii", b"10 14 13 12", b"10 14 13 25", "impossible length; found a hexahedron20 of 8 points; allowed 20"),
+    ("vtu-ascii", b"10 14 13 12", b"5 5 5 5", "no cells with a volume; found 4 others"),
+    ("vtu-ascii", b"4 9 15 23", b"4 3 15 23", "offsets are wrong"),
+    ("vtu-ascii", b"5 9 6 11", b"5 9 6 12", "out of range; found 12; allowed 0 to 11"),
+    ("vtu-ascii", b"5 9 6 11", b"5 9 6 99999999999", "out of range; found 99999999999"),
+    ("vtu-ascii", b'NumberOfCells="4"', b'NumberOfCells="400000000"', "lies about its size"),
+    ("vtu-ascii", b'type="UnstructuredGrid"', b'type="PolyData"', "not a VTK file of type UnstructuredGrid"),
+    ("vtu-raw", b'NumberOfPoints="12"', b'NumberOfPoints="13"', "size is not the dataset's"),
+    ("pvtu", b"a_1.vtu", b"b_1.vtu", "b_1.vtu: no such file"),
+    ("pvtu", b"PUnstructuredGrid", b"PPolyData", "not a parallel unstructured grid"),
+    ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
+    ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), DAMAGED)
+def test_a_damaged_file_is_refused(name: str, old: bytes, new: bytes, said: str, tmp_path: Path) -> None:
+    file, write = FILES[name]
+    path = write(tmp_path / file)
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new))
+    refused(lambda: read_grid(path), said)
+
+
+def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.case"
+    path.write_text("FORMAT\ntype: ensight gold\n")
+    refused(lambda: read_grid(path), "unknown extension; found .case", r"\.vtu")
+    page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
+    assert [word for word in GRID_EXTENSIONS if f"`{word}`" not in page] == []
+    for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.msh")):
+        monkeypatch.setitem(sys.modules, package, None)
+        (tmp_path / name).write_bytes(b"CDF\1")
+        refused(lambda name=name: read_grid(tmp_path / name), f"needs the {package} package", r"clusterviz\[grids\]")

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from data import mesh_writers, writers
+from data import grid_writers, mesh_writers, writers
 from PIL import Image
 
-from clusterviz.data import open_source, read_geometry
+from clusterviz.data import open_source, read_geometry, read_grid
 from clusterviz.data.axes import Subset
+from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
@@ -43,6 +44,15 @@ def read_mesh(path: Path) -> None:
         assert part is None or part.bounds != ()
     if found.mesh:
         found.mesh.edge_counts()
+
+
+def read_cells(path: Path) -> None:
+    """The tetrahedra of the first array of scalars, if there is one."""
+    grid = read_grid(path)
+    for name, array in [*grid.point_arrays.items(), *grid.cell_arrays.items()]:
+        if array.ndim == 1:
+            make_tetrahedra(grid, name)
+            return
 
 
 def read_keys(path: Path) -> None:
@@ -191,4 +201,5 @@ READERS = {
         for kind, (name, make) in mesh_writers.FILES.items()
         if kind not in ("pdb", "cif") or find_spec("gemmi")
     },
+    **{f"grid-{kind}": Reader(name, make, read_cells) for kind, (name, make) in grid_writers.FILES.items()},
 }

@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
-from clusterviz.data.geometry import Geometry
+from clusterviz.data.geometry import Attributes, Geometry
 from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.strided import StridedSource
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data.vtk_cells import grid_of_cells
 from clusterviz.data.vtk_image import choose_array, image_grid
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
@@ -45,7 +47,7 @@ TYPES = {
     "float": "f4",
     "double": "f8",
 }
-CELLS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips"}
+CELLS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips", "CELLS": "Cells"}
 VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
 
@@ -78,6 +80,7 @@ class _Scan:
     tuples: int = 0
     points: VtkArray | None = None
     cells: dict[str, list[VtkArray]] = field(default_factory=dict)
+    types: VtkArray | None = None
 
     def line(self) -> list[str]:
         """Return the words of the next line that is not blank; none at the end of the file."""
@@ -112,6 +115,8 @@ class _Scan:
                 self.points = self.skipped("POINTS", self.word(rest, 1), 3, self.counts(rest[:1], 1)[0])
             elif key in CELLS:
                 self.cells[CELLS[key]] = self.cell_arrays(*self.counts(rest, 2))
+            elif key == "CELL_TYPES":
+                self.types = self.skipped("CELL_TYPES", "int", 1, self.counts(rest[:1], 1)[0])
             elif key in ("POINT_DATA", "CELL_DATA"):
                 self.on_cells, (self.tuples,) = key == "CELL_DATA", self.counts(rest, 1)
             elif key == "SCALARS":
@@ -246,9 +251,13 @@ def _scan(path: Path, dataset: str, noun: str) -> _Scan:
 
 def is_polydata(path: Path) -> bool:
     """Return whether a legacy file holds polygonal data."""
+    return _kind_of(path) == ["POLYDATA"]
+
+
+def _kind_of(path: Path) -> list[str]:
     size = require_file(path, (b"# vtk DataFile",))
     with readable(path), path.open("rb") as file:
-        return _Scan(file, str(path), size).dataset()[1:] == ["POLYDATA"]
+        return _Scan(file, str(path), size).dataset()[1:]
 
 
 def open_vtk(path: Path, subset: Subset) -> StridedSource:
@@ -295,11 +304,40 @@ def read_polydata(path: Path) -> Geometry:
     DataError
         Not such a file, not polygonal data, damaged or truncated, or indices out of range.
     """
-    where, scan = str(path), _scan(path, "POLYDATA", "polygonal data")
+    scan = _scan(path, "POLYDATA", "polygonal data")
+    points, cells, of_points, of_cells = _parts(path, scan)
+    cells.pop("Cells", None)
+    return polydata(points, cells, of_points, of_cells, str(path))
+
+
+def is_unstructured(path: Path) -> bool:
+    """Return whether a legacy file holds an unstructured grid."""
+    return _kind_of(path) == ["UNSTRUCTURED_GRID"]
+
+
+def read_unstructured(path: Path) -> UnstructuredGrid:
+    """Read an unstructured grid from a legacy VTK file.
+
+    Raises
+    ------
+    DataError
+        Not such a file, not an unstructured grid, damaged or truncated, or indices out of range.
+    """
+    where, scan = str(path), _scan(path, "UNSTRUCTURED_GRID", "an unstructured grid")
+    points, cells, of_points, of_cells = _parts(path, scan)
+    if scan.types is None or "Cells" not in cells:
+        raise DataError("no cells", where=where, allowed="CELLS and CELL_TYPES")
+    return grid_of_cells(points, _load(path, scan, scan.types), *cells["Cells"], of_points, of_cells, where)
+
+
+def _parts(path: Path, scan: _Scan) -> tuple[NDArray[Any], dict[str, Cells], Attributes, Attributes]:
+    """Return the points (n, 3), the cells by section, and the arrays of points and of cells."""
     if scan.points is None:
-        raise DataError("no POINTS", where=where, allowed="POINTS n type")
+        raise DataError("no POINTS", where=str(path), allowed="POINTS n type")
     points = _load(path, scan, scan.points).reshape(-1, 3)
-    cells = {section: _cells([_load(path, scan, a) for a in arrays], where) for section, arrays in scan.cells.items()}
+    cells = {
+        section: _cells([_load(path, scan, a) for a in arrays], str(path)) for section, arrays in scan.cells.items()
+    }
     of_points, of_cells = (
         {
             a.name: _load(path, scan, a)
@@ -308,7 +346,7 @@ def read_polydata(path: Path) -> Geometry:
         }
         for on_cells in (False, True)
     )
-    return polydata(points, cells, of_points, of_cells, where)
+    return points, cells, of_points, of_cells
 
 
 def _load(path: Path, scan: _Scan, array: VtkArray) -> NDArray[Any]:

@@ -1,0 +1,192 @@
+"""Exodus II (.exo, .e, .ex2, .g): element blocks, and variables of one time step; the netCDF4 package reads the file.
+
+Blocks of particles, beams and shells are left out. Variables of elements that a block lacks are NaN there.
+
+References
+----------
+L. A. Schoof, V. R. Yarberry: EXODUS II: a finite element data model, SAND92-2137, 1994, appendix A, figures 4 to 9
+(the order of nodes).
+"""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import require_file
+from clusterviz.data.header import check_size
+from clusterviz.data.unstructured import UnstructuredGrid, linearised
+from clusterviz.errors import DataError
+
+KINDS = {"TET": "tetra", "PYR": "pyramid", "WED": "wedge", "HEX": "hexahedron"}
+FLAT = {"SPH": "vertex", "CIR": "vertex", "BAR": "line", "BEA": "line", "TRU": "line", "ROD": "line"}
+FLAT |= {"TRI": "triangle", "SHE": "quad", "QUA": "quad", "NSI": "polygon"}
+LINEAR = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+# VTK's nodes on the edges between both layers come last.
+ORDERS = {
+    "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
+    "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20],
+    "wedge15": [*range(9), *range(12, 15), *range(9, 12)],
+    "wedge18": [*range(9), *range(12, 15), *range(9, 12), 15, 16, 17],
+}
+
+
+def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
+    """Read a file at a time step.
+
+    Parameters
+    ----------
+    time : number of the step (int), or its time (float); None: the last one
+
+    Raises
+    ------
+    DataError
+        netCDF4 is not installed, no such step, or the file is damaged or holds unsupported elements.
+    """
+    where = str(path)
+    require_file(path, (b"CDF", b"\x89HDF\r\n\x1a\n"))
+    try:
+        netcdf: Any = import_module("netCDF4")
+    except ImportError as error:
+        raise DataError("needs the netCDF4 package", where=where, allowed="pip install 'clusterviz[grids]'") from error
+    _check_classic(path)
+    with netcdf.Dataset(where) as file:
+        file.set_auto_mask(False)
+        variables, sizes = file.variables, {name: len(size) for name, size in file.dimensions.items()}
+        if sizes.get("num_dim") != 3:
+            raise DataError("not three-dimensional", where=where, found=sizes.get("num_dim"), allowed=3)
+        if "coord" in variables:
+            points = np.ascontiguousarray(variables["coord"][:].T)
+        else:
+            points = np.stack([variables[f"coord{axis}"][:] for axis in "xyz"], axis=1)
+        step = _step(variables, time, where)
+        of_points = {
+            name: array
+            for number, name in enumerate(_names(variables, "name_nod_var"), 1)
+            if (array := _values(variables, f"vals_nod_var{number}", "vals_nod_var", number - 1, step)) is not None
+        }
+        blocks, parts = list[tuple[str, NDArray[Any]]](), list[dict[str, NDArray[Any]]]()
+        names = _names(variables, "name_elem_var")
+        for block in range(1, sizes.get("num_el_blk", 0) + 1):
+            if f"connect{block}" not in variables:
+                continue  # an empty block
+            connect = variables[f"connect{block}"]
+            corners = connect[:].astype(np.int64) - 1
+            kind = _kind(str(getattr(connect, "elem_type", "")), corners.shape[1], where)
+            blocks.append((kind, corners[:, ORDERS[kind]] if kind in ORDERS else corners))
+            missing = np.full(len(corners), np.nan)
+            found = (variables.get(f"vals_elem_var{number}eb{block}") for number in range(1, len(names) + 1))
+            parts.append({n: missing if v is None else v[step] for n, v in zip(names, found, strict=True)})
+    of_cells = {name: np.concatenate([part[name] for part in parts]) for name in names if parts}
+    return linearised(points, blocks, of_points, of_cells, where)
+
+
+SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
+"""Bytes of a number of each type of classic netCDF."""
+
+
+def _check_classic(path: Path) -> None:
+    """Check the size of a classic netCDF file by its header, since the library takes zeros for what is missing."""
+    size = require_file(path)
+    with path.open("rb") as file:
+        start = file.read(4)
+        if start[:3] != b"CDF":
+            return
+        wide, far = 8 if start[3] == 5 else 4, 4 if start[3] == 1 else 8
+
+        def number(width: int = wide) -> int:
+            data = file.read(width)
+            check_size(file.tell(), file.tell() + width - len(data), str(path))
+            return int.from_bytes(data, "big")
+
+        def skip(count: int) -> None:
+            check_size(size, file.tell() + count, str(path))
+            file.seek(-(-count // 4) * 4, 1)
+
+        def attributes() -> None:
+            number(4)
+            for _ in range(number()):
+                skip(number())
+                kind = number(4)
+                skip(number() * SIZES.get(kind, 1))
+
+        records = number()
+        number(4)
+        lengths = list[int]()
+        for _ in range(number()):
+            skip(number())
+            lengths.append(number())
+        attributes()
+        number(4)
+        ends, steps = [0], [0]
+        for _ in range(number()):
+            skip(number())
+            axes = [number() for _ in range(number())]
+            attributes()
+            kind = number(4)
+            number()
+            begin = number(far)
+            shape = [lengths[axis] for axis in axes]
+            count = SIZES.get(kind, 1) * math.prod(length for length in shape if length)
+            if shape and not shape[0]:  # along the time steps
+                steps.append(-(-count // 4) * 4)
+                ends.append(begin + count if records else 0)
+            else:
+                ends.append(begin + (count if all(shape) else 0))
+    check_size(size, max(ends) + max(0, records - 1) * sum(steps), str(path))
+
+
+def _kind(stated: str, nodes: int, where: str) -> str:
+    """Return the kind of a block of elements."""
+    key = stated.strip().upper()[:3]
+    if key in FLAT:
+        return FLAT[key]
+    if key not in KINDS:
+        raise DataError(
+            "elements of an unsupported kind", where=where, found=stated, allowed=", ".join([*KINDS, *FLAT])
+        )
+    return KINDS[key] if nodes == LINEAR[KINDS[key]] else f"{KINDS[key]}{nodes}"
+
+
+def _names(variables: Any, key: str) -> list[str]:
+    if key not in variables:
+        return []
+    return [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in variables[key][:]]
+
+
+def _values(variables: Any, key: str, old: str, row: int, step: int) -> NDArray[Any] | None:
+    """Return a variable of the nodes at a step; older files have all of them in one."""
+    if key in variables:
+        return np.asarray(variables[key][step])
+    return np.asarray(variables[old][step, row]) if old in variables else None
+
+
+def _step(variables: Any, time: float | None, where: str) -> int:
+    """Return the number of a time step."""
+    times = np.asarray(variables["time_whole"][:]) if "time_whole" in variables else np.zeros(0)
+    return choose_step(times, time, where)
+
+
+def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
+    """Return the number of the step that a number (int) or a time (float) names; None: the last one.
+
+    Raises
+    ------
+    DataError
+        There is no such step.
+    """
+    if time is None:
+        return max(0, len(times) - 1)
+    if isinstance(time, int) and 0 <= time < len(times):
+        return time
+    if not isinstance(time, int) and len(times):
+        nearest = int(np.abs(times - time).argmin())
+        if abs(times[nearest] - time) <= 1e-6 * max(abs(time), float(np.ptp(times)) / len(times)):
+            return nearest
+    allowed = f"0 to {len(times) - 1}, or a time from {times[0]} to {times[-1]}" if len(times) else "no time steps"
+    raise DataError("no such time step", where=where, found=time, allowed=allowed)

@@ -1,0 +1,100 @@
+"""Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
+
+XDMF, gmsh, NASTRAN, CGNS, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
+called, as `meshlane.read` ends the process on errors.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz.data.files import require_file
+from clusterviz.data.unstructured import UnstructuredGrid, linearised
+from clusterviz.errors import DataError
+
+GROWTH, ROOM = 128, 1 << 27
+"""Bytes of memory for a byte of a file, and for any file."""
+READERS = {
+    ".xdmf": "xdmf",
+    ".xmf": "xdmf",
+    ".msh": "gmsh",
+    ".bdf": "nastran",
+    ".fem": "nastran",
+    ".nas": "nastran",
+    ".cgns": "cgns",
+    ".inp": "abaqus",
+    ".med": "med",
+    ".mesh": "medit",
+    ".meshb": "medit",
+    ".ele": "tetgen",
+    ".su2": "su2",
+    ".ugrid": "ugrid",
+    ".avs": "avsucd",
+    ".foam": "openfoam",
+}
+"""Names of meshlane's readers by extension."""
+
+
+def read_meshlane(path: Path) -> UnstructuredGrid:
+    """Read a file of one of meshlane's formats.
+
+    Raises
+    ------
+    DataError
+        meshlane is not installed, or the file is damaged, holds no cells with a volume, or unsupported ones.
+    """
+    where, name = str(path), READERS[path.suffix.lower()]
+    if path.suffix.lower() != ".foam":  # an empty file that stands for its folder
+        require_file(path)
+    try:
+        package: Any = import_module("meshlane")
+    except ImportError as error:
+        raise DataError("needs the meshlane package", where=where, allowed="pip install 'clusterviz[grids]'") from error
+    said = io.StringIO()
+    with limited_memory(path.stat().st_size), redirect_stdout(said), redirect_stderr(said):  # its warnings
+        mesh = package._helpers.reader_map[name](where)
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    begins = np.cumsum([0, *(len(corners) for _, corners in blocks)])
+    count, points = int(begins[-1]), np.asarray(mesh.points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError("not three-dimensional", where=where, found=points.shape, allowed="points (n, 3)")
+    points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
+    of_points = {key: array for key, array in mesh.point_data.items() if _is_numbers(np.asarray(array), len(points))}
+    parts = {key: [np.atleast_1d(part) for part in each] for key, each in mesh.cell_data.items()}
+    alike = {key: each for key, each in parts.items() if len({part.shape[1:] for part in each}) == 1}
+    of_cells = {key: np.concatenate(each) for key, each in alike.items() if each}
+    of_cells = {key: array for key, array in of_cells.items() if _is_numbers(array, count)}
+    return linearised(points, blocks, {key: np.asarray(a) for key, a in of_points.items()}, of_cells, where)
+
+
+@contextmanager
+def limited_memory(size: int) -> Iterator[None]:
+    """Context in which the process gets little more memory than a file of `size` bytes may need, on Linux.
+
+    meshlane allocates what a file states, and a damaged one may state anything.
+    """
+    status = Path("/proc/self/statm")
+    if not status.exists():
+        yield
+        return
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    most = int(status.read_text().split()[0]) * resource.getpagesize() + GROWTH * size + ROOM
+    if before[0] == resource.RLIM_INFINITY or most < before[0]:
+        resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def _is_numbers(array: Any, count: int) -> bool:
+    return array.dtype.kind in "iufb" and array.ndim in (1, 2) and len(array) == count

@@ -1,0 +1,163 @@
+"""Small files of unstructured grids: the cells of `cells.mixed`, in every format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from data import writers
+from data.cells import mixed
+
+GRID = mixed()
+TYPES = {"tetra": 10, "pyramid": 14, "wedge": 13, "hexahedron": 12}
+NUMBERS = np.array([TYPES[kind] for kind, corners in GRID.cells.items() for _ in corners], np.uint8)
+CORNERS = [row for corners in GRID.cells.values() for row in corners]
+ENDS = np.cumsum([len(row) for row in CORNERS])
+KIND = GRID.cell_arrays["kind"].astype("i4")
+HEAT = GRID.point_arrays["f"].astype("f4")
+
+
+def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts: int = 0) -> str:
+    corners = [CORNERS[row] for row in rows]
+    arrays: dict[str, dict[str, np.ndarray]] = {
+        "Points": {"": GRID.points.astype("f4")},
+        "Cells": {
+            "connectivity": np.concatenate(corners).astype("<i8"),
+            "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
+            "types": NUMBERS[rows],
+        },
+        "PointData": {"f": HEAT},
+        "CellData": {"kind": KIND[rows]},
+    }
+    if ghosts:
+        arrays["CellData"]["vtkGhostType"] = np.arange(len(rows), dtype="u1") >= len(rows) - ghosts
+        arrays["CellData"]["vtkGhostType"] = arrays["CellData"]["vtkGhostType"].astype("u1")
+    tags = ""
+    for section, members in arrays.items():
+        each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
+        tags += f"<{section}>{each}</{section}>"
+    return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
+
+
+def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), ghosts: int = 0) -> Path:
+    appended = b""
+
+    def pack(name: str, array: np.ndarray, components: int) -> str:
+        nonlocal appended
+        tag = f'<DataArray type="{writers.VTI_NAMES[array.dtype.str[1:]]}" Name="{name}" '
+        tag += f'NumberOfComponents="{components}" '
+        if form == "ascii":
+            return tag + f'format="ascii">{" ".join(map(repr, array.ravel().tolist()))}</DataArray>'
+        begin, appended = len(appended), appended + writers.vti_packed(array.tobytes(), "<u4", form, False)
+        return tag + f'format="appended" offset="{begin}"/>'
+
+    piece = _piece(list(rows), pack, ghosts)
+    packing = f'compressor="{form}"' if form.startswith("vtk") else ""
+    text = f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" {packing}><UnstructuredGrid>{piece}'
+    more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
+    path.write_bytes(text.encode() + b"</UnstructuredGrid>" + more + b"</VTKFile>")
+    return path
+
+
+def pvtu(path: Path) -> Path:
+    """Two pieces, of which the second repeats a cell of the first as a ghost."""
+    vtu(path.with_name("a_0.vtu"), rows=(0, 1))
+    vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), ghosts=1)
+    names = "".join(f'<Piece Source="a_{n}.vtu"/>' for n in range(2))
+    path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{names}</PUnstructuredGrid></VTKFile>')
+    return path
+
+
+def vtk(path: Path, form: str = "BINARY", version: int = 5) -> Path:
+    parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
+    if version == 5:
+        parts += [f"CELLS {len(ENDS) + 1} {ENDS[-1]}", "OFFSETS vtktypeint64", np.append(0, ENDS)]
+        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(CORNERS)]
+    else:
+        whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
+        parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
+    parts += [f"CELL_TYPES {len(NUMBERS)}", NUMBERS.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
+    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND]
+    parts += [f"POINT_DATA {len(HEAT)}", "SCALARS f float 1", "LOOKUP_TABLE default", HEAT]
+    head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
+    return writers.vtk_parts(path, form, *parts, head=head)
+
+
+def vtkhdf(path: Path) -> Path:
+    """Two pieces with points of their own."""
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+        pieces = [(0, 1), (2, 3)]
+        lengths = [[len(CORNERS[row]) for row in rows] for rows in pieces]
+        root["NumberOfPoints"], root["NumberOfCells"] = [len(HEAT)] * 2, [2, 2]
+        root["NumberOfConnectivityIds"] = [sum(each) for each in lengths]
+        root["Points"] = np.tile(GRID.points.astype("f4"), (2, 1))
+        root["Connectivity"], root["Types"] = np.concatenate(CORNERS), NUMBERS
+        root["Offsets"] = np.concatenate([np.append(0, np.cumsum(each)) for each in lengths])
+        root["PointData/f"], root["CellData/kind"] = np.tile(HEAT, 2), KIND
+    return path
+
+
+def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
+    """A block for each kind, two time steps of f, and kind in all blocks but the first."""
+    import netCDF4
+
+    names = {"tetra": "TETRA4", "pyramid": "PYRAMID5", "wedge": "WEDGE6", "hexahedron": "HEX8"}
+    with netCDF4.Dataset(path, "w", format=form) as file:
+        sizes = {"num_dim": 3, "num_nodes": len(HEAT), "num_el_blk": 4, "len_string": 33, "num_nod_var": 1}
+        for name, size in {**sizes, "num_elem_var": 1, "time_step": None}.items():
+            file.createDimension(name, size)
+        for row, axis in zip(GRID.points.T, "xyz", strict=True):
+            file.createVariable(f"coord{axis}", "f8", ("num_nodes",))[:] = row
+        file.createVariable("time_whole", "f8", ("time_step",))[:] = [0.5, 1.5]
+        for key, size, name in (("name_nod_var", "num_nod_var", b"f"), ("name_elem_var", "num_elem_var", b"kind")):
+            file.createVariable(key, "S1", (size, "len_string"))[:] = np.array([[name.ljust(33, b"\0")]]).view("S1")
+        value = file.createVariable("vals_nod_var1", "f8", ("time_step", "num_nodes"))
+        value[0], value[1] = -HEAT, HEAT
+        for n, (kind, corners) in enumerate(GRID.cells.items(), 1):
+            file.createDimension(f"num_el_in_blk{n}", len(corners))
+            file.createDimension(f"num_nod_per_el{n}", corners.shape[1])
+            connect = file.createVariable(f"connect{n}", "i4", (f"num_el_in_blk{n}", f"num_nod_per_el{n}"))
+            connect[:], connect.elem_type = corners + 1, names[kind]
+            if n > 1:
+                own = file.createVariable(f"vals_elem_var1eb{n}", "f8", ("time_step", f"num_el_in_blk{n}"))
+                own[0] = own[1] = KIND[n - 1]
+    return path
+
+
+def meshlane(path: Path, but: str = "", of_cells: bool = True, **options: Any) -> Path:
+    import meshlane as package
+
+    cells = [(kind, np.asarray(corners)) for kind, corners in GRID.cells.items() if kind != but]
+    kind = {"kind": [KIND[n : n + 1] for n in range(4)]} if of_cells else {}
+    mesh = package.Mesh(GRID.points, cells, point_data={"f": HEAT.astype("f8")}, cell_data=kind)
+    package.write(path, mesh, **options)
+    return path
+
+
+Write = Callable[[Path], Path]
+FILES: dict[str, tuple[str, Write]] = {
+    "vtu-ascii": ("a.vtu", vtu),
+    "vtu-raw": ("a.vtu", lambda path: vtu(path, "")),
+    "vtu-zlib": ("a.vtu", lambda path: vtu(path, "vtkZLibDataCompressor")),
+    "pvtu": ("a.pvtu", pvtu),
+    "vtk-binary": ("a.vtk", vtk),
+    "vtk-ascii": ("a.vtk", lambda path: vtk(path, "ASCII")),
+    "vtk-old": ("a.vtk", lambda path: vtk(path, "BINARY", 3)),
+    "vtkhdf": ("a.vtkhdf", vtkhdf),
+}
+if find_spec("netCDF4"):
+    FILES["exodus-3"] = ("a.ex2", exodus)
+    FILES["exodus-4"] = ("a.exo", lambda path: exodus(path, "NETCDF4"))
+if find_spec("meshlane"):
+    FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))
+    FILES["gmsh"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22", binary=False))
+    FILES["gmsh-binary"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22"))
+    FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, but="pyramid", of_cells=False, file_format="abaqus"))
+    FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
+    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "su2", "avs")}
