@@ -1,7 +1,7 @@
 """Faces of tetrahedra in buckets by their smallest corner, where those of two tetrahedra are found, compiled by numba.
 
-A half-face is one of the four sides of a tetrahedron; its number is four times the tetrahedron's plus its place, as in
-`FACES`. In a bucket half-faces are sorted by their other two corners, then by their number.
+A half-face is one of the four sides of a tetrahedron; its number is four times the tetrahedron's plus the place of the
+corner that it does not have. In a bucket half-faces are sorted by their other two corners, then by their number.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _function = numba.njit(**_OPTIONS)
 def _corners(tetrahedra, row, k):  # type: ignore[no-untyped-def]
     """Return the corners of a half-face in increasing order, and 1 if it is clockwise in this order from outside."""
     p, q, r, s = tetrahedra[row, 0], tetrahedra[row, 1], tetrahedra[row, 2], tetrahedra[row, 3]
-    a, b, c = p, r, q
+    a, b, c = q, r, s
     if k == 1:
-        a, b, c = p, q, s
-    elif k == 2:
-        a, b, c = q, r, s
-    elif k == 3:
         a, b, c = p, s, r
+    elif k == 2:
+        a, b, c = p, q, s
+    elif k == 3:
+        a, b, c = p, r, q
     odd = 0
     if a > b:
         a, b, odd = b, a, 1 - odd
@@ -71,14 +71,19 @@ def fill_buckets(tetrahedra, first, places, keys, numbers):  # type: ignore[no-u
             places[a] = place + 1
 
 
-def sort_buckets(ends, first, last, keys, numbers):  # type: ignore[no-untyped-def]
-    """Sort the buckets [first, last), and return their number of faces, and of half-faces that no side is free for.
+def match_half_faces(ends, first, last, keys, numbers, neighbours):  # type: ignore[no-untyped-def]
+    """Sort the buckets [first, last), and find the other half-face of each face.
 
     Parameters
     ----------
     ends : int64 (n,), of the buckets
+    neighbours : uint32 (h,), written
+
+    Returns
+    -------
+    boundary, crowded : number of half-faces without another one, and of those that no side is free for
     """
-    faces, crowded = 0, 0
+    boundary, crowded = 0, 0
     for bucket in range(first, last):
         begin, end = ends[bucket - 1] if bucket else 0, ends[bucket]
         if end - begin <= SMALL:
@@ -86,32 +91,13 @@ def sort_buckets(ends, first, last, keys, numbers):  # type: ignore[no-untyped-d
         else:
             _heap_sort(keys, numbers, begin, end)
         while begin < end:
-            key, odds, run = keys[begin], 0, begin
+            key, even, odd, run, odds = keys[begin], begin, begin, begin, 0
             while run < end and keys[run] == key:
                 odds += numbers[run] & 1
                 run += 1
             evens = run - begin - odds
-            faces += max(odds, evens)
             crowded += max(0, odds - 1) + max(0, evens - 1)
-            begin = run
-    return faces, crowded
-
-
-def write_faces(ends, first, last, keys, numbers, corners, sides):  # type: ignore[no-untyped-def]
-    """Write the faces of the sorted buckets [first, last).
-
-    Parameters
-    ----------
-    corners : uint32 (f, 3), written
-    sides : uint32 (f, 2), written
-    """
-    face = 0
-    for bucket in range(first, last):
-        begin, end = ends[bucket - 1] if bucket else 0, ends[bucket]
-        while begin < end:
-            key, even, odd, run = keys[begin], begin, begin, begin
-            while run < end and keys[run] == key:
-                run += 1
+            boundary += abs(odds - evens)
             while True:  # the next even one beside the next odd one, as far as there are any
                 while even < run and numbers[even] & 1:
                     even += 1
@@ -119,11 +105,35 @@ def write_faces(ends, first, last, keys, numbers, corners, sides):  # type: igno
                     odd += 1
                 if even >= run and odd >= run:
                     break
-                corners[face, 0], corners[face, 1], corners[face, 2] = bucket, key >> 32, key & 0xFFFFFFFF
-                sides[face, 0] = numbers[even] >> 3 if even < run else NONE
-                sides[face, 1] = numbers[odd] >> 3 if odd < run else NONE
-                face, even, odd = face + 1, even + 1, odd + 1
+                if even < run:
+                    neighbours[numbers[even] >> 1] = numbers[odd] >> 1 if odd < run else NONE
+                if odd < run:
+                    neighbours[numbers[odd] >> 1] = numbers[even] >> 1 if even < run else NONE
+                even, odd = even + 1, odd + 1
             begin = run
+    return boundary, crowded
+
+
+def write_faces(tetrahedra, neighbours, corners, sides):  # type: ignore[no-untyped-def]
+    """Write each face once.
+
+    Parameters
+    ----------
+    neighbours : uint32 (m, 4)
+    corners : uint32 (f, 3), written
+    sides : uint32 (f, 2), written
+    """
+    face = 0
+    for row in range(len(tetrahedra)):
+        for k in range(4):
+            other = neighbours[row, k]
+            if other != NONE and other < 4 * row + k:
+                continue
+            a, b, c, odd = _corners(tetrahedra, row, k)
+            corners[face, 0], corners[face, 1], corners[face, 2] = a, b, c
+            sides[face, odd] = row
+            sides[face, 1 - odd] = other >> 2 if other != NONE else NONE
+            face += 1
 
 
 @_inline

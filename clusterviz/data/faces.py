@@ -1,4 +1,4 @@
-"""Faces between tetrahedra, each once, with the tetrahedra on both sides."""
+"""Neighbours of tetrahedra, and the faces between them, each once."""
 
 from __future__ import annotations
 
@@ -22,16 +22,41 @@ def _kernel(name: str, arguments: str, results: int = 0) -> CompiledKernel:
     return CompiledKernel("clusterviz.data.face_kernel", name, arguments, _SOURCES, results)
 
 
-_BUCKETS = "int64[::1]; int64; int64; uint64[::1]; int64[::1]"
 _COUNT = _kernel("count_half_faces", "uint32[:,::1]; int64[::1]")
 _FILL = _kernel("fill_buckets", "uint32[:,::1]; int64; int64[::1]; uint64[::1]; int64[::1]")
-_SORT = _kernel("sort_buckets", _BUCKETS, results=2)
-_WRITE = _kernel("write_faces", f"{_BUCKETS}; uint32[:,::1]; uint32[:,::1]")
+_MATCH = _kernel("match_half_faces", "int64[::1]; int64; int64; uint64[::1]; int64[::1]; uint32[::1]", results=2)
+_WRITE = _kernel("write_faces", "uint32[:,::1]; uint32[:,::1]; uint32[:,::1]; uint32[:,::1]")
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """Neighbours of tetrahedra; 16 bytes a tetrahedron.
+
+    Attributes
+    ----------
+    tetrahedra : uint32 (m, 4), corners
+    halves : uint32 (m, 4), beyond the face without corner k: four times the other tetrahedron, plus the place of its
+        corner that is not on the face; `NONE` at the boundary
+    boundary : number of faces at the boundary
+    crowded : number of half-faces on the side of a face where another tetrahedron is, which it overlaps
+    """
+
+    tetrahedra: NDArray[np.uint32]
+    halves: NDArray[np.uint32]
+    boundary: int
+    crowded: int
+
+    def faces(self) -> Faces:
+        """Return all faces."""
+        count = (4 * len(self.tetrahedra) + self.boundary) // 2
+        corners, sides = np.empty((count, 3), np.uint32), np.empty((count, 2), np.uint32)
+        _WRITE(self.tetrahedra, self.halves, corners, sides)
+        return Faces(corners, sides)
 
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Faces of tetrahedra, by their smallest corner; 20 bytes a face, some 42 a tetrahedron.
+    """Faces of tetrahedra; 20 bytes a face, some 42 a tetrahedron.
 
     Attributes
     ----------
@@ -39,12 +64,10 @@ class Faces:
         from both sides
     sides : uint32 (f, 2), tetrahedra; corners are counter-clockwise seen from the second one, which the normal points
         to; `NONE` on one side of the boundary
-    crowded : faces of tetrahedra that lie on the same side of a face as another one, and so overlap it
     """
 
     corners: NDArray[np.uint32]
     sides: NDArray[np.uint32]
-    crowded: int = 0
 
     @property
     def is_boundary(self) -> NDArray[np.bool_]:
@@ -53,20 +76,21 @@ class Faces:
         return found
 
 
-def find_faces(tetrahedra: NDArray[np.uint32], points: int, threads: int = 1) -> Faces:
-    """Return the faces of tetrahedra; the same for any number of threads.
+def find_neighbours(tetrahedra: NDArray[np.uint32], points: int, threads: int = 1) -> Neighbours:
+    """Return the neighbours of tetrahedra; the same for any number of threads.
 
-    Tetrahedra are of positive volume. Of several on one side of a face, each beyond the first has a face of its own,
-    so that rays enter and leave each of them. Memory for the work: 64 bytes a tetrahedron, and 8 a point and thread.
+    Of several tetrahedra on one side of a face, one gets a neighbour, and the others lie at the boundary, so that rays
+    enter and leave each of them. Memory for the work: 64 bytes a tetrahedron, and 8 a point and thread.
 
     Parameters
     ----------
-    tetrahedra : uint32 (m, 4), corners in the order of `Tetrahedra.corners`
+    tetrahedra : uint32 (m, 4), m < 2³⁰, of positive volume, corners in the order of `Tetrahedra.corners`
     points : number of points
     threads : of the work
     """
     count = max(1, min(threads, len(tetrahedra) // LEAST))
     shares = [len(tetrahedra) * n // count for n in range(count + 1)]
+    halves = np.empty((len(tetrahedra), 4), np.uint32)
     with ThreadPoolExecutor(count) as pool:
         places = np.zeros((count, points), np.int64)
         parts = [tetrahedra[a:b] for a, b in pairwise(shares)]
@@ -80,12 +104,6 @@ def find_faces(tetrahedra: NDArray[np.uint32], points: int, threads: int = 1) ->
         # Buckets with about as many half-faces for each thread.
         cuts = np.searchsorted(ends, [4 * share for share in shares[1:-1]]).tolist()
         ranges = list(pairwise([0, *cuts, points]))
-        found = list(pool.map(lambda some: _SORT(ends, *some, keys, numbers), ranges))
-        begins = np.cumsum([0, *(faces for faces, _ in found)]).tolist()
-        corners, sides = np.empty((begins[-1], 3), np.uint32), np.empty((begins[-1], 2), np.uint32)
-
-        def write(some: tuple[int, int], begin: int, end: int) -> None:
-            _WRITE(ends, *some, keys, numbers, corners[begin:end], sides[begin:end])
-
-        list(pool.map(write, ranges, begins[:-1], begins[1:]))
-    return Faces(corners, sides, sum(crowded for _, crowded in found))
+        found = list(pool.map(lambda some: _MATCH(ends, *some, keys, numbers, halves.ravel()), ranges))
+    boundary, crowded = (sum(each) for each in zip(*found, strict=True))
+    return Neighbours(tetrahedra, halves, boundary, crowded)

@@ -28,8 +28,8 @@ from clusterviz.data.predicates import orientation
 from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid
 from clusterviz.errors import DataError
 
-MOST = 2**32 - 2
-"""Points or tetrahedra of a grid: their numbers are uint32, and the last stands for none."""
+MOST = 2**30 - 1
+"""Points or tetrahedra of a grid: the numbers of their half-faces are uint32, and the last stands for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
     Raises
     ------
     DataError
-        No such array, or more points or tetrahedra than 2³² − 2.
+        No such array, or more points or tetrahedra than 2³⁰ − 1.
     """
     values, on_cells = grid.array(array)
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)

@@ -15,7 +15,7 @@ from data.checks import refused
 from data.grid_writers import FILES
 
 from clusterviz.data import GRID_EXTENSIONS, read_grid
-from clusterviz.data.faces import NONE, find_faces
+from clusterviz.data.faces import NONE, Faces, find_neighbours
 from clusterviz.data.predicates import determinant_sign, orientation
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, UnstructuredGrid, linearised
@@ -24,13 +24,24 @@ from clusterviz.errors import DataError
 KINDS = list(FACES)
 
 
+def faces_of(found: Tetrahedra) -> Faces:
+    return find_neighbours(found.corners, len(found.points)).faces()
+
+
 def check_faces(found: Tetrahedra, crowded: int = 0) -> None:
     """Compare with all half-faces sorted by NumPy, and the sides with the positions of the tetrahedra."""
-    faces = find_faces(found.corners, len(found.points))
+    topology, faces = find_neighbours(found.corners, len(found.points)), faces_of(found)
     halves = np.sort(np.concatenate([found.corners[:, face] for face in FACES["tetra"]]), axis=1)
     each, counts = np.unique(halves, axis=0, return_counts=True)
     np.testing.assert_array_equal(np.unique(faces.corners, axis=0), each)
-    assert faces.crowded == crowded
+    assert topology.crowded == crowded
+    assert topology.boundary == faces.is_boundary.sum()
+    row, k = np.nonzero(topology.halves != NONE)
+    other = topology.halves[row, k]
+    np.testing.assert_array_equal(topology.halves[other >> 2, other & 3], 4 * row + k)
+    for n in range(0, len(row), 7):
+        own, theirs = np.delete(found.corners[row[n]], k[n]), np.delete(found.corners[other[n] >> 2], other[n] & 3)
+        assert set(own) == set(theirs)
     assert len(faces.corners) == len(each) + crowded
     assert crowded or faces.is_boundary.sum() == (counts == 1).sum()
     a, b, c = (found.points[corner].astype(float) for corner in faces.corners.T)
@@ -64,7 +75,7 @@ def test_a_cell_becomes_tetrahedra_of_its_volume(kind: str) -> None:
 def test_tetrahedra_of_neighbours_fit(grid: UnstructuredGrid) -> None:
     """The only faces on one side alone are those on the surface: their areas have no sum, and that of the surface."""
     found = tetrahedra(grid)
-    faces = find_faces(found.corners, len(found.points))
+    faces = faces_of(found)
     check_faces(found)
     outer = faces.corners[faces.is_boundary]
     outward = np.where(faces.sides[faces.is_boundary, :1] != NONE, 1, -1)
@@ -79,9 +90,8 @@ def test_tetrahedra_of_neighbours_fit(grid: UnstructuredGrid) -> None:
 def test_faces_do_not_depend_on_threads_and_large_buckets_are_sorted() -> None:
     many = lattice(20, 20, 20)
     found = tetrahedra(many)
-    one, two = (find_faces(found.corners, len(found.points), threads) for threads in (1, 2))
-    np.testing.assert_array_equal(one.corners, two.corners)
-    np.testing.assert_array_equal(one.sides, two.sides)
+    one, two = (find_neighbours(found.corners, len(found.points), threads) for threads in (1, 2))
+    np.testing.assert_array_equal(one.halves, two.halves)
     turn = np.linspace(0, 2 * np.pi, 201)[:-1]
     points = np.concatenate([[(0, 0, -1), (0, 0, 1)], np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)])
     ring = np.arange(200)
@@ -93,8 +103,8 @@ def test_tetrahedra_on_one_side_of_a_face_have_faces_of_their_own() -> None:
     points = np.array([*UNIT["tetra"], (0.2, 0.2, 2.0), (0.3, 0.3, -1.0)])
     cells = np.array([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]])
     found = tetrahedra(UnstructuredGrid("crowded", points, {"tetra": cells}, {"f": points[:, 0]}))
-    faces = find_faces(found.corners, len(found.points))
-    assert (len(faces.corners), faces.crowded) == (11, 1)
+    faces = faces_of(found)
+    assert len(faces.corners) == 11
     check_faces(found, crowded=1)
 
 
@@ -123,7 +133,7 @@ def test_two_curved_cells_share_the_nodes_that_files_lack() -> None:
     both += 0.1 * np.sin(3 * both)
     grid = linearised(both, [("hexahedron20", np.arange(40).reshape(2, 20))], {"f": both[:, 0]}, {}, "two")
     found = tetrahedra(grid)
-    faces = find_faces(found.corners, len(found.points))
+    faces = faces_of(found)
     assert faces.is_boundary.sum() == 10 * 4 * 2
     assert grid.curved[""] > 0
 
@@ -179,7 +189,7 @@ def test_few_cells(count: int) -> None:
     found = tetrahedra(UnstructuredGrid("few", grid.points, {"tetra": grid.cells["tetra"][:count]}, grid.point_arrays))
     assert len(found.corners) == count
     assert (found.bounds is None) == (count == 0)
-    assert len(find_faces(found.corners, len(found.points)).corners) == 4 * count
+    assert len(faces_of(found).corners) == 4 * count
 
 
 def test_arrays_of_points_and_of_cells() -> None:
