@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +170,75 @@ def _exact_weights(start: Floats, direction: Floats, corners: Floats) -> list[fl
     return [float(part / sum(parts)) for part in parts]
 
 
+class Medium(Protocol):
+    """What absorbs and glows by a scalar: a transfer function, or slabs of volumes by their number."""
+
+    @property
+    def colour_values(self) -> Floats: ...
+
+    @property
+    def opacity_values(self) -> Floats: ...
+
+    def colour(self, s: Floats) -> Floats: ...
+
+    def extinction(self, s: Floats) -> Floats: ...
+
+
+@dataclass(frozen=True)
+class UniformSlabs:
+    """Slabs of rays that absorb evenly, such as those of volumes; the scalar is a slab's number.
+
+    Attributes
+    ----------
+    ray : int64 (k,)
+    begin, end : float64 (k,), lengths along the ray, begin < end
+    depth : float64 (k,), optical depth of each
+    glow : float64 (k, 3), its colour times its depth
+    """
+
+    ray: Indices
+    begin: Floats
+    end: Floats
+    depth: Floats
+    glow: Floats
+
+    colour_values = opacity_values = np.empty(0)
+
+    def colour(self, s: Floats) -> Floats:
+        """Return straight colours (…, 3)."""
+        found: Floats = (self.glow / np.where(self.depth > 0, self.depth, 1)[:, None])[np.rint(s).astype(np.int64)]
+        return found
+
+    def extinction(self, s: Floats) -> Floats:
+        """Return extinctions (…,) per world unit."""
+        found: Floats = (self.depth / (self.end - self.begin))[np.rint(s).astype(np.int64)]
+        return found
+
+    @property
+    def passages(self) -> Passages:
+        """The slabs as parts of rays."""
+        number = np.arange(len(self.ray))
+        scalar = number.astype(np.float64)
+        return Passages(self.ray, number, self.begin, self.end, scalar, scalar)
+
+    def some(self, chosen: Indices) -> UniformSlabs:
+        """Return those with some numbers."""
+        return UniformSlabs(
+            self.ray[chosen], self.begin[chosen], self.end[chosen], self.depth[chosen], self.glow[chosen]
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[UniformSlabs]) -> UniformSlabs:
+        """Return all of some parts."""
+        return UniformSlabs(
+            np.concatenate([np.empty(0, np.int64), *(part.ray for part in parts)]),
+            np.concatenate([np.empty(0), *(part.begin for part in parts)]),
+            np.concatenate([np.empty(0), *(part.end for part in parts)]),
+            np.concatenate([np.empty(0), *(part.depth for part in parts)]),
+            np.concatenate([np.empty((0, 3)), *(part.glow for part in parts)]),
+        )
+
+
 def clip_range(rays: Rays, clip: Clip) -> tuple[Floats, Floats]:
     """Return the part [near, far] of each ray in the world that is not clipped, float64 (n,) each."""
     near, far = np.zeros(len(rays.direction)), np.full(len(rays.direction), np.inf)
@@ -186,7 +256,11 @@ def clip_range(rays: Rays, clip: Clip) -> tuple[Floats, Floats]:
 
 
 def march_cells(
-    rays: Rays, grids: Sequence[PlacedCells], clip: Clip | None = None, fragments: Fragments | None = None
+    rays: Rays,
+    grids: Sequence[PlacedCells],
+    clip: Clip | None = None,
+    fragments: Fragments | None = None,
+    slabs: UniformSlabs | None = None,
 ) -> Floats:
     """Return the colours of rays in the world, float64 (n, 4), premultiplied.
 
@@ -197,11 +271,15 @@ def march_cells(
     grids : in any order
     clip : cuts rays where they cross its planes
     fragments : of meshes, lines and points, not clipped; what is in front of them is absorbed first
+    slabs : of volumes, not clipped, which mix with the grids
     """
     count = len(rays.direction)
     near, far = clip_range(rays, clip or Clip())
     every = [find_passages(rays, placed.tetrahedra).within(near, far) for placed in grids]
-    course = _Course(every, [placed.transfer for placed in grids], fragments, count)
+    media: list[Medium] = [placed.transfer for placed in grids]
+    if slabs is not None:
+        every, media = [*every, slabs.passages], [*media, slabs]
+    course = _Course(every, media, fragments, count)
     rgba, transmittance = np.zeros((count, 4)), np.ones(count)
     ray, emission, depth = course.parts()
     place = np.arange(len(ray)) - np.searchsorted(ray, ray)
@@ -221,10 +299,8 @@ class _Course:
     An interval lies between two cuts of a ray. A member is a passage in an interval.
     """
 
-    def __init__(
-        self, every: list[Passages], transfers: list[TransferFunction], fragments: Fragments | None, rays: int
-    ) -> None:
-        self.transfers, self.fragments = transfers, fragments
+    def __init__(self, every: list[Passages], media: list[Medium], fragments: Fragments | None, rays: int) -> None:
+        self.media = media
         self.grid = np.repeat(np.arange(len(every)), [len(each.ray) for each in every])
         self.passages = Passages(
             *(
@@ -255,8 +331,8 @@ class _Course:
     def _knots(self) -> list[tuple[Indices, Floats]]:
         """Return rays and lengths where the scalar of a passage is that of a control point."""
         found, whole = list[tuple[Indices, Floats]](), self.passages
-        for number, transfer in enumerate(self.transfers):
-            knots = np.unique(np.concatenate([transfer.colour_values, transfer.opacity_values]))
+        for number, medium in enumerate(self.media):
+            knots = np.unique(np.concatenate([medium.colour_values, medium.opacity_values]))
             some = np.flatnonzero(self.grid == number)
             front, back = whole.front[some], whole.back[some]
             low = np.searchsorted(knots, np.minimum(front, back), side="right")
@@ -321,14 +397,14 @@ class _Course:
         kappa, glow = np.zeros((len(interval), 8)), np.zeros((len(interval), 8, 3))
         whole, t = self.passages, begin[:, None] + (end - begin)[:, None] * NODES
         length = np.where(whole.end > whole.begin, whole.end - whole.begin, 1)
-        for number, transfer in enumerate(self.transfers):
+        for number, medium in enumerate(self.media):
             some = np.flatnonzero(self.grid[member] == number)
             own, of = member[some], part[some]
             share = (t[of] - whole.begin[own, None]) / length[own, None]
             scalar = whole.front[own, None] + share * (whole.back - whole.front)[own, None]
-            extinction = transfer.extinction(scalar)
+            extinction = medium.extinction(scalar)
             np.add.at(kappa, of, extinction)
-            np.add.at(glow, of, extinction[..., None] * transfer.colour(scalar))
+            np.add.at(glow, of, extinction[..., None] * medium.colour(scalar))
         way = end - begin
         before = way[:, None] * (kappa @ TO_NODES.T)
         emission = way[:, None] * np.einsum("kn,knc->kc", WEIGHTS * np.exp(-before), glow)

@@ -161,6 +161,16 @@ def find_fragments(rays: Rays, surfaces: Sequence[PlacedGeometry], scene: Scene)
     return Fragments(begins, t[order], rgba[order], number[order], unit(normal[order]))
 
 
+def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
+    """Return the fragments of all parts, of the same rays; at one place those of earlier parts come first."""
+    ray = np.concatenate([np.repeat(np.arange(len(part.begins) - 1), np.diff(part.begins)) for part in parts])
+    t, rgba = np.concatenate([part.t for part in parts]), np.concatenate([part.rgba for part in parts])
+    entry, normal = (np.concatenate([getattr(part, name) for part in parts]) for name in ("entry", "normal"))
+    order = np.lexsort((t, ray))
+    begins = np.searchsorted(ray[order], np.arange(len(parts[0].begins)))
+    return Fragments(begins, t[order], rgba[order], entry[order], normal[order])
+
+
 def _of_geometry(
     rays: Rays, surface: PlacedGeometry, number: int, scene: Scene
 ) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:

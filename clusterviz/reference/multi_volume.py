@@ -31,8 +31,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments
+from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
@@ -286,8 +287,12 @@ def march_mixture(
     scene: Scene,
     met: HalfOpacity | None = None,
     surfaces: Sequence[PlacedGeometry] = (),
+    cells: Sequence[PlacedCells] = (),
 ) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
+
+    Volumes absorb evenly along a slab. Unstructured grids are integrated exactly, and where they overlap with a slab,
+    extinctions add up at every point.
 
     Parameters
     ----------
@@ -297,15 +302,19 @@ def march_mixture(
     scene : for its lights, its clipping and its classification
     met : written, if given; a slab is that of the volume that absorbs most in it
     surfaces : meshes, lines and points, in the order of the scene
+    cells : unstructured grids, in any order
     """
     firsts = np.cumsum([0, *(1 + len(placed.volume.isosurfaces) for placed in volumes)]).tolist()
     fragments = FragmentQueue(find_fragments(rays, surfaces, scene), firsts[-1], met)
     if not volumes:
+        if cells:
+            return march_cells(rays, cells, scene.clip, fragments.fragments)
         return fragments.composite_all()
     spacing = min(min(placed.grid.spacing) for placed in volumes)
     # The box is a little larger than geometry beyond the volumes, so that nothing lies on its faces by rounding.
     corners = np.concatenate([placed.grid.corners for placed in volumes])
-    bounds = np.concatenate([np.empty((0, 3)), *(surface.bounds for surface in surfaces)])
+    boxes = [np.array(placed.tetrahedra.bounds or np.empty((0, 3))) for placed in cells]
+    bounds = np.concatenate([np.empty((0, 3)), *(surface.bounds for surface in surfaces), *boxes])
     growth = GROWTH * spacing + 2.0**-48 * np.abs(bounds).max(initial=0.0)
     low, high = corners.min(axis=0), corners.max(axis=0)
     least, greatest = bounds.min(axis=0, initial=np.inf), bounds.max(axis=0, initial=-np.inf)
@@ -315,8 +324,9 @@ def march_mixture(
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    every = zip(volumes, firsts, strict=False)
-    passages = [VolumeRays(rays, placed, scene, first) for placed, first in every if placed.has_extent]
+    numbered = zip(volumes, firsts, strict=False)
+    passages = [VolumeRays(rays, placed, scene, first) for placed, first in numbered if placed.has_extent]
+    mixed, crossed = list[UniformSlabs](), list[Fragments]()
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
@@ -325,10 +335,26 @@ def march_mixture(
             depth, glow = depth + more, glow + light
         colour = glow / np.where(depth > 0, depth, 1)[:, None]
         isosurfaces = [one for passage in passages for one in passage.surfaces(slab)]
+        if cells:
+            absorbing = UniformSlabs(slab.rays, slab.begin, slab.end, depth, glow)
+            mixed.append(absorbing.some(np.flatnonzero(depth > 0)))
+            crossed += [_as_fragments(slab, one, len(rgba)) for one in isosurfaces]
+            continue
         passed = _Passed(met, slab, passages, np.array([more for more, _ in each])) if met else None
         _pass(rgba, transmittance, slab, depth, colour, [*isosurfaces, *fragments.take(slab)], passed)
+    if cells:
+        every = joined_fragments([*crossed, fragments.fragments])
+        return march_cells(rays, cells, scene.clip, every, UniformSlabs.joined(mixed))
     fragments.composite_rest(rgba, transmittance)
     return rgba
+
+
+def _as_fragments(slab: Slab, surface: SurfaceHit, rays: int) -> Fragments:
+    """Return the fragments of an isosurface in a slab, without normals and of no entry."""
+    some = np.flatnonzero(surface.opacity > 0)
+    begins = np.searchsorted(slab.rays[some], np.arange(rays + 1))
+    rgba = np.column_stack([surface.colour, surface.opacity])[some]
+    return Fragments(begins, surface.place[some], rgba, np.full(len(some), -1), np.zeros((len(some), 3)))
 
 
 class FragmentQueue:

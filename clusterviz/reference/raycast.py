@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.cells import PlacedCells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Surface, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
@@ -64,6 +65,7 @@ def render_reference(
     step: float | None = None,
     met: HalfOpacity | None = None,
     surfaces: Sequence[Surface] = (),
+    cells: Sequence[PlacedCells] = (),
 ) -> Floats:
     """Ray cast the scene's volume; `multi_volume.py` handles several, and geometry.
 
@@ -82,6 +84,7 @@ def render_reference(
     step : h in units of the smallest spacing; by default the scene's `quality.step`
     met : written, if given, for the layers of the picture; not of projections
     surfaces : meshes, lines and points with their sections, in the order of the scene
+    cells : unstructured grids in the world, with their transfer functions
 
     Returns
     -------
@@ -98,11 +101,11 @@ def render_reference(
     ----------
     N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
-    if surfaces and isinstance(grid, Grid):
+    if (surfaces or cells) and isinstance(grid, Grid):
         grid, voxels = [grid], [np.asarray(voxels)]
     if not isinstance(grid, Grid):
-        if len(scene.volumes) != 1 or surfaces:
-            return _render_mixture(scene, grid, list(voxels), step, met, surfaces)
+        if len(scene.volumes) != 1 or surfaces or cells:
+            return _render_mixture(scene, grid, list(voxels), step, met, surfaces, cells)
         (grid,), (voxels,) = grid, voxels
     if not isinstance(voxels, np.ndarray):
         raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
@@ -141,8 +144,9 @@ def _render_mixture(
     step: float | None,
     met: HalfOpacity | None,
     surfaces: Sequence[Surface],
+    cells: Sequence[PlacedCells],
 ) -> Floats:
-    """Return the picture of several volumes and geometry."""
+    """Return the picture of several volumes, geometry and unstructured grids."""
     if not len(grids) == len(voxels) == len(scene.volumes):
         found = f"{len(grids)} grids, {len(voxels)} arrays"
         raise InputError("not one for each volume", where="volumes", found=found, allowed=len(scene.volumes))
@@ -159,11 +163,11 @@ def _render_mixture(
     jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
     rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
     placed_surfaces = [place(*surface) for surface in surfaces]
-    for begin in range(0, len(rgba) if volumes or placed_surfaces else 0, RAYS_AT_ONCE):
+    for begin in range(0, len(rgba) if volumes or placed_surfaces or cells else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
         some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
         length = scene.quality.step if step is None else step
-        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part), placed_surfaces)
+        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part), placed_surfaces, cells)
     return rgba.reshape(height, width, 4)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from data.cells import lattice, mixed, one_cell, tetrahedra
 
+from clusterviz.data.geometry import Mesh
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -14,6 +15,7 @@ from clusterviz.reference.cells import PlacedCells, find_passages, march_cells
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.rays import Rays, camera_rays
 from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
@@ -79,8 +81,8 @@ def check_cover(rays: Rays, cells: Tetrahedra, begin: np.ndarray, end: np.ndarra
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("tilt", [(0, 0, 1), (1, 0, 1), (1, 1, 1), (1, 2, 4)])
 def test_rays_through_every_corner_and_edge_are_covered_once(tilt: tuple[int, int, int], scale: float) -> None:
-    """All rays in one of these directions through the corners, and the middles of all edges, of a cube of 3³ cells."""
-    cells = tetrahedra(lattice(3, 3, 3, spacing=scale))
+    """All rays in one of these directions through the corners, and the middles of all edges, of a cube of 2³ cells."""
+    cells = tetrahedra(lattice(2, 2, 2, spacing=scale))
     points, corners = cells.points, cells.corners.astype(int)
     middles = [(points[corners[:, a]] + points[corners[:, b]]) / 2 for a in range(4) for b in range(a)]
     through = np.concatenate([points, *middles])
@@ -88,13 +90,13 @@ def test_rays_through_every_corner_and_edge_are_covered_once(tilt: tuple[int, in
     # The start is exact; the direction need not be of unit length for the walk, as lengths scale with it.
     rays = Rays(through - 8 * scale * way, np.broadcast_to(way, through.shape).copy())
     with np.errstate(divide="ignore", invalid="ignore"):
-        near, far = -rays.start / way, (3 * scale - rays.start) / way
+        near, far = -rays.start / way, (2 * scale - rays.start) / way
     # On a face of the cube the rule decides; there it is the lower one along each axis that holds the ray moved by ε.
     near, far = np.where(way > 0, near, -np.inf).max(axis=1), np.where(way > 0, far, np.inf).min(axis=1)
     inside = far > near
     for axis in range(3):
         if way[axis] == 0:
-            inside &= (through[:, axis] >= 0) & (through[:, axis] < 3 * scale)
+            inside &= (through[:, axis] >= 0) & (through[:, axis] < 2 * scale)
     factor = np.linalg.norm(way) ** 2
     check_cover(rays, cells, np.where(inside, near, 0) * factor, np.where(inside, far, 0) * factor)
 
@@ -195,11 +197,39 @@ def test_clips_cut_and_fragments_lie_between() -> None:
     assert march_cells(rays, [look], clip)[0, 3] == pytest.approx(1 - 0.5**1.25, abs=1e-14)
     inside = Rays(np.array([[0.6, 0.7, 0.5]]), rays.direction)
     assert march_cells(inside, [look])[0, 3] == pytest.approx(1 - 0.5**1.5, abs=1e-14)
-    solid = Fragments(np.array([0, 1]), np.array([1.75]), np.array([[0.0, 1.0, 0.0, 1.0]]))
+    green = np.array([[0.0, 1.0, 0.0, 1.0]])
+    solid = Fragments(np.array([0, 1]), np.array([1.75]), green, np.zeros(1, int), np.zeros((1, 3)))
     found = march_cells(rays, [look], fragments=solid)[0]
     colour = look.transfer.colour(np.array(1.0))
     front = 1 - 0.5**0.75
     np.testing.assert_allclose(found, [*(front * colour + (1 - front) * np.array([0, 1, 0])), 1], atol=1e-14)
+
+
+def test_volumes_and_meshes_mix_with_grids() -> None:
+    """A constant grid in a constant volume adds its extinction; a mesh and an isosurface hide what is behind them."""
+    flat = Volume(path="a", cmap="gray", clim=(0, 1), opacity=0.3, opacity_unit_distance=1.0)
+    camera = Camera(position=(2.1, 2.2, -9), focal_point=(2.1, 2.2, 0), view_up=(0, 1, 0), parallel_scale=1e-6)
+    whole, voxels = scene(flat, camera, (1, 1)), np.ones((5, 5, 5))
+    cells = tetrahedra(lattice(2, 2, 2, field=lambda p: np.full(len(p), 3.0)))
+    cells = Tetrahedra("a", cells.points + 1, cells.corners, cells.values, False, cells.cells)
+    look = PlacedCells(cells, transfer(0.4, 1.0))
+    found = render_reference(whole, Grid((5, 5, 5)), voxels, 0.7, cells=[look])[0, 0]
+    assert found[3] == pytest.approx(1 - 0.7**4 * 0.6**2, abs=1e-12)
+    kappa, colours = -np.log([0.7, 0.6]), np.stack([np.ones(3), look.transfer.colour(np.array(3.0))])
+    outer = (1 - 0.7) * colours[0]
+    mixture = (1 - 0.42**2) * (kappa @ colours) / kappa.sum()
+    np.testing.assert_allclose(found[:3], outer + 0.7 * (mixture + 0.42**2 * outer), atol=1e-12)
+    square = np.array([(0, 0, 2), (9, 0, 2), (0, 9, 2)], float)
+    mesh = MeshSection(path="m", color="red", shade=False), Mesh("m", square, np.array([[0, 1, 2]]))
+    found = render_reference(whole, Grid((5, 5, 5)), voxels, 0.7, surfaces=[mesh], cells=[look])[0, 0]
+    front = outer + 0.7 * (1 - 0.42) * (kappa @ colours) / kappa.sum()
+    np.testing.assert_allclose(found, [*(front + 0.7 * 0.42 * np.array([1, 0, 0])), 1], atol=1e-12)
+    ramp = np.broadcast_to(np.arange(5.0)[:, None, None], (5, 5, 5))
+    solid = flat.model_copy(update={"isosurfaces": ((2.0, 1.0),), "clim": (0.0, 0.1)})
+    cut = render_reference(scene(solid, camera, (1, 1)), Grid((5, 5, 5)), ramp, 0.7, cells=[look])[0, 0]
+    np.testing.assert_allclose(cut, [*(front + 0.7 * 0.42), 1], atol=1e-9)
+    alone = render_reference(Scene(camera=camera, image=ImageSettings(size=(1, 1))), [], [], cells=[look])[0, 0]
+    assert alone[3] == pytest.approx(1 - 0.36, abs=1e-12)
 
 
 def test_no_cells_and_no_rays_are_transparent() -> None:
