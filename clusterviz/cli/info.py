@@ -1,4 +1,4 @@
-"""`clusterviz info`: describe a volume and its value statistics, or meshes, lines and points."""
+"""`clusterviz info`: describe a volume and its value statistics, meshes, lines and points, or an unstructured grid."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 if TYPE_CHECKING:
     from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
     from clusterviz.data.source import Source
+    from clusterviz.data.unstructured import UnstructuredGrid
 
 BARS = " ▁▂▃▄▅▆▇█"
 SPARK_WIDTH = 64
@@ -30,25 +31,29 @@ def command(
     """Show what a data file holds.
 
     Of a volume: format, grid, type, range, percentiles, histogram, bricks. Of meshes, lines and points: counts, bounds,
-    arrays, and whether a mesh is closed.
+    arrays, and whether a mesh is closed. Of unstructured grids: cells, tetrahedra, bounds, arrays, and flaws.
     """
     from rich.console import Console
 
-    from clusterviz.data import mesh_format_of, open_source, read_geometry
+    from clusterviz.data import grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
     from clusterviz.data.axes import Subset
 
     with Console(stderr=True).status(f"reading {file}"):
-        mesh_format = mesh_format_of(Path(file))
+        mesh_format, grid_format = mesh_format_of(Path(file)), grid_format_of(Path(file))
         if points or mesh_format:
             geometry = read_geometry(file)
             found = {"name": file, "format": mesh_format.name if mesh_format else "npy"} | describe_geometry(geometry)
+        elif grid_format:
+            grid = read_grid(file, time)
+            found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
         else:
             source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
             found = describe(source, brick)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
         return
-    for name, text in _rows(found) if "samples" in found else _geometry_rows(found):
+    rows = _rows if "samples" in found else _grid_rows if "grid" in found else _geometry_rows
+    for name, text in rows(found):
         print(f"{name:12} {text}")
 
 
@@ -102,6 +107,35 @@ def _points(points: Points) -> dict[str, Any]:
         "bounds": points.bounds,
         "not_finite": int((~points.finite).sum()),
         "arrays": _arrays(points.attributes),
+    }
+
+
+def describe_grid(grid: UnstructuredGrid) -> dict[str, Any]:
+    """Return counts, bounds, arrays and flaws of an unstructured grid, as JSON values."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from clusterviz.data.faces import find_neighbours
+    from clusterviz.data.tetrahedra import make_tetrahedra
+
+    whole = replace(grid, point_arrays={"any": np.zeros(len(grid.points), np.float32)}, cell_arrays={})
+    tetrahedra = make_tetrahedra(whole)
+    faces = find_neighbours(tetrahedra.corners, len(tetrahedra.points))
+    flaws = {key: count for key, count in tetrahedra.counts.items() if key != "invalid"}
+    return {
+        "cells": {kind: len(corners) for kind, corners in grid.cells.items()},
+        "points": len(grid.points),
+        "dtype": grid.points.dtype.name,
+        "bounds": tetrahedra.bounds,
+        "tetrahedra": len(tetrahedra.corners),
+        "boundary_faces": faces.boundary,
+        **flaws,
+        "overlapping": faces.crowded,
+        "ignored": grid.ignored,
+        "curved": dict(grid.curved),
+        "point_arrays": _arrays(grid.point_arrays),
+        "cell_arrays": _arrays(grid.cell_arrays),
     }
 
 
@@ -255,6 +289,31 @@ def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
                 for n, a in part.get(key, {}).items()
             ]
     return rows if len(rows) > 2 else [*rows, ("holds", "nothing to draw")]
+
+
+def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return names and texts in the order of output."""
+    from clusterviz.data.tetrahedra import COUNTS
+
+    grid = found["grid"]
+    cells = ", ".join(f"{count} {kind}" for kind, count in grid["cells"].items()) or "none"
+    rows = [("name", found["name"]), ("format", found["format"]), ("cells", cells)]
+    rows.append(("points", f"{grid['points']}, {grid['dtype']}"))
+    bounds = grid["bounds"]
+    within = f"{_vector(bounds[0])}  to  {_vector(bounds[1])}" if bounds else "none: there is nothing to draw"
+    rows.append(("bounds", within))
+    rows.append(("tetrahedra", f"{grid['tetrahedra']}, with {grid['boundary_faces']} faces at the boundary"))
+    told = COUNTS | {
+        "overlapping": "faces of cells that overlap others there; both are drawn",
+        "ignored": "points, lines and surfaces of the file, which are not drawn",
+    }
+    rows += [(key, f"{grid[key]} {text}") for key, text in told.items() if grid.get(key)]
+    if grid["curved"]:
+        away = ", ".join(f"{name or 'positions'} {value:g}" for name, value in grid["curved"].items())
+        rows.append(("curved", f"cells are subdivided; largest differences along their edges: {away}"))
+    for key in ("point_arrays", "cell_arrays"):
+        rows += [(key.replace("_arrays", " array"), _array(name, array)) for name, array in grid[key].items()]
+    return rows
 
 
 def _array(name: str, array: dict[str, Any]) -> str:

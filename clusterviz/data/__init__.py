@@ -1,8 +1,8 @@
-"""Volume data: files, formulas and arrays behind one contract, bricks, and summaries; meshes, lines and points.
+"""Volume data: files, formulas and arrays behind one contract, bricks, and summaries; geometry, unstructured grids.
 
 Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Bricks divide a volume; summaries hold its
 extremes, histogram and exact percentiles. Meshes, lines and points are read whole, as a `Geometry`; `MESH_FORMATS` has
-their formats.
+their formats. Unstructured grids are read whole, too, as an `UnstructuredGrid`, by `GRID_FORMATS`.
 
 To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
 with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
@@ -259,6 +259,15 @@ def mesh_format_of(path: Path) -> Format | None:
             return MESH_EXTENSIONS[".pial"] if is_surface else None
         return found if not found.recognises or _function(found.recognises)(path) else None
     except Exception:  # libraries raise many kinds
+        return None
+
+
+def grid_format_of(path: Path) -> Format | None:
+    """Return the format of a file of an unstructured grid; None if it is unknown, or another kind of file."""
+    found = _by_extension(path, GRID_EXTENSIONS)
+    try:
+        return found if found and (not found.recognises or _function(found.recognises)(path)) else None
+    except Exception:  # as above
         return None
 
 

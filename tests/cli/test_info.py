@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from data import mesh_writers, writers
+from data import grid_writers, mesh_writers, writers
 
 from clusterviz.cli.info import format_name, sparkline
 
@@ -113,6 +113,27 @@ def test_what_a_mesh_cannot_draw_is_told(cli: Callable[..., Any], tmp_path: Path
     assert "a.obj: an index of a vertex is out of range; found 1; allowed 0 to 0" in outcome.err
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     assert "nothing to draw" in cli("info", str(tmp_path / "a.gltf")).out
+
+
+def test_an_unstructured_grid_and_its_flaws(cli: Callable[..., Any], tmp_path: Path) -> None:
+    path = tmp_path / "a.vtu"
+    content = grid_writers.vtu(path).read_text()
+    found = json.loads(cli("info", str(path), "--json").out)
+    assert (found["format"], found["grid"]["tetrahedra"], found["grid"]["boundary_faces"]) == ("vtu", 12, 20)
+    path.write_text(content.replace("5 9 6 11", "5 6 6 11").replace("4 5 6 7 10", "7 6 5 4 10"))
+    out = cli("info", str(path)).out
+    for part in (
+        "1 tetra, 1 pyramid, 1 wedge, 1 hexahedron",
+        "11, with 18 faces at the boundary",
+        "1 cells whose corners are in the order of a mirror image",
+        "1 cells without a volume",
+        "point array  f: float32, 0  to  10",
+    ):
+        assert part in out
+    path.write_text(content.replace('Name="types"', 'Name="kinds"'))
+    outcome = cli("info", str(path))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "a.vtu: Cells lack an array" in outcome.err
 
 
 def test_columns_of_an_array_are_points_when_asked(cli: Callable[..., Any], tmp_path: Path) -> None:

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from data.checks import refused, values
 
-from clusterviz.data import open_source, read_geometry, samples
+from clusterviz.data import open_source, read_geometry, read_grid, samples
+from clusterviz.data.faces import find_neighbours
 from clusterviz.data.samples import SAMPLES, fetch_sample
+from clusterviz.data.tetrahedra import make_tetrahedra
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -211,3 +213,14 @@ def test_real_lines_and_a_surface_in_its_volume() -> None:
     samples = source.read((0, 0, 0), source.grid.shape_zyx)
     zyx = np.rint(bone.vertices * [1, -1, 1] / source.grid.spacing).astype(int)[:, ::-1]
     assert np.median(samples[tuple(zyx.T)]) == pytest.approx(230, abs=20)  # Hounsfield units, at the bone's threshold
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize(("name", "array", "cells"), [("disk-out", "Temp", 7472), ("room-fire", "t", 10462)])
+def test_real_grids(name: str, array: str, cells: int) -> None:
+    pytest.importorskip("netCDF4")
+    grid = read_grid(fetched(name))
+    found = make_tetrahedra(grid, array)
+    assert {kind: len(corners) for kind, corners in grid.cells.items()} == {"hexahedron": cells}
+    assert len(found.corners) == 6 * cells
+    assert find_neighbours(found.corners, len(found.points)).crowded == 0
