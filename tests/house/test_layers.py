@@ -31,7 +31,7 @@ LEVELS = (
     ("frame",),
     ("report.output",),
     ("report.scale", "report.tradeoff", "viewer", "debugger"),
-    ("report.profile", "report.complexity"),
+    ("report.profile", "report.complexity", "report.kbuffer"),
     ("cli",),
     ("__main__",),
 )
