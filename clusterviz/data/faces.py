@@ -46,6 +46,18 @@ class Neighbours:
     boundary: int
     crowded: int
 
+    def ascending(self) -> Neighbours:
+        """Return the same with the corners of each tetrahedron in increasing order, whatever its orientation."""
+        order = np.argsort(self.tetrahedra, axis=1)
+        place = np.empty(order.shape, np.uint32)  # of each corner, when in order
+        np.put_along_axis(place, order, np.arange(4, dtype=np.uint32)[None], 1)
+        halves = np.take_along_axis(self.halves, order, 1)
+        inner = halves != NONE
+        other = halves[inner]
+        halves[inner] = other & ~np.uint32(3) | place[other >> 2, other & 3]
+        corners = np.take_along_axis(self.tetrahedra, order, 1)
+        return Neighbours(corners, halves, self.boundary, self.crowded)
+
     def faces(self) -> Faces:
         """Return all faces."""
         count = (4 * len(self.tetrahedra) + self.boundary) // 2
