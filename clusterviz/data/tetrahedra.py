@@ -3,7 +3,8 @@
 Cells are cut by one rule: each face with four corners along the diagonal from its smallest corner, and the cell into
 the tetrahedra between its smallest corner and the triangles of the faces that do not have it. A hexahedron becomes 6, a
 wedge 3, a pyramid 2. Two cells cut the face between them alike, so there are no gaps and nothing is drawn twice.
-"Smallest" is by position, so cells fit also where the points of both are duplicates.
+"Smallest" is by a hash of the position (`merge_equal`), so cells fit also where the points of both are duplicates, and
+where each is in another file and cut on another rank.
 
 In a tetrahedron the scalar is linear, or constant for an array of cells. So a hexahedron's field is piecewise linear,
 not trilinear; the difference falls with the square of its size.

@@ -87,6 +87,25 @@ def test_tetrahedra_of_neighbours_fit(grid: UnstructuredGrid) -> None:
         assert len(outer) == 2 * 2 * (2 * 3 + 2 * 4 + 3 * 4)
 
 
+def test_two_files_cut_the_faces_between_them_alike() -> None:
+    """Each half of a lattice has points of its own, in another order, and is cut alone."""
+    whole, rng = lattice(3, 3, 4), np.random.default_rng(6)
+    hexes = whole.cells["hexahedron"]
+    is_left, triangles = whole.points[hexes].mean(axis=1)[:, 0] < 2, []
+    for some in (hexes[is_left], hexes[~is_left]):
+        used = rng.permutation(np.unique(some))
+        number = np.zeros(len(whole.points), np.int64)
+        number[used] = np.arange(len(used))
+        points = whole.points[used]
+        found = tetrahedra(UnstructuredGrid("half", points, {"hexahedron": number[some]}, {"f": points[:, 0]}))
+        faces = faces_of(found)
+        corners = found.points[faces.corners[faces.is_boundary]]
+        between = corners[(corners[:, :, 0] == 2).all(axis=1)]
+        triangles.append({frozenset(map(tuple, triangle)) for triangle in between.tolist()})
+    assert len(triangles[0]) == 2 * 9
+    assert triangles[0] == triangles[1]
+
+
 def test_faces_do_not_depend_on_threads_and_large_buckets_are_sorted() -> None:
     many = lattice(20, 20, 20)
     found = tetrahedra(many)
