@@ -23,6 +23,7 @@ from clusterviz.plan.blend_mode import (
     reach_of,
     spread_of,
 )
+from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
@@ -46,12 +47,14 @@ class ContentBrick:
     samples : samples (z, y, x) of each volume, in the box of its `Cut`; None if the volume is invisible there
     around : margin and reach of each volume's cut, with which they were read
     primitives : those of each layer of geometry that come within half a slab; None where there are none, () for all
+    cells : those of each unstructured grid, as `primitives`
     """
 
     index_zyx: Index
     samples: tuple[NDArray[Any] | None, ...]
     around: tuple[tuple[int, int], ...] = ()
     primitives: tuple[Primitives | None, ...] = ()
+    cells: tuple[CellBrick | None, ...] = ()
 
     @property
     def size(self) -> int:
@@ -115,6 +118,7 @@ class Content:
     reach : cells beyond its own in which a brick has primitives
     fill : how fragments are stored, see `render/abuffer/fills.py`
     resolve : how they come in order, see `render/abuffer/resolves.py`; not auto
+    cells : unstructured grids, in the order of the scene
     """
 
     domain: Domain
@@ -124,6 +128,7 @@ class Content:
     reach: int = 0
     fill: Fill = "auto"
     resolve: Resolve = "static"
+    cells: tuple[CellLayer, ...] = ()
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
