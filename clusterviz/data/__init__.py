@@ -328,6 +328,8 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scen
     """
     if Path(path).suffix.lower() in SUFFIXES:
         return load_scene(path, overrides)
+    if grid_format_of(Path(path)):
+        return scene_of_data(path, overrides, ("grids",))
     found = mesh_format_of(Path(path))
     return scene_of_data(path, overrides, _sections_of(Path(path), found) if found else ("volumes",))
 

@@ -1,14 +1,15 @@
-"""Primitives of meshes, lines and points that can be drawn, and the bricks that they come near.
+"""Primitives of meshes, lines, points and unstructured grids that can be drawn, and the bricks that they come near.
 
-A primitive is a triangle, a tube around a segment of a line, or a sphere. What cannot be drawn is left out and counted:
-triangles with a vertex that is not finite or without area, segments with such an end or without length, points that are
-not finite or whose radius is not positive.
+A primitive is a triangle, a tube around a segment of a line, a sphere, or a tetrahedron. What cannot be drawn is left
+out and counted: triangles with a vertex that is not finite or without area, segments with such an end or without
+length, points that are not finite or whose radius is not positive; of grids see `tetrahedra.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -19,8 +20,8 @@ from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 
 Floats = NDArray[np.float64]
-Kind = Literal["triangle", "tube", "sphere"]
-ENDS: dict[Kind, slice] = {"triangle": slice(3), "tube": slice(1, 3), "sphere": slice(1)}
+Kind = Literal["triangle", "tube", "sphere", "tetrahedron"]
+ENDS: dict[Kind, slice] = {"triangle": slice(3), "tube": slice(1, 3), "sphere": slice(1), "tetrahedron": slice(4)}
 """Corners between which a primitive lies."""
 NEAR = 1e-3
 """Cells, more than the rounding of float32 positions in a brick."""
@@ -316,7 +317,7 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
         corners = drawn.corners[some, ENDS[drawn.kind]]
         placed = np.stack([transformed(drawn.positions[corner], boxes.matrix) for corner in corners.T])
         around = np.full(len(corners), boxes.reach + NEAR)
-        if drawn.kind != "triangle":
+        if drawn.kind in ("tube", "sphere"):
             around += boxes.radius * (drawn.radii[corners[:, 0]] if len(drawn.radii) else 1.0)
         keys += _keys(placed, around, some, boxes)
     joined = np.concatenate(keys)
@@ -358,21 +359,19 @@ def _keys(
 
 
 def _meets(corners: Floats, half: Floats) -> NDArray[np.bool_]:
-    """Return which triangles or segments meet cubes around the origin; their boxes do.
+    """Return which segments, triangles or tetrahedra meet cubes around the origin; their boxes do.
 
     Parameters
     ----------
-    corners : (3 or 2, m, 3)
+    corners : (2, 3 or 4, m, 3)
     half : (m,), half the side of each cube
 
     References
     ----------
     T. Akenine-Möller: Fast 3D triangle-box overlap testing, Journal of Graphics Tools 6(1), 2001.
     """
-    edges = np.roll(corners, -1, axis=0) - corners
-    axes = [np.cross(edge, unit) for edge in edges for unit in np.eye(3)]
-    if len(corners) == 3:
-        axes.append(np.cross(edges[0], edges[1]))
+    axes = [np.cross(b - a, unit) for a, b in combinations(corners, 2) for unit in np.eye(3)]
+    axes += [np.cross(b - a, c - a) for a, b, c in combinations(corners, 3)]
     met = np.ones(len(half), bool)
     for axis in axes:
         along = np.einsum("cmx,mx->cm", corners, axis)

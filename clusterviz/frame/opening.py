@@ -1,4 +1,4 @@
-"""Opening of volumes and geometry, completion of the scene, and reading of bricks.
+"""Opening of the content of a scene, completion of the scene, and reading of bricks.
 
 Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. What the summaries
 say completes the scene. Later frames read the bricks that they miss.
@@ -15,15 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_volume, override_grid, read_geometry
+from clusterviz.data import open_volume, override_grid, read_geometry, read_grid
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary, block_sides, summarise
+from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
+from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.content import ContentBrick, KnownVolume
 from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.plan import Plan, brick_cost, make_content_plan, make_plan
@@ -31,6 +33,7 @@ from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
 from clusterviz.scene.geometry import GeometrySection
+from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]
@@ -83,22 +86,24 @@ class OpenedVolume:
 
 @dataclass(frozen=True)
 class OpenedContent:
-    """Several opened volumes, or any number and geometry, with the interface of `OpenedVolume`.
+    """Several opened volumes, or any number with geometry or grids, with the interface of `OpenedVolume`.
 
     Attributes
     ----------
     volumes : in the order of the scene
     geometry : meshes, lines and points, in the order of the scene
+    grids : unstructured grids, in the order of the scene
     """
 
     volumes: tuple[OpenedVolume, ...]
     geometry: tuple[KnownGeometry, ...] = ()
+    grids: tuple[KnownCells, ...] = ()
 
     @property
     def infos(self) -> tuple[Info, ...]:
-        """Information on each volume, and then on each entry of geometry, which completes a scene."""
+        """Information on each volume, each entry of geometry and each grid, which completes a scene."""
         volumes: tuple[Info, ...] = tuple(info for volume in self.volumes for info in volume.infos)
-        return (*volumes, *(one.info for one in self.geometry))
+        return (*volumes, *(one.info for one in self.geometry), *(one.info for one in self.grids))
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -108,7 +113,7 @@ class OpenedContent:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
-        return make_content_plan(scene, known, self.geometry)
+        return make_content_plan(scene, known, self.geometry, self.grids)
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
@@ -116,13 +121,15 @@ class OpenedContent:
         return plan.content.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
-        """Read bricks of a plan from all sources, with one pass over each volume; with geometry, collective."""
+        """Read bricks of a plan from all sources, with one pass over each volume; collective, but for volumes alone."""
         content = plan.content
         if content is None:
             raise ValueError("the plan has no content")
         # First, since the ranks exchange what their bricks hold.
         pairs = zip(self.geometry, content.geometry, strict=True)
         geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
+        grids = zip(self.grids, content.cells, strict=True)
+        cells = [one.read(layer, content.brick_grid, wanted) for one, layer in grids]
         each = []
         for volume, part in zip(self.volumes, content.volume_layers, strict=True):
             met = part.cut.bricks_met()
@@ -130,7 +137,8 @@ class OpenedContent:
         for index in wanted:
             samples = tuple(bricks.pop(index, None) for bricks in each)
             primitives = tuple(bricks.pop(index, None) for bricks in geometry)
-            yield index, ContentBrick(index, samples, content.around, primitives)
+            tetrahedra = tuple(bricks.pop(index, None) for bricks in cells)
+            yield index, ContentBrick(index, samples, content.around, primitives, tetrahedra)
 
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that were read with the margins of a plan."""
@@ -143,9 +151,9 @@ Opened = OpenedVolume | OpenedContent
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
-Given = Source | Sequence[Source | Geometry | None] | None
-"""Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points, in
-this order; None: the file is read."""
+Given = Source | Sequence[Source | Geometry | UnstructuredGrid | None] | None
+"""Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points, and
+unstructured grid, in this order; None: the file is read."""
 
 
 def complete(opened: Opened | None, scene: Scene) -> Scene:
@@ -163,27 +171,28 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     Returns
     -------
     scene : completed
-    opened : volumes and geometry; None if the scene has none
+    opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
-    if not scene.volumes and not scene.geometry:
+    if not (scene.volumes or scene.geometry or scene.grids):
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
     with run.local("open", "load"):
-        given, geometries = _divided(scene, source)
+        given, geometries, unstructured = _divided(scene, source)
         sources = _sources(scene, given)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
         triples = zip(scene.geometry, scene.geometry_keys, geometries, strict=True)
         geometry = tuple(_known(*each, run.channel) for each in triples)
+        grids = tuple(_known_cells(*pair, run.channel) for pair in zip(scene.grids, unstructured, strict=True))
     summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(each, layout, summary, (_info(each, summary),))
             for each, layout, summary in zip(sources, layouts, summaries, strict=True)
         )
-        if len(opened) > 1 or geometry:
-            several = OpenedContent(opened, geometry)
+        if len(opened) > 1 or geometry or grids:
+            several = OpenedContent(opened, geometry, grids)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
@@ -265,16 +274,17 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
         )
 
 
-def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any]]:
-    """Return what is given for each volume and entry of geometry; None: the file is read."""
-    volumes, count = len(scene.volumes), len(scene.volumes) + len(scene.geometry)
+def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return what is given for each volume, entry of geometry and grid; None: the file is read."""
+    volumes, grids = len(scene.volumes), len(scene.volumes) + len(scene.geometry)
+    count = grids + len(scene.grids)
     each: list[Any] = [None] * count
     if given is not None:
         each = list(given) if isinstance(given, Sequence) else [given]
-        each += [None] * (len(scene.geometry) if len(each) == volumes else 0)
+        each += [None] * (count - volumes if len(each) == volumes else 0)
     if len(each) != count:
         raise InputError("not one for each volume", where="sources", found=len(each), allowed=count)
-    return each[:volumes], each[volumes:]
+    return each[:volumes], each[volumes:grids], each[grids:]
 
 
 def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
@@ -285,6 +295,11 @@ def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
 
 def _known(section: GeometrySection, key: str, given: Geometry | None, channel: Channel) -> KnownGeometry:
     return KnownGeometry(section, key, (lambda: given) if given else partial(read_geometry, section.path), channel)
+
+
+def _known_cells(section: GridSection, given: UnstructuredGrid | None, channel: Channel) -> KnownCells:
+    load = (lambda: given) if given else partial(read_grid, section.path, section.time)
+    return KnownCells(section, load, channel)
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

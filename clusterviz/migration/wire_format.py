@@ -1,8 +1,8 @@
-"""Wire format of bricks: stored samples, value ranges and primitives, in parts, packed by a codec, with checksums.
+"""Wire format of bricks: samples, value ranges, primitives, tetrahedra, in parts, packed by a codec, with checksums.
 
-A brick's samples, the value ranges of its groups of cells and its primitives are one stream of bytes. It is divided
-into parts that take little time each. A message is a header and a part packed by `clusterviz.codec`. The header has a
-checksum of itself and of the unpacked part, so damage is detected.
+A brick's samples, the value ranges of its groups of cells, its primitives and tetrahedra are one stream of bytes. It
+is divided into parts that take little time each. A message is a header and a part packed by `clusterviz.codec`. The
+header has a checksum of itself and of the unpacked part, so damage is detected.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows
 from clusterviz.codec.message import unpack
 from clusterviz.data.source import Index
+from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import STORED_TYPE, Slot, slot_of
@@ -44,7 +45,7 @@ class WireFormat:
     dtype : of value ranges: that of the voxels, float64 for several volumes
     stamp : of the storage format, which depends on the plan
     part_bytes : length of a part of the stream, a multiple of 16
-    geometry : layers of meshes, lines and points
+    layers : of geometry and of unstructured grids
     index_zyx : of the brick, if it has any
     """
 
@@ -52,12 +53,12 @@ class WireFormat:
     dtype: np.dtype[Any]
     stamp: int
     part_bytes: int
-    geometry: tuple[GeometryLayer, ...] = field(default=(), compare=False)
+    layers: tuple[GeometryLayer | CellLayer, ...] = field(default=(), compare=False)
     index_zyx: Index | None = None
 
     def of(self, brick: Index) -> WireFormat:
         """Return the wire format of one brick, as sizes may differ."""
-        if self.geometry:
+        if self.layers:
             return replace(self, index_zyx=brick)
         return self if self.slot.layout is None else replace(self, slot=self.slot.at(brick))
 
@@ -71,7 +72,7 @@ class WireFormat:
     def stream_bytes(self) -> int:
         """Bytes of a brick's stream: samples, value ranges, primitives, and padding to a whole pixel."""
         used = self.slot.sample_bytes + self.range_bytes
-        used += sum(int(layer.nbytes[self.index_zyx]) for layer in self.geometry if self.index_zyx is not None)
+        used += sum(int(layer.nbytes[self.index_zyx]) for layer in self.layers if self.index_zyx is not None)
         return -(-used // self._pixel_bytes) * self._pixel_bytes
 
     @property
@@ -102,7 +103,7 @@ class WireFormat:
             samples[:, y:, :x] = samples[:, y - 1 : y, :x]
             samples[:, :, x:] = samples[:, :, x - 1 : x]
         parts = [stored.low, stored.high] if stored.bend is None else [stored.low, stored.high, stored.bend]
-        parts += [array for primitives in stored.primitives if primitives for array in vars(primitives).values()]
+        parts += [array for one in (*stored.primitives, *stored.cells) if one for array in vars(one).values()]
         rest = np.concatenate([_bytes(part) for part in parts])
         found[self.slot.sample_bytes : self.slot.sample_bytes + rest.size] = rest
         return found
@@ -139,18 +140,23 @@ class WireFormat:
         side = int(np.prod(shape)) * self.dtype.itemsize
         low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(shape) for begin in (0, side))
         bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.adaptive else None
-        return Stored(self._samples(stream), low, high, voxels, bend, tuple(self._primitives(stream)))
+        members = list(zip(self.layers, self._members(stream), strict=True))
+        primitives = tuple(
+            Primitives(**each) if each else None for of, each in members if isinstance(of, GeometryLayer)
+        )
+        cells = tuple(CellBrick(**each) if each else None for of, each in members if isinstance(of, CellLayer))
+        return Stored(self._samples(stream), low, high, voxels, bend, primitives, cells)
 
-    def _primitives(self, stream: Bytes) -> Iterator[Primitives | None]:
-        """Yield the primitives of each layer, copied from a stream."""
+    def _members(self, stream: Bytes) -> Iterator[dict[str, NDArray[Any]]]:
+        """Yield the arrays of each layer's primitives or tetrahedra, copied from a stream; {} where there are none."""
         begin = self.slot.sample_bytes + self.range_bytes
-        for layer in self.geometry:
-            primitives, positions = (int(count[self.index_zyx]) for count in layer.in_bricks)
+        for layer in self.layers:
+            members, positions = (int(count[self.index_zyx]) for count in layer.in_bricks)
             arrays: dict[str, NDArray[Any]] = {}
-            for name, (shape, dtype) in layer.forms(primitives, positions).items() if primitives else ():
+            for name, (shape, dtype) in layer.forms(members, positions).items() if members else ():
                 end = begin + int(np.prod(shape)) * dtype.itemsize
                 arrays[name], begin = stream[begin:end].copy().view(dtype).reshape(shape), end
-            yield Primitives(**arrays) if arrays else None
+            yield arrays
 
     def _samples(self, stream: Bytes) -> NDArray[Any]:
         """Return the samples in a stream, (z, y, x), or for several volumes the words of the slot."""
@@ -180,8 +186,8 @@ class WireFormat:
 
 def wire_format_of(plan: Plan, dtype: np.dtype[Any]) -> WireFormat:
     """Return the wire format of a plan's bricks."""
-    geometry = plan.content.geometry if plan.content else ()
-    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, geometry)
+    layers = plan.content.layers if plan.content else ()
+    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, layers)
 
 
 def _bytes(array: NDArray[Any]) -> Bytes:

@@ -1,4 +1,4 @@
-"""Volumes and geometry of one scene as the renderer needs them: a common domain, and a layer for each of them."""
+"""Content of a scene as the renderer needs it: a common domain, and a layer for each volume, mesh, grid and so on."""
 
 from __future__ import annotations
 
@@ -23,11 +23,13 @@ from clusterviz.plan.blend_mode import (
     reach_of,
     spread_of,
 )
+from clusterviz.plan.brick_search import BrickGrid
+from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
-from clusterviz.plan.geometry_bricks import BrickGrid, KnownGeometry
+from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
@@ -107,7 +109,7 @@ class VolumeLayer:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """Several volumes, or any number and geometry, in one domain.
+    """Several volumes, or any number with geometry or unstructured grids, in one domain.
 
     Attributes
     ----------
@@ -115,7 +117,7 @@ class Content:
     volume_layers : the volumes, in the order of the scene
     geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
     brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
-    reach : cells beyond its own in which a brick has primitives
+    reach : cells beyond its own in which a brick has primitives and tetrahedra
     fill : how fragments are stored, see `render/abuffer/fills.py`
     resolve : how they come in order, see `render/abuffer/resolves.py`; not auto
     cells : unstructured grids, in the order of the scene
@@ -132,13 +134,18 @@ class Content:
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
-        """Margin and reach of each volume's cut and of geometry; bricks that were read with others are read again."""
+        """Margin and reach of each volume's cut, and of all else; bricks that were read with others are read again."""
         volumes = tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
-        return (*volumes, (0, self.reach)) if self.geometry else volumes
+        return (*volumes, (0, self.reach)) if self.geometry or self.cells else volumes
+
+    @property
+    def layers(self) -> tuple[GeometryLayer | CellLayer, ...]:
+        """Geometry, and then the unstructured grids."""
+        return (*self.geometry, *self.cells)
 
     @property
     def brick_grid(self) -> BrickGrid:
-        """Bricks as geometry needs them."""
+        """Bricks as geometry and grids need them."""
         return BrickGrid(self.domain, self.layout, self.reach)
 
     @property
@@ -149,26 +156,34 @@ class Content:
 
 PRIMITIVE_COST = 8.0
 """Cost of a primitive in a brick, in cells of a volume: a triangle of a third of a pixel takes 90 ns, a cell 11 ns."""
+SEGMENT_COST = 1.6
+"""Cost of the integral over a ray's segment in a tetrahedron, in cells of a volume: it takes 17 ns."""
 
 
 def make_content(
-    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry], step_world: float
+    scene: Scene,
+    volumes: Sequence[KnownVolume],
+    geometry: Sequence[KnownGeometry],
+    grids: Sequence[KnownCells],
+    step_world: float,
 ) -> tuple[Content, NDArray[np.float64]]:
-    """Return the volumes and geometry of a completed scene, and the cost of drawing each brick of the domain.
+    """Return the content of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
     volumes : metadata of the volumes, in the order of the scene
     geometry : meshes, lines and points, in the order of the scene
+    grids : unstructured grids, in the order of the scene
     step_world : length of a slab in world units
 
     Returns
     -------
     content : all content in the domain
-    cost : float64 (bz, by, bx), cells of all volumes and `PRIMITIVE_COST` a primitive; 0 where all is hidden
+    cost : float64 (bz, by, bx), cells of all volumes, `PRIMITIVE_COST` a primitive and `SEGMENT_COST` a segment in a
+        tetrahedron; 0 where all is hidden
     """
-    domain = domain_of(scene, volumes, geometry)
-    layout = domain_layout(domain, scene.cluster.brick, bool(geometry))
+    domain = domain_of(scene, volumes, geometry, grids)
+    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids))
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):
@@ -187,18 +202,26 @@ def make_content(
         layer = known_one.layer(section, scene.lights, BrickGrid(domain, layout, reach))
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
         layers.append(layer)
+    cells: list[CellLayer] = []
+    for grid, known_grid in zip(scene.grids, grids, strict=True):
+        cell_layer, segments = known_grid.layer(grid, scene.lights, BrickGrid(domain, layout, reach))
+        cost += SEGMENT_COST * segments
+        cells.append(cell_layer)
     asked = scene.quality.abuffer
     # Of opaque layers alone, a pixel has one fragment at most.
     fill = "fixed" if asked.fill == "auto" and layers and all(layer.opaque for layer in layers) else asked.fill
     resolve: Resolve = "peeling" if fill in ("lists", "pages") else "static"
     schemes = fill, resolve if asked.resolve == "auto" else asked.resolve
-    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach, *schemes), cost
+    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach, *schemes, tuple(cells)), cost
 
 
-def domain_of(scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry]) -> Domain:
+def domain_of(
+    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry], grids: Sequence[KnownCells] = ()
+) -> Domain:
     """Return the domain of a completed scene."""
     pairs = zip(scene.geometry, geometry, strict=True)
-    return make_domain([known.grid for known in volumes], [known.info.grown_box(section) for section, known in pairs])
+    boxes = [*(known.info.grown_box(section) for section, known in pairs), *(known.info.box for known in grids)]
+    return make_domain([known.grid for known in volumes], boxes)
 
 
 def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> VolumeLayer:

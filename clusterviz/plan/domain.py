@@ -63,7 +63,7 @@ def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()
 
     Parameters
     ----------
-    boxes : low and high corners of the boxes around meshes, lines and points, float64 (2, 3) or (0, 3)
+    boxes : low and high corners of the boxes around geometry and unstructured grids, float64 (2, 3) or (0, 3)
     """
     volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
     if not len(volumes) + len(geometry):

@@ -1,39 +1,33 @@
 """Entries of meshes, lines and points: facts that complete a scene, layers of a plan, and the primitives of bricks.
 
 Each rank opens the file of an entry, and finds of an equal share of the primitives what can be drawn, and in which
-bricks. It sends the numbers of the primitives in brick i to rank i mod n, which counts and keeps them. A rank that
-reads bricks asks there for the numbers, and takes the primitives from the file. So all ranks know the same facts and
-counts. After a rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
+bricks (`brick_search.py`). So all ranks know the same facts and counts. After a rank has read its bricks it forgets the
+file, which it reads again if bricks are missing later.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm import Channel, agree, all_to_all
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.comm import Channel, agree
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
 from clusterviz.data.primitives import (
-    BrickBoxes,
-    BrickMembers,
     DistinctRows,
     DrawnPrimitives,
-    brick_keys,
     drawn_primitives,
-    members_of_keys,
     stored_normals,
     transformed,
     vertex_normals,
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
-from clusterviz.plan.domain import Domain
+from clusterviz.plan.brick_search import BrickGrid, BrickSearch, world_from_file
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
@@ -54,30 +48,8 @@ from clusterviz.scene.values import Light
 Part = Mesh | Lines | Points
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.uint32]
-TAG = 73
 NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
 COMPONENTS = (1, 3, 4)
-
-
-@dataclass(frozen=True, eq=False)
-class BrickGrid:
-    """Bricks in which primitives are looked for.
-
-    Attributes
-    ----------
-    domain, layout : of a plan
-    reach : cells beyond its own in which a brick has primitives
-    """
-
-    domain: Domain
-    layout: BrickLayout
-    reach: int
-
-    def index_from_file(self, section: GeometrySection) -> Floats:
-        """Return the map from an entry's coordinates to cells of the domain, float64 (3, 4)."""
-        matrix = world_from_file(section)[:3].copy()
-        matrix[:, 3] -= self.domain.origin
-        return matrix / self.domain.spacing
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +87,12 @@ class KnownGeometry:
     """
 
     def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry], channel: Channel) -> None:
-        self._section, self._key, self._load, self._channel = section, key, load, channel
-        self._held: DrawnPrimitives | None = None
-        self._share: NDArray[np.int64] | None = None
+        self._section, self._key, self._channel = section, key, channel
+        self._search = search = BrickSearch(lambda: self._drawn(load()), channel)
         rank, ranks = channel.rank, channel.size
         with agree(channel, 0, "open"):
             geometry = load()
-            drawn = self._held = self._drawn(geometry)
+            drawn = search.drawn = self._drawn(geometry)
             arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
             self._colour_types: dict[str, np.dtype[Any]] = {}
             for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
@@ -133,7 +104,7 @@ class KnownGeometry:
                 values = array[len(array) * rank // ranks : len(array) * (rank + 1) // ranks]
             finite = values[np.isfinite(values)]
             scalars = (float(finite.min()), float(finite.max())) if finite.size else None
-            mine = self._drawn_share()
+            mine = search.share()
             found = len(mine), drawn.box(world_from_file(section), mine), scalars, finite.size < values.size
         counts, boxes, ranges, invalid = zip(*channel.allgather(found), strict=True)
         low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
@@ -150,8 +121,6 @@ class KnownGeometry:
             arrays,
             () if sum(counts) else tuple(n for n in ("mesh", "lines", "points") if getattr(geometry, n)),
         )
-        self._counts: dict[Any, NDArray[np.int64]] = {}
-        self._members: tuple[Any, BrickMembers | None] = None, None
 
     def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
         """Return the layer of a plan.
@@ -188,7 +157,7 @@ class KnownGeometry:
             self._colour_types.get(scalars, np.dtype(np.float32)),
             transfer.domain if transfer else (0.0, 1.0),
             edges,
-            self._counted(section, grid),
+            self._search.counted(section, grid),
         )
 
     def read(self, layer: GeometryLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Primitives]:
@@ -203,18 +172,17 @@ class KnownGeometry:
         with agree(self._channel, 0, "load"):
             some = sorted(index for index in wanted if layer.in_bricks[0][index])
         if section is None or not self._channel.maximum(len(some)):
-            self._held = self._share = None
+            self._search.forget()
             return found
-        boxes = self._boxes(section, grid)
-        flat = [int(np.ravel_multi_index(index, boxes.counts_zyx)) for index in some]
-        members = self._gathered(section, grid, flat)
+        flat = [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in some]
+        members = self._search.gathered(section, grid, flat)
         if layer.has_normals:
             normals = self._normals(section, grid, members)
         with agree(self._channel, 0, "load"):
-            rows = DistinctRows(len(self._opened().positions) if some else 0)
+            rows = DistinctRows(len(self._search.opened().positions) if some else 0)
             for index, brick in zip(some, flat, strict=True):
-                found[index] = _cropped(members[brick], layer, self._opened(), normals, rows)
-            self._held = self._share = None
+                found[index] = _cropped(members[brick], layer, self._search.opened(), normals, rows)
+            self._search.forget()
         return found
 
     def _drawn(self, geometry: Geometry) -> DrawnPrimitives:
@@ -226,91 +194,24 @@ class KnownGeometry:
                 return arrows(part, section.direction or "", section.length, section.scale, radius, self._key)
         return drawn_primitives(part, radius if isinstance(radius, str) else None, self._key)
 
-    def _opened(self) -> DrawnPrimitives:
-        if self._held is None:
-            self._held = self._drawn(self._load())
-        return self._held
-
-    def _drawn_share(self) -> NDArray[np.int64]:
-        """Return the numbers of the primitives that this rank looks at."""
-        if self._share is None:
-            self._share = self._opened().share(self._channel.rank, self._channel.size)
-        return self._share
-
-    def _counted(self, section: GeometrySection, grid: BrickGrid) -> NDArray[np.int64]:
-        """Return the primitives and positions of each brick; the first call for a grid is collective."""
-        key, counts_zyx = _key_of(section, grid), grid.layout.counts_zyx
-        if key not in self._counts:
-            members = self._kept_members(section, grid)
-            with agree(self._channel, 0, "plan"):
-                mine = members.counted(self._opened())
-            every = np.stack(self._channel.allgather(mine), axis=2).reshape(2, -1)
-            self._counts[key] = every[:, : int(np.prod(counts_zyx))].reshape(2, *counts_zyx)
-        return self._counts[key]
-
-    def _kept_members(self, section: GeometrySection, grid: BrickGrid) -> BrickMembers:
-        """Return the members of the bricks r, r + n, r + 2 n, … on rank r of n; those of the last grid are kept.
-
-        Collective if the grid is not the last.
-        """
-        key, boxes, ranks = _key_of(section, grid), self._boxes(section, grid), self._channel.size
-        last, members = self._members
-        if members is None or last != key:
-            self._members, bricks = (None, None), -(-int(np.prod(boxes.counts_zyx)) // ranks)
-            with agree(self._channel, 0, "plan"):
-                # The bricks of each rank, one rank after the other.
-                keys = brick_keys(self._opened(), self._drawn_share(), boxes)
-                begins = np.arange(1, ranks, dtype=np.uint64) * np.uint64(bricks) << np.uint64(32)
-                sent = np.split(keys, np.searchsorted(keys, begins))
-            received = all_to_all(self._channel, sent, TAG)
-            with agree(self._channel, 0, "plan"):
-                if ranks > 1:
-                    keys = np.concatenate(received)
-                    keys.sort()
-                members = members_of_keys(keys, self._channel.rank * bricks, bricks)
-            self._members = key, members
-        return members
-
-    def _boxes(self, section: GeometrySection, grid: BrickGrid) -> BrickBoxes:
-        radius, layout = getattr(section, "radius", 1.0), grid.layout
-        factor = (radius if isinstance(radius, float) else 1.0) / grid.domain.spacing
-        matrix, ranks = grid.index_from_file(section), self._channel.size
-        return BrickBoxes(matrix, factor, layout.brick, layout.counts_zyx, grid.reach, ranks)
-
-    def _gathered(self, section: GeometrySection, grid: BrickGrid, bricks: Sequence[int]) -> dict[int, Numbers]:
-        """Return the numbers of the primitives of some bricks from the ranks that keep them; collective."""
-        members, counts = self._kept_members(section, grid), self._counted(section, grid)[0].ravel()
-        ranks = self._channel.size
-        with agree(self._channel, 0, "load"):
-            asked = [np.array([brick for brick in bricks if brick % ranks == rank], np.int64) for rank in range(ranks)]
-        requests = all_to_all(self._channel, asked, TAG)
-        with agree(self._channel, 0, "load"):
-            empty = np.empty(0, np.uint32)
-            sent = [np.concatenate([empty, *(members.of(one // ranks) for one in each.tolist())]) for each in requests]
-        received = all_to_all(self._channel, sent, TAG, [int(counts[each].sum()) for each in asked])
-        found: dict[int, Numbers] = {}
-        for each, numbers in zip(asked, received, strict=True):
-            found |= zip(each.tolist(), np.split(numbers, np.cumsum(counts[each])[:-1]), strict=False)
-        return found
-
     def _normals(self, section: GeometrySection, grid: BrickGrid, members: Mapping[int, Numbers]) -> Normals:
         """Return the normals of all vertices in some bricks; collective.
 
         The triangles around a vertex are in the brick that the vertex is in, which may be one of another rank.
         """
-        boxes = self._boxes(section, grid)
+        boxes = self._search.boxes(section, grid)
         rows = others = np.empty(0, np.int64)
         with agree(self._channel, 0, "load"):
             if members:
-                drawn = self._opened()
+                drawn = self._search.opened()
                 is_wanted = np.zeros(len(drawn.positions), bool)
                 for numbers in members.values():
                     is_wanted[drawn.corners[numbers]] = True
                 rows = np.flatnonzero(is_wanted)
-                has_all = len(members) == np.count_nonzero(self._counted(section, grid)[0])
+                has_all = len(members) == np.count_nonzero(self._search.counted(section, grid)[0])
                 if stored_normals(drawn) is None and not has_all:
                     others = np.unique(boxes.flat(boxes.clipped(transformed(drawn.positions[rows], boxes.matrix))))
-        around = self._gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
+        around = self._search.gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
         with agree(self._channel, 0, "load"):
             if not members:
                 return Normals()
@@ -336,15 +237,6 @@ def part_of(section: GeometrySection, geometry: Geometry) -> Part:
     if points is None and lines:
         return Points(lines.name, lines.points, lines.point_attributes)
     return points or Points("", NOTHING)
-
-
-def _key_of(section: GeometrySection, grid: BrickGrid) -> tuple[object, ...]:
-    return grid.domain, grid.layout.brick, grid.reach, getattr(section, "radius", None), section.transform
-
-
-def world_from_file(section: GeometrySection) -> Floats:
-    """Return the entry's transform, float64 (4, 4)."""
-    return np.array(section.transform or np.eye(4), np.float64)
 
 
 def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:

@@ -32,6 +32,7 @@ from clusterviz.plan.blend_mode import (
     spread_of,
     step_of,
 )
+from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.content import Content, KnownVolume, domain_of, make_content
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry_bricks import KnownGeometry
@@ -222,13 +223,18 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def make_content_plan(scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry] = ()) -> Plan:
-    """Make the plan of a frame with several volumes, or with geometry.
+def make_content_plan(
+    scene: Scene,
+    volumes: Sequence[KnownVolume],
+    geometry: Sequence[KnownGeometry] = (),
+    grids: Sequence[KnownCells] = (),
+) -> Plan:
+    """Make the plan of a frame with several volumes, with geometry, or with unstructured grids.
 
     Parameters
     ----------
     scene : a completed scene
-    volumes, geometry : their metadata, in the order of the scene
+    volumes, geometry, grids : their metadata, in the order of the scene
 
     Raises
     ------
@@ -237,14 +243,14 @@ def make_content_plan(scene: Scene, volumes: Sequence[KnownVolume], geometry: Se
     """
     quality = scene.quality
     steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, geometry).grid)
-    content, cost = make_content(scene, volumes, geometry, step_world)
+    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, geometry, grids).grid)
+    content, cost = make_content(scene, volumes, geometry, grids, step_world)
     first = content.volume_layers[0] if volumes else _no_volume()
     grid, layout = content.domain.grid, content.layout
     planes = clip_planes(scene.clip, grid)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
-    beyond[:, 3] += (content.reach if geometry else 0) * np.linalg.norm(planes[:, :3], axis=1)
+    beyond[:, 3] += (content.reach if geometry or grids else 0) * np.linalg.norm(planes[:, :3], axis=1)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -256,7 +262,7 @@ def make_content_plan(scene: Scene, volumes: Sequence[KnownVolume], geometry: Se
             spread=0,
             jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes) and bool(volumes),
             frame_coherence=None
-            if geometry
+            if geometry or grids
             else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
             discard_margin=scene.quality.early_discarding if geometry else None,
         ),
@@ -312,12 +318,12 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     found: list[Change] = []
     if scene.volumes:
         found += [*_of_quality(scene), *_of_light(scene)]
-    if scene.geometry:
-        found += _with_geometry(scene)
+    if scene.geometry or scene.grids:
+        found += _in_a_box(scene)
     margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
     if margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
         found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
-    if scene.volumes or scene.geometry:
+    if scene.volumes or scene.geometry or scene.grids:
         found += _of_cluster(scene, ranks)
     if on_cpu and scene.quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
@@ -345,9 +351,9 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.early_termination", quality.early_termination, 0.0, "a projection hides nothing")
 
 
-def _with_geometry(scene: Scene) -> Iterator[Change]:
+def _in_a_box(scene: Scene) -> Iterator[Change]:
     if scene.quality.frame_coherence:
-        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around geometry")
+        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around all content")
 
 
 def _of_light(scene: Scene) -> Iterator[Change]:

@@ -25,6 +25,7 @@ from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
 from clusterviz.scene.geometry import GeometrySection
+from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
 
@@ -151,8 +152,8 @@ def make_shading(
     )
 
 
-def make_geometry_shading(section: GeometrySection, lights: Sequence[Light], grid: Grid) -> Shading:
-    """Return the lighting of meshes, lines and points by normals in the world.
+def make_geometry_shading(section: GeometrySection | GridSection, lights: Sequence[Light], grid: Grid) -> Shading:
+    """Return the lighting of geometry by normals, or of unstructured grids by gradients, in the world.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def make_geometry_shading(section: GeometrySection, lights: Sequence[Light], gri
     return Shading(_material(section), lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))
 
 
-def _material(section: Volume | GeometrySection) -> tuple[float, float, float, float]:
+def _material(section: Volume | GeometrySection | GridSection) -> tuple[float, float, float, float]:
     return section.ambient, section.diffuse, section.specular, section.specular_power
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.texels import read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
+from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.geometry import Primitives
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import STORED_TYPE, Slot
@@ -53,7 +54,7 @@ class BrickAtlas:
         self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.adaptive else None
         self._doublings: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(slot_count, np.int64)
-        self._primitives: dict[int, tuple[Primitives | None, ...]] = {}
+        self._members: dict[int, tuple[tuple[Primitives | None, ...], tuple[CellBrick | None, ...]]] = {}
         self._voxels = (
             _texture(context, slot, slot_count) if slot.textured else context.buffer(reserve=slot_count * slot.bytes)
         )
@@ -87,7 +88,7 @@ class BrickAtlas:
     def drop(self, index: Index) -> None:
         """Free a brick's slot."""
         self._free.append(self.slots.pop(index))
-        del self._primitives[self._free[-1]]
+        del self._members[self._free[-1]]
 
     def grown(self, slot_count: int) -> BrickAtlas:
         """Return an atlas with the same bricks and more slots, and release this one."""
@@ -108,12 +109,16 @@ class BrickAtlas:
             low, high = (side[number] for side in self._ranges or ())
             bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if isinstance(self._voxels, moderngl.Buffer) else self._texels(number)
-            count, primitives = int(self._counts[number]), self._primitives[number]
-            yield index, Stored(self._slot.unpack(words), low, high, count, bend, primitives)
+            count, members = int(self._counts[number]), self._members[number]
+            yield index, Stored(self._slot.unpack(words), low, high, count, bend, *members)
 
     def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
         """Return the primitives of bricks (m, 3)."""
-        return [self._primitives[self.slots[z, y, x]] for z, y, x in bricks.tolist()]
+        return [self._members[self.slots[z, y, x]][0] for z, y, x in bricks.tolist()]
+
+    def cells(self, bricks: NDArray[np.int64]) -> list[tuple[CellBrick | None, ...]]:
+        """Return the tetrahedra of bricks (m, 3)."""
+        return [self._members[self.slots[z, y, x]][1] for z, y, x in bricks.tolist()]
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the offsets, and the visible groups of cells, of all bricks of a box.
@@ -166,14 +171,14 @@ class BrickAtlas:
         self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
         if self._bends is not None:
             self._bends[number], self._doublings = stored.bend, None
-        self._counts[number], self._primitives[number] = stored.voxels, stored.primitives
+        self._counts[number], self._members[number] = stored.voxels, (stored.primitives, stored.cells)
 
     def _take_over(self, smaller: BrickAtlas) -> None:
         """Copy the metadata of a smaller atlas, whose bricks keep their slots."""
         self.slots = dict(smaller.slots)
         self._free = [number for number in range(self.slot_count)[::-1] if number >= smaller.slot_count] + smaller._free
         self._counts = _lengthened(smaller._counts, self.slot_count)
-        self._primitives = smaller._primitives
+        self._members = smaller._members
         if smaller._ranges is not None:
             low, high = (_lengthened(side, self.slot_count) for side in smaller._ranges)
             self._ranges = low, high

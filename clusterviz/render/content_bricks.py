@@ -37,7 +37,7 @@ def store_content(portions: ContentBrick, content: Content, slot: Slot) -> Store
     """Return a brick of several volumes as it is stored."""
     low, high = content_ranges(portions, content, slot)
     words = pack_content(portions, content, slot)
-    return Stored(words, low, high, portions.size, primitives=portions.primitives)
+    return Stored(words, low, high, portions.size, primitives=portions.primitives, cells=portions.cells)
 
 
 @dataclass(frozen=True, eq=False)

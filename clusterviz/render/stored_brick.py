@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.plan.blend_mode import BlendMode
+from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.encoding import Encoding
 from clusterviz.plan.geometry import Primitives
 from clusterviz.plan.plan import Plan
@@ -39,7 +40,7 @@ class Stored:
     low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
     voxels : number of samples before encoding
     bend : result of `group_curvature`; None without an adaptive step
-    primitives : as in `ContentBrick`
+    primitives, cells : as in `ContentBrick`
     """
 
     samples: NDArray[Any]
@@ -48,6 +49,7 @@ class Stored:
     voxels: int
     bend: NDArray[np.float32] | None = None
     primitives: tuple[Primitives | None, ...] = ()
+    cells: tuple[CellBrick | None, ...] = ()
 
 
 def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
+from clusterviz.scene.grids import GridInfo
 from clusterviz.scene.values import Scene, Volume
 
 
@@ -93,7 +94,7 @@ HOUNSFIELD_COLOURS = (
 HOUNSFIELD_OPACITY = ((-400.0, 0.0), (-150.0, 0.03), (60.0, 0.03), (160.0, 0.06), (280.0, 0.5), (900.0, 0.95))
 
 
-Info = VolumeInfo | GeometryInfo
+Info = VolumeInfo | GeometryInfo | GridInfo
 GEOMETRY_KEYS = {"color": (0.93, 0.9, 0.84), "ambient": 0.12, "diffuse": 0.85, "specular": 0.15, "specular_power": 20.0}
 
 

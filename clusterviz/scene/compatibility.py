@@ -67,18 +67,22 @@ def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bo
         raise InvalidValueError(f"not with {problem}", allowed, key="ambient_occlusion")
 
 
-def check_several_volumes(volumes: Sequence[Any], geometry: Sequence[Any], quality: Any, cluster: Any) -> None:
+def check_several_volumes(
+    volumes: Sequence[Any], geometry: Sequence[Any], grids: Sequence[Any], quality: Any, cluster: Any
+) -> None:
     """Refuse projections and settings that support a single volume only, and nothing else.
 
     Parameters
     ----------
-    volumes, geometry, quality, cluster : sections of a scene; geometry: meshes, lines and points
+    volumes, geometry, grids, quality, cluster : sections of a scene; geometry: meshes, lines and points
     """
-    if len(volumes) < 2 and not geometry:
+    if len(volumes) < 2 and not geometry and not grids:
         return
     with_what, allowed = "for several volumes", "one volume with it"
     if geometry:
         with_what, allowed = "with meshes, lines or points", "one volume alone with it"
+    elif grids:
+        with_what, allowed = "with unstructured grids", "one volume alone with it"
     projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
     keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
@@ -122,13 +126,16 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
-    """Refuse layers with projections, which have no depth, and with slabs that are cut at bricks.
+def check_layers(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+    """Refuse layers with projections, which have no depth, with unstructured grids, and with slabs cut at bricks.
 
     Parameters
     ----------
-    volumes, quality : sections of a scene
+    volumes, grids, quality : sections of a scene
     """
+    if layers and grids:
+        text = "not with unstructured grids"
+        raise InvalidValueError(text, "[], or no grids", key="image.layers", found=list(layers))
     problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}
     problems["borders: split"] = quality.borders == "split"
     for name, is_one in problems.items():

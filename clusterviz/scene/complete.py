@@ -1,4 +1,4 @@
-"""Scene completion: unset keys are filled from information on the volumes and geometry."""
+"""Scene completion: unset keys are filled from information on the content."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from clusterviz.scene.geometry import (
     as_sections,
     is_arrows,
 )
+from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -44,22 +45,24 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     Parameters
     ----------
     scene : values that are set are kept
-    infos : information on each of `scene.volumes`, then on each of `scene.geometry`
+    infos : information on each of `scene.volumes`, then on each of `scene.geometry` and `scene.grids`
 
     Returns
     -------
-    scene : volumes have cmap, clim, opacity and unit distance, geometry clim and a radius; the camera has position,
-        focal_point and view_up
+    scene : volumes and grids have cmap, clim, opacity and unit distance, geometry clim and a radius; the camera has
+        position, focal_point and view_up
     """
-    each, known = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
+    each, known, gridded = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
     if scene.automatic:
         scene = automatic_scene(scene, each, known)
     volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
     geometry = [complete_geometry(section, info) for section, info in zip(scene.geometry, known, strict=True)]
-    scene = scene.model_copy(update={"volumes": volumes, **as_sections(geometry)})
+    grids = tuple(complete_grid(section, info) for section, info in zip(scene.grids, gridded, strict=True))
+    scene = scene.model_copy(update={"volumes": volumes, "grids": grids, **as_sections(geometry)})
     if is_completed(scene.camera):
         return scene
     boxes = [box_corners(info.grown_box(section)) for section, info in zip(geometry, known, strict=True)]
+    boxes += [box_corners(info.box) for info in gridded]
     parts = [*(visible_corners(*pair) for pair in zip(volumes, each, strict=True)), *boxes]
     corners = np.concatenate(parts or [np.zeros((1, 3))])
     if not corners.size:
@@ -71,10 +74,11 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     return scene.model_copy(update={"camera": camera})
 
 
-def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[GeometryInfo]]:
-    """Return the information on volumes, and on geometry."""
+def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[GeometryInfo], list[GridInfo]]:
+    """Return the information on volumes, on geometry, and on unstructured grids."""
     volumes = [info for info in infos if isinstance(info, VolumeInfo)]
-    return volumes, [info for info in infos if isinstance(info, GeometryInfo)]
+    geometry = [info for info in infos if isinstance(info, GeometryInfo)]
+    return volumes, geometry, [info for info in infos if isinstance(info, GridInfo)]
 
 
 def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
@@ -94,6 +98,18 @@ def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometryS
         found["edges"] = section.edges.model_copy(update={"width": size / 1000})
     if isinstance(section, LinesSection) and section.color_by is None:
         found["color_by"] = "scalars" if found.get("scalars", section.scalars) else "color"
+    return section.model_copy(update=found)
+
+
+def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
+    """Return an unstructured grid with clim, opacity and unit distance."""
+    low, high = info.scalars or (0.0, 1.0)
+    clim = section.clim or ((low, high) if low < high else range_around(low))
+    found: dict[str, object] = {"clim": clim}
+    if section.opacity is None:
+        found["opacity"] = _default_opacity(section.cmap, clim)
+    if section.opacity_unit_distance is None:
+        found["opacity_unit_distance"] = info.cell_size or 1.0
     return section.model_copy(update=found)
 
 
@@ -174,8 +190,8 @@ def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float,
     return distance if 0 < distance < math.inf else min(spacing)
 
 
-def transfer_function(volume: Volume) -> TransferFunction:
-    """Return the transfer function of a completed volume.
+def transfer_function(volume: Volume | GridSection) -> TransferFunction:
+    """Return the transfer function of a completed volume or unstructured grid.
 
     For a two-dimensional table, the opacity of a scalar is the maximum over all magnitudes. If clim is a single value,
     colours and opacity presets have a step there, and the domain is a range around it.
@@ -188,7 +204,7 @@ def transfer_function(volume: Volume) -> TransferFunction:
         The volume is not completed.
     """
     clim, unit, cmap, opacity = volume.clim, volume.opacity_unit_distance, volume.cmap, volume.opacity
-    table = volume.transfer_2d
+    table = volume.transfer_2d if isinstance(volume, Volume) else None
     if clim is None or unit is None or cmap is None:
         raise ValueError(UNCOMPLETED)
     colour_values, colours = colour_points(cmap, clim, where=f"{volume.path}: cmap")

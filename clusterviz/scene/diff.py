@@ -26,6 +26,9 @@ GEOMETRY_CHANGING = (
 """Keys of meshes, lines and points that may differ between frames: those on which neither bricks nor their primitives
 depend, as they do on radius, transform, scalars and shading."""
 
+GRID_CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "ambient", "diffuse", "specular", "specular_power")
+"""Keys of unstructured grids that may differ between frames."""
+
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
     """Return a line "key: was …, is …" for each leaf in which two trees of dicts and lists differ."""
@@ -56,6 +59,7 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     if found:
         allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
         allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
+        allowed += f", or {', '.join(GRID_CHANGING)} of grids" if scene.grids else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
@@ -66,5 +70,6 @@ def _shared_part(scene: Scene) -> dict[str, Any]:
         section.model_copy(update={key: None for key in GEOMETRY_CHANGING if key in type(section).model_fields})
         for section in scene.geometry
     )
-    update = {"camera": Camera(), "volumes": volumes, "quality": Quality(), **geometry}
+    grids = tuple(grid.model_copy(update=dict.fromkeys(GRID_CHANGING)) for grid in scene.grids)
+    update = {"camera": Camera(), "volumes": volumes, "grids": grids, "quality": Quality(), **geometry}
     return scene.model_copy(update=update).model_dump(mode="json", warnings=False)

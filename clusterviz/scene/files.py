@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.validation_messages import KeyPath, format_value, scene_error
@@ -56,7 +56,7 @@ def scene_of_data(
 
     Parameters
     ----------
-    sections : what the file holds: volumes, meshes, lines, points
+    sections : what the file holds: volumes, meshes, lines, points, grids
     """
     where = os.fspath(path)
     found: dict[str, Any] = {name: [{"path": where}] for name in sections}
@@ -113,7 +113,7 @@ def _sections(data: Any, where: str) -> dict[str, Any]:
 
 def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return raw scene data with paths joined to a folder; values of other types are left to validation."""
-    lists = [data.get(name) for name in ("volumes", *GEOMETRY_SECTIONS)]
+    lists = [data.get(name) for name in ("volumes", *LISTED_SECTIONS)]
     for entry in (entry for entries in lists if isinstance(entries, list) for entry in entries):
         if not isinstance(entry, dict):
             continue
@@ -137,7 +137,7 @@ def _checked(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -
         scene = Scene.model_validate(data)
     except ValidationError as error:
         raise scene_error(error, where, options) from None
-    for name in ("volumes", *GEOMETRY_SECTIONS):
+    for name in ("volumes", *LISTED_SECTIONS):
         for index, entry in enumerate(getattr(scene, name)):
             if isinstance(entry.cmap, str):
                 place = options.get((name, index, "cmap"), where)

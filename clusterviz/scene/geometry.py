@@ -232,6 +232,11 @@ class GeometryInfo:
     arrays: Mapping[str, tuple[Literal["vertices", "primitives"], int]] = field(default_factory=dict)
     other: tuple[str, ...] = ()
 
+    @property
+    def drawn(self) -> int:
+        """Number of primitives, or arrows, that are drawn."""
+        return self.count
+
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
         radius = 0.0 if is_arrows(section) else getattr(section, "radius", 0.0)

@@ -23,7 +23,7 @@ from clusterviz.scene.field_types import (
     Specular,
     SpecularPower,
 )
-from clusterviz.scene.geometry import Transform
+from clusterviz.scene.geometry import GEOMETRY_SECTIONS, Transform
 
 MOST_GRIDS = 4
 """Grids of a scene: a ray walks through all of them at the same time."""
@@ -107,6 +107,10 @@ class GridSection(Section):
     )
 
 
+LISTED_SECTIONS: dict[str, type[Section]] = {**GEOMETRY_SECTIONS, "grids": GridSection}
+"""Sections of a scene that list content other than volumes."""
+
+
 @dataclass(frozen=True, eq=False)
 class GridInfo:
     """Facts on an unstructured grid of a scene.
@@ -115,6 +119,7 @@ class GridInfo:
     ----------
     box : float64 (2, 3), low and high corner of the box around all tetrahedra, world; (0, 3) if there are none
     count : number of tetrahedra
+    drawn : number of cells that they are parts of
     scalars : minimum and maximum of the array in them; None if there are none
     cell_size : cube root of the mean volume of a cell that is drawn, world units; 0 if there are none
     counts : what is not drawn, or drawn otherwise, as `Tetrahedra.counts`
@@ -122,6 +127,12 @@ class GridInfo:
 
     box: NDArray[np.float64]
     count: int
+    drawn: int = 0
     scalars: tuple[float, float] | None = None
     cell_size: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def left_out(self) -> int:
+        """Number of cells that cannot be drawn."""
+        return sum(self.counts.get(name, 0) for name in ("flat", "misplaced", "invalid"))

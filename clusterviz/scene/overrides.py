@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section, current_key
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import (
     SECTIONS,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.geometry import Edges
+    from clusterviz.scene.grids import KBuffer
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
         ABuffer,
@@ -158,10 +159,10 @@ def _check_known(key: KeyPath, where: str) -> None:
 
 def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
     """Yield the sections whose keys can be set by last name: those of all scenes, then those in lists of this one."""
-    has_geometry_only = not data.get("volumes") and any(data.get(name) for name in GEOMETRY_SECTIONS)
-    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_geometry_only)
+    has_others_only = not data.get("volumes") and any(data.get(name) for name in LISTED_SECTIONS)
+    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_others_only)
     lights, volumes = data.get("lights"), data.get("volumes")
-    for name, section in GEOMETRY_SECTIONS.items():
+    for name, section in LISTED_SECTIONS.items():
         if all_of_them or data.get(name):
             yield (name, 0), section
     for index in range(1 if all_of_them else len(lights) if isinstance(lights, list) else 0):
@@ -209,7 +210,7 @@ class Settings(TypedDict, total=False):
     # Volume
     path: str
     array: str | None
-    time: int | None
+    time: int | float | None
     channel: int | str | None
     spacing: Numbers | None
     origin: Numbers | None
@@ -300,6 +301,8 @@ class Settings(TypedDict, total=False):
     style: Literal["spheres", "arrows"]
     length: str | float | None
     scale: float | None
+    # GridSection
+    visibility: Literal["exact"] | KBuffer | Mapping[str, Any]
     # Transfer2d
     values: Numbers | None
     magnitudes: Numbers | None
@@ -308,6 +311,7 @@ class Settings(TypedDict, total=False):
     meshes: Sequence[Any]
     lines: Sequence[Any]
     points: Sequence[Any]
+    grids: Sequence[Any]
     automatic: bool
     lights: Sequence[Light | Mapping[str, Any]]
     clip: Clip | Mapping[str, Any]

@@ -42,12 +42,13 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
 
 
 def scene_summary(scene: Scene) -> str:
-    """Return a completed scene on one line: clim, colour map and opacity of each volume, geometry, and the camera."""
+    """Return a completed scene on one line: how volumes, geometry and grids look, and the camera."""
     camera = scene.camera
     seen = f"parallel_scale {camera.parallel_scale:g}" if camera.parallel_scale else f"view_angle {camera.view_angle:g}"
     parts = [
         *map(_volume_summary, scene.volumes),
         *map(_geometry_summary, scene.geometry_keys, scene.geometry),
+        *(f"grids[{n}] {_transfer_summary(one.clim, one.cmap, one.opacity)}" for n, one in enumerate(scene.grids)),
         f"camera {_format_point(camera.position)} to {_format_point(camera.focal_point)}, {seen}",
     ]
     return "; ".join(parts)
@@ -78,15 +79,15 @@ def _volume_summary(volume: Volume) -> str:
         opacity = "of transfer_2d"
     elif BLEND_MODES[volume.blending].only_surfaces:
         opacity = f"of isosurfaces {', '.join(f'{_surface_value(each):g}' for each in volume.isosurfaces)}"
-    elif isinstance(opacity, tuple):
+    return _transfer_summary(volume.clim, volume.shader or volume.cmap, opacity)
+
+
+def _transfer_summary(clim: tuple[float, float] | None, cmap: Any, opacity: Any) -> str:
+    low, high = clim or (0.0, 0.0)
+    colours = cmap if isinstance(cmap, str) else f"{len(cmap or ())} colours"
+    if isinstance(opacity, tuple):
         opacity = " ".join(f"{value:g}:{alpha:g}" for value, alpha in _abbreviated(opacity))
-    low, high = volume.clim or (0.0, 0.0)
-    cmap = (
-        volume.shader or volume.cmap
-        if isinstance(volume.shader or volume.cmap, str)
-        else f"{len(volume.cmap or ())} colours"
-    )
-    return f"clim {low:g} to {high:g} ({cmap}), opacity {opacity}"
+    return f"clim {low:g} to {high:g} ({colours}), opacity {opacity}"
 
 
 def _geometry_summary(key: str, section: GeometrySection) -> str:

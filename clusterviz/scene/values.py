@@ -56,6 +56,7 @@ from clusterviz.scene.field_types import (
     Vector,
 )
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
+from clusterviz.scene.grids import MOST_GRIDS, GridSection
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
@@ -412,7 +413,7 @@ class Quality(Section):
 
 
 class Scene(Section):
-    """Scene: volumes, meshes, lines, points, lights, clipping, camera, image, quality and cluster settings."""
+    """Scene: volumes, meshes, lines, points, grids, lights, clipping, camera, image, quality and cluster settings."""
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
         default=(),
@@ -429,6 +430,11 @@ class Scene(Section):
     )
     points: tuple[PointsSection, ...] = Field(
         default=(), examples=[[{"path": "atoms.pdb"}]], description="Points, drawn as spheres."
+    )
+    grids: Annotated[tuple[GridSection, ...], Field(max_length=MOST_GRIDS)] = Field(
+        default=(),
+        examples=[[{"path": "disk.vtu", "array": "Temp"}]],
+        description="Unstructured grids, drawn as volumes without resampling.",
     )
     automatic: Annotated[bool, Field(strict=True)] = Field(
         default=False,
@@ -448,10 +454,10 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.geometry, self.quality, self.cluster)
+        check_several_volumes(self.volumes, self.geometry, self.grids, self.quality, self.cluster)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
-        check_layers(self.volumes, self.quality, self.image.layers)
+        check_layers(self.volumes, self.grids, self.quality, self.image.layers)
         return self
 
     @property

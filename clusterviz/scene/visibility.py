@@ -1,4 +1,4 @@
-"""Warnings about volumes and geometry that are not visible, found without reading voxels or primitives."""
+"""Warnings about content that is not visible, found without reading voxels or primitives."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from pathlib import PurePath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
-from clusterviz.scene.geometry import GeometryInfo
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection
+from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0
@@ -25,28 +27,34 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
     Parameters
     ----------
     scene : a completed scene
-    infos : information on each volume and entry of geometry
+    infos : information on each volume, entry of geometry and unstructured grid
     is_blank : whether all pixels of the picture are transparent
 
     Returns
     -------
     warnings : subject -> one line; frames of an animation report a subject once
     """
-    if not scene.volumes and not scene.geometry:
+    if not (scene.volumes or scene.geometry or scene.grids):
         return {"volumes": "the scene has no volumes: nothing is drawn"}
-    each, known = divided_infos(infos)
-    found = _geometry_warnings(scene, each, known)
+    each, known, gridded = divided_infos(infos)
+    entries: list[Entry] = list(zip(scene.geometry_keys, scene.geometry, known, strict=True))
+    keys = [f"grids[{number}]" for number in range(len(scene.grids))]
+    entries += zip(keys, scene.grids, gridded, strict=True)
+    found = _entry_warnings(entries, each)
+    for key, section, one in zip(keys, scene.grids, gridded, strict=True):
+        if one.scalars and (reason := _unseen_scalars(section, *one.scalars)):
+            found[key] = f"{key} ({PurePath(section.path).name}): {reason}"
     for number, (volume, info) in enumerate(zip(scene.volumes, each, strict=True)):
         reason = _unseen_volume(volume, info)
         if reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
-    boxes = [box_corners(one.grown_box(section)) for section, one in zip(scene.geometry, known, strict=True)]
+    boxes = [box_corners(_box_of(*entry)) for entry in entries]
     corners = np.concatenate([*(info.corners for info in each), *boxes])
     beyond = _out_of_sight(scene, corners) if len(corners) else ""
     if beyond:
         found["camera"] = beyond
-    if is_blank and not found and scene.geometry:
+    if is_blank and not found and entries:
         found["picture"] = "the picture is empty: check opacity, culling and clip"
     if is_blank and not found:
         first, info = scene.volumes[0], each[0]
@@ -61,21 +69,29 @@ LEFT_OUT = {
     "meshes": "triangles are left out: a vertex is not finite, or they have no area",
     "lines": "segments are left out: an end is not finite, or they have no length",
     "points": "points are left out: they are not finite, or have no positive radius or no direction",
+    "grids": "cells are left out: a corner or value is not finite, or they have no volume",
 }
+Entry = tuple[str, GeometrySection | GridSection, GeometryInfo | GridInfo]
 
 
-def _geometry_warnings(scene: Scene, volumes: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> dict[str, str]:
+def _box_of(_: str, section: GeometrySection | GridSection, info: GeometryInfo | GridInfo) -> NDArray[np.float64]:
+    if isinstance(info, GridInfo) or isinstance(section, GridSection):
+        return info.box
+    return info.grown_box(section)
+
+
+def _entry_warnings(entries: Sequence[Entry], volumes: Sequence[VolumeInfo]) -> dict[str, str]:
     """Return warnings about what cannot be drawn, and entries farther from all others than they are long."""
     found: dict[str, str] = {}
     boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
-    boxes += [info.grown_box(section) for section, info in zip(scene.geometry, geometry, strict=True)]
-    for number, (key, section, info) in enumerate(zip(scene.geometry_keys, scene.geometry, geometry, strict=True)):
+    boxes += [_box_of(*entry) for entry in entries]
+    for number, (key, section, info) in enumerate(entries):
         name = f"{key} ({PurePath(section.path).name})"
         if info.left_out:
-            share = f"{info.left_out} of {info.left_out + info.count}"
+            share = f"{info.left_out} of {info.left_out + info.drawn}"
             found[f"{key}: left out"] = f"{name}: {share} {LEFT_OUT[key.partition('[')[0]]}"
         if not info.count:
-            other = f": the file holds {', '.join(info.other)}" if info.other else ""
+            other = f": the file holds {', '.join(info.other)}" if isinstance(info, GeometryInfo) and info.other else ""
             found[key] = f"{name}: nothing is drawn{other}"
             continue
         mine = boxes[len(volumes) + number]
@@ -98,19 +114,26 @@ def _unseen_volume(volume: Volume, info: VolumeInfo) -> str:
             f"{x} × {y} × {z} samples, one along {thin}, as of a 2-D array: a volume fills the box from its "
             "first to its last sample, and this one has no depth: nothing is drawn"
         )
-    data, clim = f"the data's range {_span(info.minimum, info.maximum)}", volume.clim
+    data = f"the data's range {_span(info.minimum, info.maximum)}"
     found = []
     values = [surface if isinstance(surface, (int, float)) else surface[0] for surface in volume.isosurfaces]
     if values and not any(info.minimum <= value <= info.maximum for value in values):
         found.append(f"no isosurface, since {', '.join(f'{value:g}' for value in values)} lies beyond {data}")
-    if not BLEND_MODES[volume.blending].only_surfaces and clim is not None:
-        beyond = clim[0] > info.maximum or clim[1] < info.minimum
-        where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
-        if not (values and not found) and transfer_function(volume).is_transparent(info.minimum, info.maximum).all():
-            found.append(f"{where}: nothing is drawn")
-        elif beyond and follows_clim(volume.cmap or ""):
-            found.append(f"{where}: all of it has one colour")
-    return "; ".join(found)
+    if not BLEND_MODES[volume.blending].only_surfaces:
+        found.append(_unseen_scalars(volume, info.minimum, info.maximum, has_surfaces=bool(values and not found)))
+    return "; ".join(filter(None, found))
+
+
+def _unseen_scalars(section: Volume | GridSection, low: float, high: float, has_surfaces: bool = False) -> str:
+    """Return why the transfer function shows nothing, or one colour, of a range of scalars, or ""."""
+    data, clim = f"the data's range {_span(low, high)}", section.clim
+    if clim is None:
+        return ""
+    beyond = clim[0] > high or clim[1] < low
+    where = f"clim {_span(*clim)} lies beyond {data}" if beyond else f"opacity is 0 all over {data}"
+    if not has_surfaces and transfer_function(section).is_transparent(low, high).all():
+        return f"{where}: nothing is drawn"
+    return f"{where}: all of it has one colour" if beyond and follows_clim(section.cmap or "") else ""
 
 
 def _out_of_sight(scene: Scene, corners: np.ndarray) -> str:

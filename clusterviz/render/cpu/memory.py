@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
+from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.geometry import Primitives
 from clusterviz.render.content_bricks import Part, pack_parts, parts_of
 from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
@@ -140,7 +141,7 @@ class Kept:
     slot : memory of its voxels
     low, high, voxels, bend : as in `Stored`
     firsts : with several volumes, first cell (x, y, z) of each one that has voxels here, by its number
-    primitives : as in `Stored`
+    primitives, cells : as in `Stored`
     """
 
     slot: Taken
@@ -150,6 +151,7 @@ class Kept:
     bend: NDArray[np.float32] | None = None
     firsts: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     primitives: tuple[Primitives | None, ...] = ()
+    cells: tuple[CellBrick | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +216,8 @@ class Memory:
                 _lay_out_parts(parts, own, slot.words)
             else:
                 lay_out(brick.samples, own, slot.words)
-            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, firsts, brick.primitives)
+            ranges, members = (brick.low, brick.high), (brick.primitives, brick.cells)
+            self._kept[index] = Kept(slot, *ranges, brick.voxels, brick.bend, firsts, *members)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Yield bricks as every ray caster can store them; copies, since slots are used again."""
@@ -227,7 +230,7 @@ class Memory:
                 samples = pack_parts(parts, own)
             else:
                 samples = _samples(kept.slot.words, own).copy()
-            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.primitives)
+            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.primitives, kept.cells)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
@@ -278,6 +281,10 @@ class Memory:
     def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
         """Return the primitives of bricks (m, 3)."""
         return [self._kept[z, y, x].primitives for z, y, x in bricks.tolist()]
+
+    def cells(self, bricks: NDArray[np.int64]) -> list[tuple[CellBrick | None, ...]]:
+        """Return the tetrahedra of bricks (m, 3)."""
+        return [self._kept[z, y, x].cells for z, y, x in bricks.tolist()]
 
     def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
         """Return the lowest and highest samples of the groups of the units of bricks.

@@ -1,0 +1,190 @@
+"""Unstructured grids of a scene: facts that complete it, layers of a plan, and the tetrahedra of bricks.
+
+Each rank reads the file of a grid and cuts its cells into tetrahedra; `brick_search.py` finds those of bricks. After a
+rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Set
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm import Channel, agree
+from clusterviz.data.geometry import CHUNK
+from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, DrawnPrimitives, transformed
+from clusterviz.data.source import Index
+from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.plan.brick_search import BrickGrid, BrickSearch, world_from_file
+from clusterviz.plan.cells import CellBrick, CellLayer
+from clusterviz.plan.preintegration import make_preintegrated
+from clusterviz.plan.shading import make_geometry_shading
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.grids import GridInfo, GridSection, KBuffer
+from clusterviz.scene.values import Light
+
+Floats = NDArray[np.float64]
+TINY = float(np.finfo(np.float64).tiny)
+LEAST_SHARE = 1 / 64
+"""Share of a tetrahedron's segments in a brick that it just touches."""
+
+
+class KnownCells:
+    """Unstructured grid of a scene; construction, `layer` and `read` are collective.
+
+    Parameters
+    ----------
+    section : as in the scene file
+    load : reads the grid
+    channel : to the other ranks
+
+    Attributes
+    ----------
+    info : facts on it
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or lacks the array that the section names.
+    """
+
+    def __init__(self, section: GridSection, load: Callable[[], UnstructuredGrid], channel: Channel) -> None:
+        self._channel = channel
+        self._search = BrickSearch(lambda: _drawn(make_tetrahedra(load(), section.array)), channel)
+        self._measures: dict[Any, Floats] = {}
+        with agree(channel, 0, "open"):
+            found = make_tetrahedra(load(), section.array)
+            drawn = self._search.drawn = _drawn(found)
+            matrix = world_from_file(section)
+            box = drawn.box(matrix, np.arange(len(found.corners)))
+            cells = int(np.count_nonzero(np.diff(found.cells))) + 1
+            volume = _measures(found.points, found.corners, matrix)[0].sum()
+            self._on_cells, self._types = found.on_cells, (found.points.dtype, found.values.dtype)
+            has_any = len(found.corners) > 0
+            self.info = GridInfo(
+                box if has_any else np.empty((0, 3)),
+                len(found.corners),
+                cells if has_any else 0,
+                (float(found.values.min()), float(found.values.max())) if has_any else None,
+                float(np.cbrt(volume / cells)) if has_any else 0.0,
+                found.counts,
+            )
+
+    def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> tuple[CellLayer, Floats]:
+        """Return the layer of a plan, and the expected segments of each brick.
+
+        Parameters
+        ----------
+        section : completed
+        lights : of the scene
+        grid : of the plan
+
+        Returns
+        -------
+        segments : float64 (bz, by, bx), of a ray through each cell of the domain's grid; 0 where all is transparent
+        """
+        transfer = transfer_function(section)
+        in_bricks = self._search.counted(section, grid)
+        low, high, segments = self._measured(section, grid)
+        layer = CellLayer(
+            self.info.count,
+            grid.index_from_file(section),
+            self._on_cells,
+            make_preintegrated(transfer),
+            grid.domain.spacing / transfer.unit_distance,
+            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            section.visibility.k if isinstance(section.visibility, KBuffer) else 0,
+            section,
+            transfer.domain,
+            *self._types,
+            in_bricks,
+        )
+        return layer, np.where(transfer.is_transparent(low, high), 0.0, segments)
+
+    def read(self, layer: CellLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, CellBrick]:
+        """Return the tetrahedra of bricks by index, and forget the others; bricks without any are left out.
+
+        Parameters
+        ----------
+        layer, grid : of the plan
+        wanted : indices of bricks
+        """
+        section, search, found = layer.section, self._search, dict[Index, CellBrick]()
+        with agree(self._channel, 0, "load"):
+            some = sorted(index for index in wanted if layer.in_bricks[0][index])
+        if section is not None and self._channel.maximum(len(some)):
+            flat = [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in some]
+            members = search.gathered(section, grid, flat)
+            with agree(self._channel, 0, "load"):
+                rows = DistinctRows(len(search.opened().positions)) if some else None
+                for index, brick in zip(some, flat, strict=True):
+                    assert rows is not None
+                    found[index] = _cropped(members[brick], search.opened(), rows)
+        search.forget()
+        return found
+
+    def _measured(self, section: GridSection, grid: BrickGrid) -> Floats:
+        """Return lowest and highest scalar and expected segments of each brick, float64 (3, bz, by, bx).
+
+        The first call for a grid is collective.
+        """
+        key = grid.domain, grid.layout.brick, section.transform
+        if key not in self._measures:
+            members = self._search.members(section, grid)
+            with agree(self._channel, 0, "plan"):
+                mine = self._measured_members(section, grid, members)
+            self._measures[key] = self._search.of_all_bricks(mine, grid)
+        return self._measures[key]
+
+    def _measured_members(self, section: GridSection, grid: BrickGrid, members: BrickMembers) -> Floats:
+        drawn, matrix = self._search.opened(), grid.index_from_file(section)
+        brick, counts_zyx, ranks = grid.layout.brick, grid.layout.counts_zyx, self._channel.size
+        found = np.stack([np.full(len(members.begins) - 1, value) for value in (np.inf, -np.inf, 0.0)])
+        for kept in np.flatnonzero(np.diff(members.begins)).tolist():
+            begin = brick * np.array(np.unravel_index(self._channel.rank + kept * ranks, counts_zyx)[::-1], np.float64)
+            numbers = members.of(kept)
+            values = _values_of(drawn, numbers)
+            areas = np.zeros(0)
+            for first in range(0, len(numbers), CHUNK // 4):
+                corners = drawn.corners[numbers[first : first + CHUNK // 4]]
+                placed = transformed(drawn.positions[corners], matrix)
+                low, high = placed.min(axis=1), placed.max(axis=1)
+                inside = (np.minimum(high, begin + brick) - np.maximum(low, begin)).clip(0) / (high - low).clip(TINY)
+                areas = _measures(drawn.positions, corners, matrix)[1] * inside.prod(axis=1).clip(LEAST_SHARE)
+                # A convex body's mean shadow is a quarter of its surface.
+                found[2, kept] += areas.sum() / 4
+            found[:2, kept] = values.min(), values.max()
+        return found
+
+
+def _drawn(found: Tetrahedra) -> DrawnPrimitives:
+    """Return tetrahedra as primitives, with their scalars as the array ""."""
+    of_points, of_cells = ({}, {"": found.values}) if found.on_cells else ({"": found.values}, {})
+    return DrawnPrimitives("tetrahedron", found.points, found.corners, NO_RADII, 0, of_points, of_cells)
+
+
+def _values_of(drawn: DrawnPrimitives, numbers: NDArray[np.uint32]) -> NDArray[Any]:
+    return drawn.of_cells[""][numbers] if drawn.of_cells else drawn.of_vertices[""][drawn.corners[numbers]]
+
+
+def _measures(points: NDArray[Any], corners: NDArray[np.integer[Any]], matrix: Floats) -> tuple[Floats, Floats]:
+    """Return the volumes and the surfaces of tetrahedra (m,) mapped by a matrix."""
+    volumes, surfaces = np.zeros(len(corners)), np.zeros(len(corners))
+    for begin in range(0, len(corners), CHUNK // 4):
+        some = slice(begin, begin + CHUNK // 4)
+        a, b, c, d = (transformed(points[corner], matrix) for corner in corners[some].T)
+        across = np.cross(b - a, c - a)
+        volumes[some] = np.abs(np.einsum("mx,mx->m", across, d - a)) / 6
+        others = np.cross(b - a, d - a), np.cross(c - a, d - a), np.cross(c - b, d - b)
+        surfaces[some] = 0.5 * sum(np.linalg.norm(each, axis=1) for each in (across, *others))
+    return volumes, surfaces
+
+
+def _cropped(numbers: NDArray[np.uint32], drawn: DrawnPrimitives, rows_of: DistinctRows) -> CellBrick:
+    """Return some tetrahedra with what belongs to them."""
+    rows, corners = rows_of.renumber(drawn.corners[numbers])
+    values = drawn.of_cells[""][numbers] if drawn.of_cells else drawn.of_vertices[""][rows]
+    return CellBrick(numbers, rows.astype(np.uint32), drawn.positions[rows], corners, values)
