@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from clusterviz.data.geometry import Geometry
     from clusterviz.data.source import Grid, Source
     from clusterviz.image import compare, read_image, write_image
     from clusterviz.image.picture import Image
@@ -75,7 +74,7 @@ def render(
 
     Parameters
     ----------
-    scene : Scene, path, array, data source, mesh, or list of arrays and sources
+    scene : Scene, path, array, data source, mesh, unstructured grid, or list of arrays and sources
         A scene, the path of a scene file or data file, or an array (z, y, x) of any integer or float type. An
         object with `name`, `grid`, `dtype` and `read` is a data source (see `clusterviz.data.source`); each rank reads
         its own boxes. A list of arrays and data sources gives one volume each. All ranks pass the same scene.
@@ -87,9 +86,10 @@ def render(
         Scene keys by their last names: size=(800, 600), cmap="viridis", clim=(0, 1), step=0.5, position=(5, 0, 0),
         background="black", brick=32; `clusterviz schema` lists them. Keys of a volume apply to the first one; other
         volumes need the full path, as in ``**{"volumes.1.cmap": "hot"}``. A section is a dict or a value:
-        camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)). Items of meshes, lines and points may be
-        objects in memory, alone or in place of a path: meshes=[{"path": mesh, "opacity": 0.4}], where a mesh is
-        (vertices, faces), or an object of trimesh or pyvista; lines are arrays (k, 3), points an array (n, 3).
+        camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)). Items of meshes, lines, points and grids may
+        be objects in memory, alone or in place of a path: meshes=[{"path": mesh, "opacity": 0.4}], where a mesh is
+        (vertices, faces), or an object of trimesh or pyvista; lines are arrays (k, 3), points an array (n, 3). Items
+        of grids are unstructured grids of pyvista or meshio, or (points, tetrahedra, scalars).
 
     Returns
     -------
@@ -118,10 +118,10 @@ def render(
             limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
             opened, source = _scene_and_source(scene, grid)
-            named, geometries = _named_geometry(dict(settings))
+            named, in_memory = _named_objects(dict(settings))
             opened = with_settings(opened, named)
-            if geometries:
-                source = _joined_sources(opened, source, geometries)
+            if in_memory:
+                source = _joined_sources(opened, source, in_memory)
             elif source is not None and any(v.time is not None or v.channel is not None for v in opened.volumes):
                 allowed = "array[time], array[..., channel]"
                 raise InputError("only files have time steps and channels", where="render", allowed=allowed)
@@ -135,16 +135,17 @@ def render(
             channel.close()
 
 
-def _named_geometry(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Geometry | None]]]:
-    """Return settings with a name in place of each object in meshes, lines and points, and the objects."""
+def _named_objects(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Any]]]:
+    """Return settings with a name in place of each object in meshes, lines, points and grids, and the objects."""
     from clusterviz.data.geometry import as_geometry
+    from clusterviz.data.vtk_cells import as_grid
     from clusterviz.scene.field_types import Section
-    from clusterviz.scene.geometry import GEOMETRY_SECTIONS
+    from clusterviz.scene.grids import LISTED_SECTIONS
 
-    found: dict[str, list[Geometry | None]] = {}
-    for name in GEOMETRY_SECTIONS.keys() & settings.keys():
+    found: dict[str, list[Any]] = {}
+    for name in LISTED_SECTIONS.keys() & settings.keys():
         items, sections = settings[name], []
-        is_one = not isinstance(items, (list, tuple)) or (name == "meshes" and isinstance(items, tuple))
+        is_one = not isinstance(items, (list, tuple)) or (name in ("meshes", "grids") and isinstance(items, tuple))
         found[name] = []
         for number, item in enumerate([items] if is_one else items):
             section: Any = item if isinstance(item, (dict, Section)) else {"path": item}
@@ -152,24 +153,25 @@ def _named_geometry(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Geome
             if given is None or isinstance(given, (str, os.PathLike)):
                 found[name].append(None)
             else:
-                found[name].append(as_geometry(given, name, f"{name}[{number}]"))
+                key = f"{name}[{number}]"
+                found[name].append(as_grid(given, key) if name == "grids" else as_geometry(given, name, key))
                 section = {**section, "path": "array"}
             sections.append(section)
         settings[name] = sections
     return settings, found
 
 
-def _joined_sources(scene: Scene, source: Any, geometries: dict[str, list[Geometry | None]]) -> list[Any]:
-    """Return what is given for each volume and entry of geometry of a scene; None: the file is read."""
-    from clusterviz.scene.geometry import GEOMETRY_SECTIONS
+def _joined_sources(scene: Scene, source: Any, in_memory: dict[str, list[Any]]) -> list[Any]:
+    """Return what is given for each volume, entry of geometry and grid of a scene; None: the file is read."""
+    from clusterviz.scene.grids import LISTED_SECTIONS
 
     given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
     joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
-    for name in GEOMETRY_SECTIONS:
+    for name in LISTED_SECTIONS:
         count = len(getattr(scene, name))
-        if name in geometries:
-            joined += geometries[name]
-        else:  # as the scene was given: geometry in memory, or files
+        if name in in_memory:
+            joined += in_memory[name]
+        else:  # as the scene was given: in memory, or files
             joined += rest[:1] * count if rest else [None] * count
     return joined
 
@@ -179,12 +181,16 @@ def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
     from clusterviz.data import open_scene
     from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
     from clusterviz.data.memory import ArraySource
+    from clusterviz.data.vtk_cells import as_grid, is_grid
     from clusterviz.errors import InputError
     from clusterviz.scene import Scene, Volume
     from clusterviz.scene.geometry import GEOMETRY_SECTIONS, as_sections
+    from clusterviz.scene.grids import GridSection
 
     if isinstance(given, (list, tuple)):
         return _several(given, grid)
+    if is_grid(given):
+        return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, "render")]
     if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):
         # Objects of pyvista may have all, of which some are empty.
         cells = (("meshes", "faces"), ("lines", "lines"))

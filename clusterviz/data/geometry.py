@@ -307,17 +307,17 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
     cells = getattr(given, {"meshes": "faces", "lines": "lines", "points": "points"}[section], None)
     try:
         if section == "points":
-            placed = _positions(given if positions is None else positions)
-            return Geometry(points=Points(where, placed, _arrays(given, "point", len(placed))))
+            placed = positions_of(given if positions is None else positions)
+            return Geometry(points=Points(where, placed, named_arrays(given, "point", len(placed))))
         if section == "lines" and positions is None:
-            each = [_positions(line) for line in given]
+            each = [positions_of(line) for line in given]
             offsets = np.cumsum([0, *map(len, each)])
             return Geometry(lines=Lines(where, np.concatenate([np.empty((0, 3), np.float32), *each]), offsets))
         if positions is None:
             positions, cells = given
-        placed, numbers = _positions(positions), np.asarray(cells)
+        placed, numbers = positions_of(positions), np.asarray(cells)
         offsets, corners = _cells(numbers)
-        of_points, of_cells = _arrays(given, "point", len(placed)), _arrays(given, "cell", len(offsets) - 1)
+        of_points, of_cells = named_arrays(given, "point", len(placed)), named_arrays(given, "cell", len(offsets) - 1)
         if section == "lines":
             check_indices(corners, len(placed), where)
             along = {name: array[corners] for name, array in of_points.items()}
@@ -329,7 +329,8 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
         raise DataError("not geometry", where=where, found=type(given).__name__, allowed=allowed) from error
 
 
-def _positions(given: Any) -> NDArray[Any]:
+def positions_of(given: Any) -> NDArray[Any]:
+    """Return positions as an array (n, 3), float32 or float64."""
     array = np.ascontiguousarray(given)
     return array.astype(np.promote_types(array.dtype, np.float32), copy=False).reshape(-1, 3)
 
@@ -348,7 +349,7 @@ def _cells(numbers: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]
     return np.array(begins) - np.arange(len(begins)), flat[is_corner]
 
 
-def _arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
+def named_arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
     """Return the named arrays of an object that fit: those of pyvista and trimesh."""
     names = (f"{noun}_data", {"point": "vertex_attributes", "cell": "face_attributes"}[noun])
     found: Any = next((getattr(given, name) for name in names if hasattr(given, name)), {})

@@ -166,6 +166,30 @@ def linearised(
     return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved)
 
 
+def grid_of_blocks(mesh: Any, where: str) -> UnstructuredGrid:
+    """Return the grid of a mesh with the attributes of meshio's; arrays that are not of numbers are left out.
+
+    Raises
+    ------
+    DataError
+        Points in a plane, or as of `linearised`.
+    """
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    count, points = sum(len(corners) for _, corners in blocks), np.asarray(mesh.points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError("not three-dimensional", where=where, found=points.shape, allowed="points (n, 3)")
+    points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
+    parts = {key: [np.atleast_1d(part) for part in each] for key, each in mesh.cell_data.items()}
+    alike = {key: each for key, each in parts.items() if len({part.shape[1:] for part in each}) == 1}
+    of_points = {key: np.asarray(array) for key, array in mesh.point_data.items()}
+    of_cells = {key: np.concatenate(each) for key, each in alike.items() if each}
+    return linearised(points, blocks, _numbers(of_points, len(points)), _numbers(of_cells, count), where)
+
+
+def _numbers(arrays: Attributes, count: int) -> Attributes:
+    return {n: a for n, a in arrays.items() if a.dtype.kind in "iufb" and a.ndim in (1, 2) and len(a) == count}
+
+
 FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
 
 

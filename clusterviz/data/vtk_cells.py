@@ -1,12 +1,14 @@
-"""Cells of VTK files, XML, legacy or HDF5: types, offsets and indices of points."""
+"""Cells as VTK has them, in files and in memory: types, offsets and indices of points."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import Attributes, check_attributes
-from clusterviz.data.unstructured import UnstructuredGrid, linearised
+from clusterviz.data.geometry import Attributes, check_attributes, named_arrays, positions_of
+from clusterviz.data.unstructured import UnstructuredGrid, grid_of_blocks, linearised
 from clusterviz.errors import DataError
 
 KINDS = {
@@ -76,3 +78,42 @@ def grid_of_cells(
         order.append(rows)
     numbers = np.concatenate(order)
     return linearised(points, blocks, of_points, {name: array[numbers] for name, array in of_cells.items()}, where)
+
+
+def is_grid(given: Any) -> bool:
+    """Return whether an object is an unstructured grid of this package, pyvista or meshio."""
+    is_meshio = hasattr(given, "cells") and hasattr(given, "cell_data") and not hasattr(given, "faces")
+    return isinstance(given, UnstructuredGrid) or hasattr(given, "celltypes") or is_meshio
+
+
+def as_grid(given: Any, where: str) -> UnstructuredGrid:
+    """Return an unstructured grid in memory, as users of other libraries have it.
+
+    Parameters
+    ----------
+    given : an `UnstructuredGrid`, an unstructured grid of pyvista, a mesh of meshio, or points (n, 3), tetrahedra
+        (m, 4) and scalars (n,) or (m,), which become the array values
+    where : for errors
+
+    Raises
+    ------
+    DataError
+        It is none of these, or as of `linearised`.
+    """
+    if isinstance(given, UnstructuredGrid):
+        return given
+    try:
+        if hasattr(given, "celltypes"):
+            points, types = positions_of(given.points), np.asarray(given.celltypes)
+            offsets, corners = (np.asarray(each, np.int64) for each in (given.offset, given.cell_connectivity))
+            of_points, of_cells = named_arrays(given, "point", len(points)), named_arrays(given, "cell", len(types))
+            return grid_of_cells(points, types, offsets, corners, of_points, of_cells, where)
+        if is_grid(given):
+            return grid_of_blocks(given, where)
+        points, cells, values = positions_of(given[0]), np.asarray(given[1]), np.asarray(given[2])
+        of_one: tuple[Attributes, Attributes] = ({"values": values}, {})
+        arrays = of_one if len(values) == len(points) else of_one[::-1]
+        return UnstructuredGrid(where, points, {"tetra": cells}, *arrays)
+    except (TypeError, ValueError, IndexError, KeyError) as error:
+        allowed = "points, tetrahedra and scalars, or a grid of pyvista or meshio"
+        raise DataError("not an unstructured grid", where=where, found=type(given).__name__, allowed=allowed) from error

@@ -139,6 +139,8 @@ def test_a_former_name_of_a_key_is_read_with_a_note() -> None:
         (["meshes.0.opacity=0.3"], "meshes.0.opacity", 0.3),
         (["radius=2"], "points.0.radius", 2.0),
         (["shading=flat"], "meshes.0.shading", "flat"),
+        (["array=Temp"], "grids.0.array", "Temp"),
+        (["clim=[0, 1]"], "grids.0.clim", (0.0, 1.0)),
         (["volumes=[{path: a}]", "opacity=0.3"], "volumes.0.opacity", 0.3),
         (["volumes=[{path: a}]", "culling=back"], "meshes.0.culling", "back"),
     ],
@@ -147,9 +149,10 @@ def test_a_last_name_is_that_of_a_surface_if_no_volume_has_it(
     tmp_path: Path, options: list[str], key: str, value: object
 ) -> None:
     scene = tmp_path / "scene.yaml"
-    has_points = key.startswith("points")
-    scene.write_text("points: [{path: p.csv}]" if has_points else "meshes: [{path: m.ply}]")
+    files = {"points": "p.csv", "grids": "g.vtu"}
+    name = next((name for name in files if key.startswith(name)), "meshes")
+    scene.write_text(f"{name}: [{{path: {files.get(name, 'm.ply')}}}]")
     found: Any = load_scene(scene, options)
     assert getattr(found, key.split(".")[0])[0].path.startswith(str(tmp_path)) or key.startswith("volumes")
-    section, _, name = key.split(".")
-    assert getattr(getattr(found, section)[0], name) == value
+    section, _, last = key.split(".")
+    assert getattr(getattr(found, section)[0], last) == value

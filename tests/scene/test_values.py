@@ -57,6 +57,12 @@ def beside(mesh: dict[str, Any], **sections: Any) -> dict[str, Any]:
 
 
 SQUASHED = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+
+
+def grid(**keys: Any) -> dict[str, Any]:
+    return {"grids": [{"path": "a", **keys}]}
+
+
 SURFACES = "not with meshes, lines or points"
 COHERENT, NOT_WITH = {"quality": {"frame_coherence": True}}, "quality.frame_coherence: not with"
 BAD = [
@@ -86,6 +92,17 @@ BAD = [
         "alone",
     ),
     (beside({}, quality={"filter": "hardware"}), f"quality.filter: {SURFACES}", '"hardware"', "one volume alone"),
+    (grid(time=-1), "grids[0].time: not a time step", "-1", "a whole number from 0 on, or its time"),
+    (grid(time=NAN), "grids[0].time", "NaN", "a finite number"),
+    (grid(visibility="sorted"), "grids[0].visibility: not an order", '"sorted"', "exact, or {k: 2 to 32}"),
+    (grid(visibility={"k": 1}), "grids[0].visibility.k", "1", "at least 2"),
+    (grid(visibility={"k": 33}), "grids[0].visibility.k", "33", "at most 32"),
+    (grid(transform=SQUASHED), "grids[0].transform: not affine", "[[1", "4 rows of 4"),
+    (grid(scalars="Temp"), "grids[0].scalars: unknown key", "scalars", "path, array, time"),
+    ({"grids": [{"path": "a"}] * 5}, "grids: too many values", "path", "at most 4"),
+    (grid() | {"quality": {"adaptive": 0.01}}, "quality.adaptive: not with unstructured grids", "0.01", "one volume"),
+    (grid() | volume(blending="maximum"), "volumes[0].blending: not with unstructured grids", "max", "one volume"),
+    (grid() | {"image": {"layers": ["depth"]}}, "image.layers: not with unstructured grids", '["depth"]', "no grids"),
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
     (volume(spacing=[1, 1]), "volumes[0].spacing", "[1, 1]", "a list, such as [0.5, 0.5, 1.2]"),
     (volume(origin=[1, 1, NAN]), "volumes[0].origin[2]", "NaN", "a finite number"),

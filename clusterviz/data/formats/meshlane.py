@@ -13,10 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from clusterviz.data.files import require_file
-from clusterviz.data.unstructured import UnstructuredGrid, linearised
+from clusterviz.data.unstructured import UnstructuredGrid, grid_of_blocks
 from clusterviz.errors import DataError
 
 GROWTH, ROOM = 128, 1 << 27
@@ -60,18 +58,7 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
     said = io.StringIO()
     with limited_memory(path.stat().st_size), redirect_stdout(said), redirect_stderr(said):  # its warnings
         mesh = package._helpers.reader_map[name](where)
-    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    begins = np.cumsum([0, *(len(corners) for _, corners in blocks)])
-    count, points = int(begins[-1]), np.asarray(mesh.points)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise DataError("not three-dimensional", where=where, found=points.shape, allowed="points (n, 3)")
-    points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
-    of_points = {key: array for key, array in mesh.point_data.items() if _is_numbers(np.asarray(array), len(points))}
-    parts = {key: [np.atleast_1d(part) for part in each] for key, each in mesh.cell_data.items()}
-    alike = {key: each for key, each in parts.items() if len({part.shape[1:] for part in each}) == 1}
-    of_cells = {key: np.concatenate(each) for key, each in alike.items() if each}
-    of_cells = {key: array for key, array in of_cells.items() if _is_numbers(array, count)}
-    return linearised(points, blocks, {key: np.asarray(a) for key, a in of_points.items()}, of_cells, where)
+    return grid_of_blocks(mesh, where)
 
 
 @contextmanager
@@ -94,7 +81,3 @@ def limited_memory(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
-
-
-def _is_numbers(array: Any, count: int) -> bool:
-    return array.dtype.kind in "iufb" and array.ndim in (1, 2) and len(array) == count
