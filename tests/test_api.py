@@ -28,7 +28,7 @@ from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
 from clusterviz.scene import cluster, values
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import Settings, with_settings
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
@@ -258,7 +258,7 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
     expected: dict[str, str] = {}
     for section in (
         *(section for _, section in SECTIONS),
-        *GEOMETRY_SECTIONS.values(),
+        *LISTED_SECTIONS.values(),
         Light,
         Transfer2d,
         clusterviz.Scene,
@@ -273,9 +273,10 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
         "lights": "Sequence[Light | Mapping[str, Any]]",
         "layers": "Sequence[Layer]",
         "color": "str | Numbers",  # of a light: numbers only
+        "time": "int | float | None",
         "radius": "float | str | None",
         "direction": "Rows | str | None",  # of arrows, the name of an array
-        **dict.fromkeys(("meshes", "lines", "points"), "Sequence[Any]"),  # sections, or geometry in memory
+        **dict.fromkeys(LISTED_SECTIONS, "Sequence[Any]"),  # sections, or objects in memory
     }
     found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
     assert found == expected

@@ -28,7 +28,7 @@ from clusterviz.scene.values import Light
 
 Floats = NDArray[np.float64]
 TINY = float(np.finfo(np.float64).tiny)
-LEAST_SHARE = 1 / 64
+LEAST_SHARE = 2.0**-12
 """Share of a tetrahedron's segments in a brick that it just touches."""
 
 

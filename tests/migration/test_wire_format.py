@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data.cells import mixed
 from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 
 from clusterviz.codec import pack
@@ -19,6 +20,7 @@ from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.content_bricks import store_content
 from clusterviz.render.stored_brick import Stored, store
 from clusterviz.scene.geometry import MeshSection, PointsSection
+from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
@@ -51,14 +53,15 @@ def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) ->
     assert (found.low.dtype, found.voxels) == (stored.low.dtype, stored.voxels)
 
 
-def test_primitives_come_out_as_they_went_in() -> None:
+def test_primitives_and_tetrahedra_come_out_as_they_went_in() -> None:
     rng = np.random.default_rng(3)
     vertices, faces = rng.random((300, 3)).astype(np.float32) * 20, rng.integers(0, 300, (200, 3))
     mesh = Geometry(mesh=Mesh("m", vertices, faces, {"heat": vertices[:, 0]}))
     points = Geometry(points=Points("p", np.full((1, 3), 4.0)))
     sections = {"meshes": (MeshSection(path="m", scalars="heat"),), "points": (PointsSection(path="p", radius=0.5),)}
-    scene = Scene(**sections, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
-    scene, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [mesh, points])
+    grids = (GridSection(path="g", array="f"),)
+    scene = Scene(**sections, grids=grids, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
+    scene, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [mesh, points, mixed()])
     assert isinstance(opened, OpenedContent)
     plan = opened.plan(scene)
     wire_format, several = wire_format_of(plan, opened.range_type), plan.content
@@ -68,9 +71,11 @@ def test_primitives_come_out_as_they_went_in() -> None:
         one, stored = wire_format.of(index), store_content(brick, several, wire_format.slot)
         stream = one.stream(stored)
         assert one.stream_bytes == stream.size
-        assert stream.size >= sum(each.nbytes for each in brick.primitives if each)
-        for came, went in zip(one.brick(stream, 0).primitives, brick.primitives, strict=True):
-            assert (came is None) == (went is None)
+        every = (*brick.primitives, *brick.cells)
+        assert stream.size >= sum(each.nbytes for each in every if each)
+        found_one = one.brick(stream, 0)
+        for came, went in zip((*found_one.primitives, *found_one.cells), every, strict=True):
+            assert type(came) is type(went)
             lacking += went is None
             for name, array in vars(went).items() if went else ():
                 found = getattr(came, name)

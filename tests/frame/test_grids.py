@@ -1,0 +1,139 @@
+"""Unstructured grids in scenes: unset keys are filled, objects in memory are taken, and what is wrong is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from data.cells import lattice, mixed
+from data.grid_writers import vtu
+
+import clusterviz
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data import open_scene
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data.vtk_cells import as_grid
+from clusterviz.errors import ClustervizError, SceneError
+from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.run import Options, Run
+from clusterviz.scene.diff import check_same_volume
+from clusterviz.scene.files import dump_scene, load_scene
+from clusterviz.scene.grids import GridSection
+from clusterviz.scene.text import scene_summary
+from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.visibility import visibility_warnings
+
+BOX = lattice(2, 3, 4, spacing=0.5)
+
+
+def opened(grid: UnstructuredGrid, **keys: Any) -> tuple[Scene, Any]:
+    scene = Scene(grids=(GridSection(path="g.vtu", **keys),))
+    scene, found, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [grid])
+    assert found is not None
+    return scene, found
+
+
+def test_unset_keys_are_filled_from_the_grid() -> None:
+    section = opened(BOX)[0].grids[0]
+    high = float(BOX.point_arrays["f"].max())
+    assert (section.clim, section.opacity_unit_distance) == ((0.0, high), pytest.approx(0.5))
+    assert section.opacity == ((0.0, 0.0), (pytest.approx(0.3 * high), 0.0), (pytest.approx(high), 0.9))
+    doubled = np.diag([2.0, 2.0, 2.0, 1.0]).tolist()
+    assert opened(BOX, transform=doubled)[0].grids[0].opacity_unit_distance == pytest.approx(1.0)
+    given = {"clim": (1.0, 2.0), "opacity": 0.5, "opacity_unit_distance": 3.0}
+    scene = opened(BOX, **given)[0]
+    assert {name: getattr(scene.grids[0], name) for name in given} == given
+    assert scene_summary(scene).startswith("grids[0] clim 1 to 2 (viridis), opacity 0.5; camera")
+    assert opened(mixed(), array="kind")[0].grids[0].clim == (4.0, 8.0)
+
+
+def damaged(**changes: Any) -> UnstructuredGrid:
+    values = {"points": BOX.points.copy(), "f": BOX.point_arrays["f"].copy()}
+    for name, value in changes.items():
+        values[name][0] = value
+    return UnstructuredGrid("g", values["points"], BOX.cells, {"f": values["f"]})
+
+
+@pytest.mark.parametrize(
+    ("grid", "keys", "texts"),
+    [
+        (BOX, {"opacity": 0.5}, []),
+        (damaged(f=np.nan), {"opacity": 0.5}, ["grids[0] (g.vtu): ", " of 24 cells are left out"]),
+        (damaged(points=np.inf), {"opacity": 0.5}, [" of 24 cells are left out: a corner or value is not finite"]),
+        (BOX, {"opacity": 0.0}, ["grids[0] (g.vtu): opacity is 0 all over the data's range 0 to ", "nothing is drawn"]),
+        (BOX, {"clim": (90, 91)}, ["grids[0] (g.vtu): clim 90 to 91 lies beyond the data's range 0 to "]),
+        (UnstructuredGrid("g", np.zeros((4, 3)), {"tetra": np.arange(4)[None]}, {"f": np.ones(4)}), {}, ["1 of 1"]),
+        (UnstructuredGrid("g", np.zeros((0, 3)), {}, {"f": np.ones(0)}), {}, ["grids[0] (g.vtu): nothing is drawn"]),
+    ],
+)
+def test_what_is_not_visible_is_said(grid: UnstructuredGrid, keys: dict[str, Any], texts: list[str]) -> None:
+    scene, found = opened(grid, **keys)
+    said = "\n".join(visibility_warnings(scene, found.infos, is_blank=False).values())
+    assert bool(said) == bool(texts)
+    assert all(text in said for text in texts), said
+    assert (found.plan(scene).cost.sum() > 0) == (not texts or " of 24" in said)
+
+
+def pyvista_like() -> SimpleNamespace:
+    cells = [row for corners in mixed().cells.values() for row in corners]
+    offset = np.cumsum([0, *map(len, cells)])
+    data = {"point_data": mixed().point_arrays, "cell_data": mixed().cell_arrays}
+    types = np.array([12, 13, 14, 10])
+    rows = [[4, 5, 6, 8].index(len(cell)) for cell in cells]
+    types = np.array([10, 14, 13, 12])[rows]
+    return SimpleNamespace(
+        points=mixed().points, celltypes=types, offset=offset, cell_connectivity=np.concatenate(cells), **data
+    )
+
+
+def meshio_like() -> SimpleNamespace:
+    blocks = [SimpleNamespace(type=kind, data=corners) for kind, corners in mixed().cells.items()]
+    of_cells = {"kind": np.split(mixed().cell_arrays["kind"], 4)}
+    return SimpleNamespace(points=mixed().points, cells=blocks, point_data=mixed().point_arrays, cell_data=of_cells)
+
+
+@pytest.mark.parametrize("make", [mixed, pyvista_like, meshio_like])
+def test_grids_of_other_libraries_are_taken(make: Callable[[], Any]) -> None:
+    found = as_grid(make(), "grids[0]")
+    for kind, corners in mixed().cells.items():
+        np.testing.assert_array_equal(found.cells[kind], corners)
+    np.testing.assert_array_equal(found.points, mixed().points)
+    np.testing.assert_array_equal(found.point_arrays["f"], mixed().point_arrays["f"])
+    np.testing.assert_array_equal(found.cell_arrays["kind"], mixed().cell_arrays["kind"])
+
+
+def test_arrays_are_points_tetrahedra_and_scalars() -> None:
+    points, cells = np.eye(4, 3), np.arange(4)[None]
+    assert not as_grid((points, cells, np.ones(4)), "g").array(None)[1]
+    assert as_grid((points, cells, np.ones(1)), "g").array(None)[1]
+    with pytest.raises(ClustervizError, match="g: not an unstructured grid; found int; allowed points, tetrahedra"):
+        as_grid(3, "g")
+    with pytest.raises(ClustervizError, match="out of range"):
+        as_grid((points, cells + 1, np.ones(4)), "g")
+
+
+def test_a_file_is_a_scene_and_scenes_are_read_back(tmp_path: Path) -> None:
+    scene = open_scene(vtu(tmp_path / "a.vtu"), ["array=f", "visibility={k: 6}", "time=0.5"])
+    assert scene.grids[0].path == str(tmp_path / "a.vtu")
+    assert not scene.volumes
+    (tmp_path / "a.yaml").write_text(dump_scene(scene))
+    assert load_scene(tmp_path / "a.yaml") == scene
+
+
+def test_frames_may_differ_in_colours_and_opacity_only() -> None:
+    first = Scene(grids=(GridSection(path="a"),))
+    check_same_volume(first, Scene(grids=(GridSection(path="a", opacity=0.3, cmap="hot"),)))
+    with pytest.raises(SceneError, match=r"grids\[0\].array: was null, is \"T\".*or cmap, clim, .* of grids"):
+        check_same_volume(first, Scene(grids=(GridSection(path="a", array="T"),)))
+
+
+@pytest.mark.parametrize("given", [mixed(), Scene(grids=(GridSection(path="none.vtu"),)), pyvista_like()])
+def test_drawing_is_refused(given: Any) -> None:
+    with pytest.raises(SceneError, match=r"grids\[0\]: unstructured grids cannot be drawn yet"):
+        clusterviz.render(given)
+    with pytest.raises(SceneError, match="cannot be drawn yet"):
+        clusterviz.render(Scene(volumes=(Volume(path="a"),)), grids=[{"path": mixed(), "array": "f"}])

@@ -1,0 +1,124 @@
+"""Tetrahedra of bricks: the owner of each sample holds the tetrahedron around it, and costs are expected segments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from data.cells import lattice, mixed, tetrahedra
+
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.frame.opening import OpenedContent, open_volumes
+from clusterviz.frame.run import Options, Run
+from clusterviz.plan.content import SEGMENT_COST
+from clusterviz.plan.plan import Plan
+from clusterviz.reference.rays import camera_rays
+from clusterviz.scene.grids import GridSection
+from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
+
+TURN = ((0.6, -0.8, 0, 3), (0.8, 0.6, 0, -2), (0, 0, -1.5, 1), (0, 0, 0, 1))
+GRIDS = [lattice(3, 4, 5), mixed()]
+SECTIONS = [
+    GridSection(path="a", transform=TURN, opacity=0.5),
+    GridSection(path="b", array="kind", opacity=[[4, 0.2], [8, 0.9]], opacity_unit_distance=0.5),
+]
+
+
+def scene_of(*sections: Any, volumes: int = 0, brick: int = 64, step: float = 1.0) -> Scene:
+    each = [Volume(path="a", clim=(0, 1), opacity=0.5) for _ in range(volumes)]
+    quality, cluster, image = Quality(step=step), Cluster(brick=brick), ImageSettings(size=(12, 10))
+    camera = Camera(position=(14, 11, -9), focal_point=(1, 1, 0), view_up=(0, 0, 1))
+    return Scene(volumes=each, camera=camera, quality=quality, cluster=cluster, image=image, grids=sections)
+
+
+def planned(scene: Scene, given: list[Any], channel: Channel | None = None) -> tuple[Scene, OpenedContent, Plan]:
+    scene, opened, _ = open_volumes(Run(channel or LoopbackChannel(), Options()), scene, given)
+    assert isinstance(opened, OpenedContent)
+    return scene, opened, opened.plan(scene)
+
+
+def visible(plan: Plan) -> list[tuple[int, ...]]:
+    return sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
+
+
+@pytest.mark.parametrize(("volumes", "brick", "step"), [(0, 64, 1.0), (0, 128, 40.0), (1, 2, 1.0)])
+def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, step: float) -> None:
+    source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.4,) * 3, (-1, -2, -3)))
+    scene = scene_of(*SECTIONS, volumes=volumes, brick=brick, step=step)
+    scene, opened, plan = planned(scene, [source][:volumes] + GRIDS)
+    assert plan.content
+    domain, length = plan.content.domain, plan.march.step_world
+    bricks = dict(opened.read(plan, set(visible(plan))))
+    rays = camera_rays(scene.camera, scene.image.size)
+    low, found = np.array(domain.origin), 0
+    with np.errstate(divide="ignore"):
+        walls = np.stack([low, low + domain.spacing * np.array(domain.extent)])[:, None]
+        ends = (walls - rays.start) / rays.direction
+    begin, end = np.maximum(ends.min(axis=0).max(axis=1), 0), ends.max(axis=0).min(axis=1)
+    for ray in np.flatnonzero(begin < end):
+        depths = np.random.default_rng(ray).uniform(begin[ray], end[ray], 40)
+        middles = begin[ray] + (np.floor((depths - begin[ray]) / length) + 0.5) * length
+        start, direction = rays.start[ray], rays.direction[ray]
+        at, middle = (start + depth[:, None] * direction for depth in (depths, middles))
+        owners = np.floor((middle - low) / domain.spacing / plan.layout.brick).astype(int)[:, ::-1]
+        owners = np.clip(owners, 0, np.array(plan.layout.counts_zyx) - 1)
+        for number, (section, grid) in enumerate(zip(SECTIONS, GRIDS, strict=True)):
+            cut = opened_tetrahedra(section, grid)
+            inside = (np.einsum("tij,pj->pti", cut, np.column_stack([at, np.ones(len(at))])) > 0).all(axis=2)
+            for sample, tetrahedron in np.argwhere(inside):
+                held = bricks[tuple(owners[sample])].cells[number]
+                assert held is not None
+                assert tetrahedron in held.numbers
+                found += 1
+    assert found > 100
+
+
+def opened_tetrahedra(section: GridSection, grid: Any) -> np.ndarray:
+    """Barycentric coordinates of each tetrahedron from the world (m, 4, 4)."""
+    cut = tetrahedra(grid)
+    corners = np.concatenate([cut.points[cut.corners], np.ones((*cut.corners.shape, 1))], axis=2)
+    placed = corners @ np.array(section.transform or np.eye(4)).T
+    return np.linalg.inv(placed.transpose(0, 2, 1))
+
+
+def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
+    grid = lattice(3, 4, 5)
+    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=1024), [grid])
+    assert plan.content
+    a, b, c, d = (tetrahedra(grid).points[corner] for corner in tetrahedra(grid).corners.T)
+    faces = ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
+    areas = sum(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum() / 2 for p, q, r in faces)
+    expected = SEGMENT_COST * areas / 4 / plan.content.domain.spacing**2
+    assert plan.cost.sum() == pytest.approx(expected, rel=1e-9)
+    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5)), [grid])
+    assert plan.cost.sum() == pytest.approx(expected, rel=0.05)  # shares are those of boxes
+    everything = plan.cost > 0
+    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=[[9, 0], [10, 1]])), [grid])
+    assert plan.content
+    hidden = everything & (plan.cost == 0)
+    assert hidden.any()
+    assert (plan.cost > 0).any()
+    for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(everything).tolist()}):
+        assert hidden[index] == (brick.cells[0].values[brick.cells[0].corners].max() <= 9)
+
+
+def test_ranks_find_the_same() -> None:
+    def found(channel: Channel) -> Any:
+        _, opened, plan = planned(scene_of(*SECTIONS), GRIDS, channel)
+        assert plan.content
+        first = dict(opened.read(plan, set(visible(plan)[channel.rank :: channel.size])))
+        facts = [tuple(map(repr, vars(info).items())) for info in opened.infos]
+        packed = {
+            index: [part and [array.tobytes() for array in vars(part).values()] for part in brick.cells]
+            for index, brick in first.items()
+        }
+        return (facts, [layer.in_bricks.tolist() for layer in plan.content.cells], plan.cost.tolist()), packed
+
+    ((facts, bricks),) = run_loopback(1, found)
+    for ranks in (2, 5):
+        each = run_loopback(ranks, found)
+        assert all(one[0] == facts for one in each)
+        assert {index: brick for one in each for index, brick in one[1].items()} == bricks
