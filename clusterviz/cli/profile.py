@@ -41,8 +41,8 @@ def command(
     if by not in (None, *BY):
         raise InputError("nothing that draws", where="--by", found=by, allowed=" or ".join(BY))
     opened = open_scene(scene, overrides_of(define, size))
-    if not (opened.volumes or opened.geometry):
-        raise SceneError("nothing to draw", where=scene, allowed="a scene with a volume, a mesh, lines or points")
+    if not opened.has_content:
+        raise SceneError("nothing to draw", where=scene, allowed="a scene with content")
     check_folder(output, NUMBERS)
     steps = ("read", "compile", *(f"rank {rank}" for rank in range(ranks)), "write")
     with show_progress(steps) as progress:

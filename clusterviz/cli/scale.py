@@ -68,7 +68,7 @@ def command(
     counts = sorted(parse_counts(ranks, 1, "--ranks"))
     machine = _machine(network, ranks_per_node)
     opened = open_scene(scene, overrides_of(define, size))
-    if not (opened.volumes or opened.geometry):
+    if not opened.has_content:
         raise SceneError("nothing to measure", where=f"{scene}: volumes", allowed="a scene with content")
     check_folder(output, NUMBERS)
     threads = threads_per_rank(counts)

@@ -57,8 +57,8 @@ def command(
     names = parse_knobs(knobs)
     # Automatic settings would change the measured scene.
     opened = open_scene(scene, overrides_of(define, size)).model_copy(update={"automatic": False})
-    if not (opened.volumes or opened.geometry):
-        raise SceneError("nothing to trade", where=scene, allowed="a scene with a volume, a mesh, lines or points")
+    if not opened.has_content:
+        raise SceneError("nothing to trade", where=scene, allowed="a scene with content")
     check_folder(output, NUMBERS)
     survey = Survey(*settings_of(opened, ranks, names, most), ranks, frames, rounds, budget)
     with (

@@ -28,7 +28,7 @@ from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
-from clusterviz.data import open_scene, open_volume, read_geometry
+from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import render_frame
 from clusterviz.image import compare, read_image
@@ -36,6 +36,7 @@ from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
 from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
+from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 
@@ -73,25 +74,30 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     Parameters
     ----------
-    scene : a scene with volumes or geometry
+    scene : a scene with content
     """
     width, height = scene.image.size
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
+    if any(section.shade or section.visibility != "exact" for section in scene.grids):
+        return ReferenceComparison(size, skipped="its grids are not lit, and their visibility is exact")
     sources = [open_volume(volume) for volume in scene.volumes]
     geometries = [read_geometry(section.path) for section in scene.geometry]
+    grids = [read_grid(section.path, section.time) for section in scene.grids]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
         limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
         return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
-    rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries])
+    rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries, *grids])
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
     pairs = zip(rendered.scene.geometry, geometries, strict=True)
     surfaces: list[Any] = [(section, part_of(section, geometry)) for section, geometry in pairs]
-    expected = render_reference(rendered.scene, [source.grid for source in sources], voxels, surfaces=surfaces)
+    cells = [place_cells(*pair) for pair in zip(rendered.scene.grids, grids, strict=True)]
+    volumes = [source.grid for source in sources]
+    expected = render_reference(rendered.scene, volumes, voxels, surfaces=surfaces, cells=cells)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 
@@ -218,7 +224,9 @@ def command(
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
-    content = [*(f"volumes.{number}" for number in range(len(opened.volumes))), *opened.geometry_keys]
+    each = (("volumes", opened.volumes), ("grids", opened.grids))
+    content = [f"{name}.{number}" for name, entries in each for number in range(len(entries))]
+    content += opened.geometry_keys
     chosen = configurations if every else covering_subset(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
@@ -232,7 +240,7 @@ def command(
         announce,
         _has_fixed_sample_count(opened),
     )
-    comparison = compare_with_reference(opened) if reference and (opened.volumes or opened.geometry) else None
+    comparison = compare_with_reference(opened) if reference and opened.has_content else None
     if json:
         _print_json(results, comparison)
     elif verbosity() is not Verbosity.QUIET:
@@ -347,16 +355,17 @@ def run_all(
     scene, overrides : as given to `clusterviz render`
     configurations : at least one configuration
     tolerance : the largest difference of two pictures
-    faint : keys of the volumes and geometry that the ownership check, which runs once for each number of ranks, brick
-        size, mode, tiling and distribution, makes nearly transparent; none for no such check
+    faint : keys of the volumes, geometry and grids that the ownership check, which runs once for each number of ranks,
+        brick size, mode, tiling and distribution, makes nearly transparent; none for no such check
     splits : whether slabs are cut at brick faces, so that pictures are compared within one brick size
     announce : called with the number of jobs, and after the first with the time expected
     compare_samples : whether pictures with equal bricks must have equal numbers of samples, as the ownership check
         always requires
     """
     for_volumes = ["gradient_opacity=[]", "transfer_2d=null", "opacity_unit_distance=null", "blending=composite"]
+    more = {"volumes": for_volumes, "grids": ["opacity_unit_distance=null"]}
     transparent = [f"{key}.opacity={FAINT_OPACITY}" for key in faint]
-    transparent += [f"{key}.{setting}" for key in faint if key.startswith("volumes") for setting in for_volumes]
+    transparent += [f"{key}.{setting}" for key in faint for setting in more.get(key.partition(".")[0], [])]
     transparent = [*overrides, *transparent, "quality.early_termination=0"]
     kinds = {(c.ranks, c.brick, c.mode, c.tiling, c.distribution): c for c in configurations[::-1]}
     owners = list(kinds.values())[::-1] if faint else []

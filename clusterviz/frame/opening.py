@@ -174,7 +174,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
-    if not (scene.volumes or scene.geometry or scene.grids):
+    if not scene.has_content:
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
     with run.local("open", "load"):

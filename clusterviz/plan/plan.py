@@ -323,7 +323,7 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
     if margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
         found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
-    if scene.volumes or scene.geometry or scene.grids:
+    if scene.has_content:
         found += _of_cluster(scene, ranks)
     if on_cpu and scene.quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))

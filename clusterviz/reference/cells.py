@@ -18,7 +18,7 @@ N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, sectio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Protocol
@@ -27,11 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.predicates import determinant_sign
-from clusterviz.data.tetrahedra import Tetrahedra
-from clusterviz.data.unstructured import FACES
+from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
+from clusterviz.data.unstructured import FACES, UnstructuredGrid
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.intersections import near_pairs
 from clusterviz.reference.rays import Floats, Rays
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Clip
 
@@ -54,6 +56,17 @@ class PlacedCells:
 
     tetrahedra: Tetrahedra
     transfer: TransferFunction
+
+
+def place_cells(section: GridSection, grid: UnstructuredGrid) -> PlacedCells:
+    """Return the tetrahedra of a completed section in the world."""
+    found = make_tetrahedra(grid, section.array)
+    if section.transform is not None:
+        matrix = np.array(section.transform, np.float64)
+        corners = found.corners if np.linalg.det(matrix[:3, :3]) > 0 else found.corners[:, [1, 0, 2, 3]]
+        points = found.points @ matrix[:3, :3].T + matrix[:3, 3]
+        found = replace(found, points=points, corners=corners)
+    return PlacedCells(found, transfer_function(section))
 
 
 @dataclass(frozen=True)

@@ -461,6 +461,11 @@ class Scene(Section):
         return self
 
     @property
+    def has_content(self) -> bool:
+        """Whether there is anything to draw."""
+        return bool(self.volumes or self.geometry or self.grids)
+
+    @property
     def geometry(self) -> tuple[GeometrySection, ...]:
         """Entries of meshes, lines and points, in this order."""
         return (*self.meshes, *self.lines, *self.points)

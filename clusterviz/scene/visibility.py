@@ -34,7 +34,7 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
     -------
     warnings : subject -> one line; frames of an animation report a subject once
     """
-    if not (scene.volumes or scene.geometry or scene.grids):
+    if not scene.has_content:
         return {"volumes": "the scene has no volumes: nothing is drawn"}
     each, known, gridded = divided_infos(infos)
     entries: list[Entry] = list(zip(scene.geometry_keys, scene.geometry, known, strict=True))

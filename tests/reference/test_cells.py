@@ -11,11 +11,12 @@ from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.reference import render_reference
-from clusterviz.reference.cells import PlacedCells, find_passages, march_cells
+from clusterviz.reference.cells import PlacedCells, find_passages, march_cells, place_cells
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.rays import Rays, camera_rays
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.geometry import MeshSection
+from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
@@ -203,6 +204,17 @@ def test_clips_cut_and_fragments_lie_between() -> None:
     colour = look.transfer.colour(np.array(1.0))
     front = 1 - 0.5**0.75
     np.testing.assert_allclose(found, [*(front * colour + (1 - front) * np.array([0, 1, 0])), 1], atol=1e-14)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_transforms_place_grids_and_may_reflect(sign: float) -> None:
+    matrix = ((2.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 3.0 * sign, 5.0), (0.0, 0.0, 0.0, 1.0))
+    section = GridSection(path="a", transform=matrix, clim=(0, 4), opacity=0.5, opacity_unit_distance=1.0)
+    placed = place_cells(section, lattice(1, 1, 1))
+    rays = Rays(np.array([[1.6, 0.7, -9.0]]), np.array([[0.0, 0.0, 1.0]]))
+    passed = find_passages(rays, placed.tetrahedra)
+    assert (passed.begin.min() - 9, passed.end.max() - 9) == pytest.approx((5, 8) if sign > 0 else (2, 5))
+    assert march_cells(rays, [placed])[0, 3] == pytest.approx(1 - 0.5**3, abs=1e-12)
 
 
 def test_volumes_and_meshes_mix_with_grids() -> None:

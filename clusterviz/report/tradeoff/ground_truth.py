@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data import open_volume, read_geometry
+from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
 from clusterviz.image import compare
 from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
+from clusterviz.reference.cells import place_cells
 from clusterviz.report.tradeoff.knobs import exact_settings
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
@@ -163,10 +164,14 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
     parts = [part_of(section, read_geometry(section.path)) for section in scene.geometry]
+    if any(section.shade or section.visibility != "exact" for section in scene.grids):
+        return None, "the reference does not light grids"
+    grids_read = [read_grid(section.path, section.time) for section in scene.grids]
 
     def reference(of: Scene, step: float) -> Floats:
         surfaces: list[Any] = list(zip(of.geometry, parts, strict=True))
-        return render_reference(of, grids, voxels, step, surfaces=surfaces)
+        cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
+        return render_reference(of, grids, voxels, step, surfaces=surfaces, cells=cells)
 
     try:
         seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))

@@ -94,7 +94,7 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
     SceneError, RankError
         On every rank: there is nothing to draw, or a rank failed.
     """
-    if not (scene.volumes or scene.geometry):
+    if not scene.has_content:
         raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene that shows something"))
     with FrameLoop(scene, channel) as loop:
         costs = []
