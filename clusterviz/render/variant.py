@@ -47,7 +47,7 @@ MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
 Files = str | tuple[str, ...]
 SURFACES_FILES = ("root.glsl", "surfaces.glsl")
-PREINTEGRATED_FILES = ("sums.glsl", "ramp.glsl", "preintegrated.glsl")
+PREINTEGRATED_FILES = ("sums.glsl", "front_to_back.glsl", "ramp.glsl", "ramp_slab.glsl", "preintegrated.glsl")
 """Files that sample runs of slabs, where samples.glsl does not."""
 
 

@@ -179,7 +179,7 @@ class VolumeVariant:
         if pieces:
             macros |= {"PIECES": str(pieces), "PIECES_BEFORE": str(number), "FITTED": "true"}
             classified = ("segment.glsl", "pieces.glsl", "classified_pieces.glsl", "absorbing.glsl")
-        absorbing = ("ramp.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
+        absorbing = ("ramp.glsl", "ramp_slab.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
         density = density_files(self.preintegrated) if self.occlusion else ()
@@ -216,6 +216,7 @@ class VolumeVariant:
             "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
             "SURFACES": str(self.surfaces),
             "IN_VOLUME": str(self.in_volume).lower(),
+            "IN_ORDER": "false",  # the order of absorption in a slab is ignored
         }
 
     def _sizes_on_cpu(self, number: int) -> dict[str, str]:

@@ -1,16 +1,4 @@
 // Pre-integrated classification: runs of slabs with linear scalars (ramp.glsl). The field is sampled once where two slabs meet.
-// A colour that changes linearly with the depth is seen as its mean and this share of its change: 1 / d - coth(d / 2) / 2.
-float leaning(float depth, float opacity) {
-    float d2 = depth * depth;
-    return depth < 1.0 ? depth * (-0.0833333333 + d2 * (0.00138888889 + d2 * (-3.30687831e-5 + d2 * 8.26719577e-7)))
-                       : 1.0 / depth - 1.0 / opacity + 0.5;
-}
-
-void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
-    float opacity = absorbed(depth);
-    sum += ((1.0 - sum.a) * opacity) * vec4(clamp(mean + leaning(depth, opacity) * change, 0.0, 1.0), 1.0);
-}
-
 // Entry and exit of a ray: rounding must not put its ends beyond the volume's faces, outside of all cells.
 const float WITHIN = 0.5 - 1e-6;
 

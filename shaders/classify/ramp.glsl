@@ -32,15 +32,15 @@ void absorb_within(inout vec4 sum, Class of, float from, float to, float units) 
     absorb(sum, units * kappa, of.colour + of.change * x + change * (tilt * (1.0 / 12.0)), change * (1.0 - tilt * tilt * (1.0 / 20.0)));
 }
 
-// The next whole segments from `low` up to `high`, from the slab's front on: all, or, as one line has the colours of several only where they
-// hide little of each other, a quarter. `per_scalar` is the slab's length over the difference of its scalars.
+// The next whole segments from `low` up to `high`, from the slab's front on: where their order counts (IN_ORDER), as many as
+// hide little of each other, since one line has the colours of all. `per_scalar` is the slab's length over the difference of its scalars.
 void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, float per_scalar) {
     int begin = low, end = high;
     dvec4 at_begin = sums[2 * begin], passed = sums[2 * end] - at_begin;
-    if (high - low > 1 && passed.x * double(per_scalar) > 1.0LF) {
-        int quarter = (high - low + 3) / 4;
-        if (rises) end = low + quarter;
-        else begin = high - quarter;
+    while (IN_ORDER && end - begin > 1 && passed.x * double(per_scalar) > 0.5LF) {
+        int half_of = (end - begin + 1) / 2;
+        if (rises) end = begin + half_of;
+        else begin = end - half_of;
         at_begin = sums[2 * begin];
         passed = sums[2 * end] - at_begin;
     }
@@ -64,24 +64,7 @@ vec4 integrated(Class front, Class back, float units) {
     absorb_within(sum, front, front.s, leaves, is_one ? units : per_scalar * abs(leaves - front.s));
     if (is_one) return sum;
     int low = min(front.segment, back.segment) + 1, high = max(front.segment, back.segment);
-    while (low < high) absorb_next(sum, low, high, rises, per_scalar);
+    while (low < high && !(IN_ORDER && 1.0 - sum.a < 1e-7)) absorb_next(sum, low, high, rises, per_scalar);
     absorb_within(sum, back, enters, back.s, per_scalar * abs(back.s - enters));
     return sum;
-}
-
-// An end next to an invalid voxel counts as the midpoint; a slab whose midpoint is invalid as well is transparent.
-void take_slab(inout vec4 sum, Class front, Class back, float units, Place place, vec3 beyond) {
-    if (!is_valid(front.s) || !is_valid(back.s)) {
-        Class middle = class_at(scalar_at(place.brick, place.cell, beyond));
-        if (!is_valid(middle.s)) return;
-        if (!is_valid(front.s)) front = middle;
-        if (!is_valid(back.s)) back = middle;
-    }
-    // Most slabs end where nothing is visible.
-    if (max(front.s, back.s) < buckets.w || (front.segment == back.segment && front.kappa == vec3(0.0))) return;
-    vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-    // Between two valid ends, the midpoint's cell may still have an invalid corner: there is no gradient.
-    if (MAY_BE_INVALID && !(abs(gradient.x) + abs(gradient.y) + abs(gradient.z) <= 3e38)) gradient = vec3(0.0);
-    vec4 slab = integrated(front, back, units * faded(gradient));
-    sum += (1.0 - sum.a) * lit(slab, gradient, place, beyond, true);
 }

@@ -17,6 +17,7 @@ from clusterviz.gl.shader import ShaderSource
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
+from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import Slot, make_slot
@@ -165,6 +166,23 @@ def test_classification_follows_the_transfer_function(device: Device, slab: floa
     expected = -np.expm1(-slab * transfer.extinction(scalars))
     assert np.abs(found[:, 3] - expected).max() <= 2e-6 * expected.max()
     assert np.abs(found[:, :3] - transfer.colour(scalars)).max() <= 1e-6
+
+
+def test_deep_slab_of_many_colours_shows_its_front(device: Device) -> None:
+    """Pieces of the transfer function hide one another, so that few of them may be taken as one."""
+    rng, voxels = np.random.default_rng(8), noise()
+    colours = tuple((x, *rng.random(3)) for x in np.linspace(0, 1, 33))
+    keys = {"classification": "pre-integrated", "cmap": colours, "opacity": ((0.0, 0.3), (1.0, 0.9))}
+    scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.0, 1.0), unit=1.0, **keys)
+    plan, transfer = prepare(scene, voxels).plan, transfer_function(scene.volumes[0])
+    slot, ends = make_slot(plan.layout, plan.encoding, plan.march), rng.random((2000, 2)).astype(np.float32)
+    given = np.column_stack([ends, 10 ** rng.uniform(-1, 1.5, 2000)]).astype(np.float32)
+    body = "return integrated(class_at(x.x), class_at(x.y), x.z);"
+    buffers = shader_buffers(plan, slot) | {"b0": plan.segments.sums}
+    found = evaluate(device, body, given, variant_of(plan, slot, 0), **buffers)
+    colour, depth = integrate(transfer, *given[:, :2].T.astype(float), given[:, 2].astype(float))
+    expected = np.append(colour, -np.expm1(-depth)[:, None], axis=1)
+    assert np.abs(found - expected).max() <= 1.5e-3
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
