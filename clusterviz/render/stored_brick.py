@@ -103,8 +103,9 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
         return _visible(low, high, plan.blend_mode, plan.transfer)
     each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
-    shape = len(low), *low.shape[2:]
-    return np.asarray(np.any([np.zeros(shape, bool), *visible], axis=0))
+    # Where walks go is not known here.
+    all_visible = np.full((len(low), *low.shape[2:]), bool(plan.content.cells))
+    return np.asarray(np.any([all_visible, *visible], axis=0))
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:

@@ -263,7 +263,8 @@ class Variant:
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
-        files = content_files(self.volumes, self.crossing, pieces, geometry)
+        cells = self.geometry.cells if self.geometry else ()
+        files = content_files(self.volumes, self.crossing, pieces, geometry, cells)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
     @property
@@ -319,11 +320,11 @@ class Variant:
             each = MOST_IN_SLAB if self.cpu else MOST_MET
             most = min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
             lines.append(f"const bool HAS_SURFACES = {str(most > 0).lower()};")
+            lines.append(f"const bool HAS_VOLUMES = {str(bool(self.volumes)).lower()};")
             lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
         if self.geometry:
             count = len(self.volumes)
             lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
-            lines.append(f"const bool HAS_VOLUMES = {str(bool(count)).lower()};")
         lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
         if self.fading or self.table or self.look:
             own = LOOK_ROWS * bool(self.look)

@@ -290,6 +290,7 @@ def content_files(
     crossing: bool = False,
     pieces: Sequence[int] | None = None,
     geometry: tuple[str, ...] = (),
+    cells: tuple[str, ...] = (),
 ) -> tuple[str, ...]:
     """Return the files that sample a slab of several volumes, or of one or none with geometry.
 
@@ -297,6 +298,7 @@ def content_files(
     ----------
     pieces : on CPUs, as `Lanes.volumes`
     geometry : files of geometry, which are the last in the chain
+    cells : files of unstructured grids
     """
     on_cpu, pieces = pieces is not None, pieces or [0] * len(volumes)
     looks = [volume.look.glsl(f"_{number}") for number, volume in enumerate(volumes) if volume.look]
@@ -308,14 +310,14 @@ def content_files(
     if on_cpu:
         # Where a block of all would be divided is not known.
         blocks = [glsl_rows(f"Rows{n}", OWN_BINDING + n, {name: MOST_ROWS}) for n, name in enumerate(rows)]
-    sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) else ()
+    sums = ("sums.glsl",) if any(volume.preintegrated for volume in volumes) or len(cells) > 1 else ()
     layers: tuple[str, ...] = ("layers_none.glsl",)
     if geometry or any(volume.surfaces for volume in volumes):
         layers = "surface_list.glsl", "layers_fragments.glsl" if geometry else "layers.glsl"
     whole = (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)),) if volumes else ()
     each += geometry
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
-    return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *layers, *looks, *each, "multi_volume.glsl")
+    return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *cells, *layers, *looks, *each, "multi_volume.glsl")
 
 
 def content_blocks(content: Content) -> list[tuple[int, NDArray[Any]]]:
@@ -354,20 +356,20 @@ def volumes_block(content: Content) -> NDArray[np.void]:
 
 
 def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np.float64] | None]:
-    """Return buckets, records and sums; of several volumes concatenated, and buckets refer to the joined records.
+    """Return buckets, records and sums; of several volumes and grids concatenated, and buckets refer to the joined records.
 
     Records are bytes then, since there are two types of one size; sums are None if no volume has any.
     """
-    if not plan.content or not plan.content.volume_layers:
+    if not plan.content or not (plan.content.volume_layers or plan.content.cells):
         return plan.segments.buckets, plan.segments.records, plan.segments.sums
-    buckets, sums, first, content = [], [], 0, plan.content
-    for part in content.volume_layers:
+    buckets, sums, first, layers = [], [], 0, (*plan.content.volume_layers, *plan.content.cells)
+    for part in layers:
         own = part.segments.buckets.copy()
         own["first"] += first
         buckets.append(own)
         count = len(part.segments.records)
         sums.append(np.zeros((count, SUM_ROWS)) if part.segments.sums is None else part.segments.sums)
         first += count
-    records = np.concatenate([part.segments.records.view(np.uint8) for part in content.volume_layers])
-    has_sums = any(part.preintegrated for part in content.volume_layers)
+    records = np.concatenate([part.segments.records.view(np.uint8) for part in layers])
+    has_sums = any(part.segments.sums is not None for part in layers)
     return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None

@@ -1,6 +1,16 @@
 // Fragments of a pixel: `begin_list`, which is false if they are known, `put` for each, `end_list`. Nothing behind the nearest opaque one is kept.
 double BRICKS_PER_CELL = 1.0LF / double(BRICK);
 
+// Face at the boundary of an unstructured grid, counter-clockwise seen from outside, by which the line of the ray enters: anywhere along it.
+bool find_entry(int row, out uvec2 found) {
+    vec4 a = vertex[corner[row].x], b = vertex[corner[row].y], c = vertex[corner[row].z];
+    vec2 p = sheared(a), q = sheared(b), r = sheared(c);
+    vec3 weights = vec3(strict_side(q, r), strict_side(r, p), strict_side(p, q));
+    float depth = dot(weights, vec3(a.z, b.z, c.z)) / (weights.x + weights.y + weights.z);
+    found = uvec2(sorted_bits(depth), 2u * uint(row));
+    return all(greaterThan(weights, vec3(0.0)));
+}
+
 // Find a fragment that lies in a brick of this box, and its key.
 bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
@@ -24,6 +34,10 @@ void find_in(Ray ray, int tile) {
             int row = int(tile_row[n]), own = layer_of(row);
             if (SOME_OPAQUE && (int(layer[own].table.w) & OPAQUE) != (pass == 0 ? OPAQUE : 0)) continue;
             int kind = int(layer[own].table.y);
+            if (ENTRIES && kind == ENTRY) {
+                if (ray.slabs > 0 && find_entry(row, found) && !is_behind(found, last)) keep(found);
+                continue;
+            }
             for (int side = 0; side < (kind == TRIANGLE ? 1 : 2); ++side) {
                 if (ray.slabs == 0 || !find(ray, row, kind, side, found) || is_behind(found, last)) continue;
                 if (pass == 0) last = found;

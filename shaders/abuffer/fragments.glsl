@@ -6,6 +6,9 @@ void note_fragment(double position, float opacity, uint number, int object); // 
 vec3 fragment_normal(Ray ray, uint number);                                  // in the world, of any length
 const uint NO_FRAGMENT = 0xffffffffu;
 
+bool is_entry(uint number); // into an unstructured grid, which is no fragment
+void begin_cells(int pixel);
+
 double fragment_position; // of the next fragment, and the slab that holds it, or the number of none
 int fragment_slab;
 
@@ -15,6 +18,7 @@ double next_position() {
 
 void find_next() {
     fragment_slab = NO_SLAB;
+    while (GRIDS > 0 && has_fragment() && is_entry(nearest_fragment().y)) next_fragment();
     if (has_fragment()) {
         fragment_position = next_position();
         fragment_slab = int(clamp(floor(fragment_position + 0.5LF), -1.0LF, double(NO_SLAB - 1)));
@@ -23,10 +27,11 @@ void find_next() {
 
 void start_fragments(Ray ray, int pixel, bool begins, inout int slab) {
     begin_fragments(pixel);
+    begin_cells(pixel);
     // The dispatch before has composited those in front.
     while (!begins && has_fragment() && slab_at_position(next_position(), ray.slabs) < slab) next_fragment();
     find_next();
-    if (!HAS_VOLUMES) slab = ray.slabs;
+    if (!HAS_VOLUMES && GRIDS == 0) slab = ray.slabs;
 }
 
 // Whether nothing behind a batch that has reached an opacity can matter.
@@ -45,6 +50,6 @@ void end_fragments(Ray ray, inout Sum sum, int slab) {
     face(ray);
     in_front = sum.high.a;
     vec4 rest = vec4(0.0);
-    in_order(rest, vec4(0.0), slab < ray.slabs ? slab - 1 : NO_SLAB, 0.0, 1.0, 0);
+    in_order(rest, vec4(0.0), slab < ray.slabs ? slab - 1 : NO_SLAB, 0.0, GRIDS > 0 ? 0.0 : 1.0, 0);
     put_behind(sum, rest);
 }

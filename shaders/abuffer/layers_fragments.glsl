@@ -6,7 +6,8 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
     if (k < NO_SLAB && !is_opaque(sum.a)) reach(double(k) + 0.5LF);
     if (k < fragment_slab && surfaces == 0) {
-        if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
+        if (GRIDS > 0) absorb_between(sum, depth, colour, k, middle, -0.5 * length, 0.5 * length, length);
+        else if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
         if (LAYERS) note(k, middle + vec2(-0.5, 0.5) * length, sum.a, object);
         return;
     }
@@ -27,7 +28,7 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
             next_fragment();
             find_next();
         } else break;
-        sum += (1.0 - sum.a) * absorbed(depth.a * (place - begin) / length) * vec4(colour, 1.0);
+        absorb_between(sum, depth, colour, k, middle, begin, place, length);
         if (LAYERS) note(k, middle + vec2(begin, place), sum.a, object);
         sum += (1.0 - sum.a) * light;
         if (number == NO_FRAGMENT) {
@@ -39,7 +40,7 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
         begin = place;
         ++run_iterations;
     }
-    sum += (1.0 - sum.a) * absorbed(depth.a * (0.5 * length - begin) / length) * vec4(colour, 1.0);
+    absorb_between(sum, depth, colour, k, middle, begin, 0.5 * length, length);
     if (LAYERS) note(k, middle + vec2(begin, 0.5 * length), sum.a, object);
     run_iterations += surfaces;
     surfaces = 0;

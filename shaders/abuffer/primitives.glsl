@@ -2,7 +2,7 @@
 // keeps their digits. A fragment's key is its depth, as bits that sort, and the row of its primitive, which ascends with the scene's list; so no
 // two keys are equal.
 layout(std430, binding = 12) readonly buffer VerticesBlock { vec4 vertex[]; };         // and radius
-layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets_triangle`; of tubes one before, begin, end, one after
+layout(std430, binding = 13) readonly buffer CornersBlock { ivec4 corner[]; };         // of triangles the last is the flags of `meets_triangle`; of tubes one before, begin, end, one after; of entries the half-face
 struct Layer {
     vec4 rgba;
     uvec4 table;    // first row, kind, channels; 1 if it is lit, and 2 if it is opaque
@@ -12,7 +12,7 @@ struct Layer {
     vec4 edge_half; // half their width, 0 if they are not drawn
 };
 layout(std430, binding = 14) readonly buffer LayersBlock { Layer layer[]; };
-const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2, LIT = 1, OPAQUE = 2;
+const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2, ENTRY = 3, LIT = 1, OPAQUE = 2;
 
 // Of the pixel: its ray is right_up = ray_origin + ray_slope * depth; depth and number of slabs are linear in one another.
 vec2 ray_origin, ray_slope;

@@ -76,6 +76,7 @@ void face_all(Ray ray) {
     first_midpoint = ray.first;
     slab_way = ray.slab;
     find_next();
+    face_cells(ray);
     face(ray);
 }
 

@@ -14,6 +14,10 @@ void take_slabs(inout vec4 sum, int k, int at, double middle, float length, bool
 }
 
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {
+    if (!HAS_VOLUMES) {
+        in_order(sum, vec4(0.0), origin + to - 1, -0.5 * float(to - from - 1), float(to - from), 0);
+        return;
+    }
     begin_all(on_lattice(ray, origin), place.brick);
     // Two slabs at once where a processor would wait for one of them.
     for (int at = from; at < to; at += ABREAST ? 2 : 1)

@@ -17,6 +17,7 @@ from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fra
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
+from clusterviz.render.cells.table import GRIDS_BINDING, grids_block
 from clusterviz.spmd.machine_code import addresses, compiled
 
 Blocks = dict[int, NDArray[Any]]
@@ -83,6 +84,9 @@ def find_fragments(
     fill = plan.content.fill
     own: Blocks = {GEOMETRY_BINDING: tiles.block}
     buffers: Blocks = {12: tiles.vertices, 13: table.corners, 14: table.layers, 15: table.attributes}
+    if table.cells:
+        own[GRIDS_BINDING] = grids_block(plan.content, table.cells)
+        buffers |= {19: table.cells.corners, 20: table.cells.following, 22: table.cells.values}
     variants = {variant.step: variant for variant in find_variants(plan, lanes)}
     links = np.empty((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32)
 

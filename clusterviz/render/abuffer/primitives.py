@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.render.cells.table import CellTable, make_cell_table, make_local_grid
 
-KINDS = {"triangle": 0, "tube": 1, "sphere": 2}
+T = TypeVar("T")
+
+KINDS = {"triangle": 0, "tube": 1, "sphere": 2, "entry": 3}
 NONE = -0x7FFFFFFF
 """Place of normals that there are not, as in primitives.glsl."""
 LAYER = np.dtype(
@@ -35,10 +39,12 @@ class PrimitiveTable:
     Attributes
     ----------
     positions : float32 or float64 (n, 3) for each layer, in the coordinates of its file
-    radii : float32 (n,) for each layer, or (0,)
-    corners : int32 (m, 4), rows of all positions; of a triangle the last is its flags, as in primitives.glsl
-    layers : LAYER (layers,)
+    radii : float32 (n,) for each layer, or (0,); scalars of grids
+    corners : int32 (m, 4), rows of all positions; of a triangle the last is its flags, as in primitives.glsl; of a face
+        at the boundary of a grid its half-face
+    layers : LAYER (layers,), of geometry, then of grids
     attributes : float32 (k,), normals, colours and segments
+    cells : of unstructured grids; None without any
     """
 
     positions: tuple[NDArray[Any], ...]
@@ -46,6 +52,7 @@ class PrimitiveTable:
     corners: NDArray[np.int32]
     layers: NDArray[np.void]
     attributes: NDArray[np.float32]
+    cells: CellTable | None = None
 
     @property
     def vertices(self) -> int:
@@ -57,37 +64,46 @@ class TableCache:
     """Tables of boxes of bricks, while these and the layers stay."""
 
     def __init__(self) -> None:
-        self._layers: Sequence[GeometryLayer] = ()
+        self._layers: Sequence[GeometryLayer | CellLayer] = ()
         self._tables: dict[bytes, PrimitiveTable] = {}
 
     def table(
         self,
-        layers: Sequence[GeometryLayer],
+        layers: Sequence[GeometryLayer | CellLayer],
         bricks: NDArray[np.int64],
         primitives: Callable[[NDArray[np.int64]], Iterable[Sequence[Primitives | None]]],
+        cells: Callable[[NDArray[np.int64]], Iterable[Sequence[CellBrick | None]]] = lambda _: (),
     ) -> PrimitiveTable | None:
-        """Return the table of bricks (m, 3), given a function that finds their primitives; None without layers."""
+        """Return the table of bricks (m, 3), given functions that find their primitives and tetrahedra; or None."""
         if len(layers) != len(self._layers) or any(a is not b for a, b in zip(self._layers, layers, strict=True)):
             self._layers, self._tables = layers, {}
         if layers and (key := bricks.tobytes()) not in self._tables:
-            self._tables[key] = make_table(layers, primitives(bricks))
+            self._tables[key] = make_table(layers, primitives(bricks), cells(bricks))
         return self._tables[key] if layers else None
 
 
-def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primitives | None]]) -> PrimitiveTable:
-    """Return the primitives of some bricks.
+def make_table(
+    layers: Sequence[GeometryLayer | CellLayer],
+    bricks: Iterable[Sequence[Primitives | None]],
+    cells: Iterable[Sequence[CellBrick | None]] = (),
+) -> PrimitiveTable:
+    """Return the primitives and tetrahedra of some bricks.
 
     Parameters
     ----------
+    layers : of geometry, then of unstructured grids
     bricks : primitives of each layer in each brick
+    cells : tetrahedra of each grid in each brick
     """
-    each = _by_layer(len(layers), bricks)
+    geometry = [layer for layer in layers if isinstance(layer, GeometryLayer)]
+    grids = [layer for layer in layers if isinstance(layer, CellLayer)]
+    each = _by_layer(len(geometry), bricks)
     records = np.zeros(len(layers), LAYER)
     positions, radii, corners = list[NDArray[Any]](), list[NDArray[np.float32]](), list[NDArray[np.int32]]()
     attributes: list[NDArray[Any]] = [np.zeros(1)]
     first_row = first_vertex = 0
     words = 1
-    for layer, record, parts in zip(layers, records, each, strict=True):
+    for layer, record, parts in zip(geometry, records, each, strict=False):
         table, own, has_normals = _joined(layer, parts)
         positions.append(own.positions)
         radii.append(own.radii)
@@ -114,18 +130,29 @@ def make_table(layers: Sequence[GeometryLayer], bricks: Iterable[Sequence[Primit
             attributes += [np.array([len(layer.segments.records)]), segments]
             words += 1 + segments.size
         first_row, first_vertex = first_row + rows, first_vertex + vertices
+    found = None
+    if grids:
+        local = list(map(make_local_grid, grids, _by_layer(len(grids), cells)))
+        found, boundaries = make_cell_table(local, first_vertex)
+        for record, grid, boundary in zip(records[len(geometry) :], local, boundaries, strict=True):
+            positions.append(grid.points)
+            radii.append(grid.scalars)
+            corners.append(boundary)
+            record["table"] = first_row, KINDS["entry"], 0, 0
+            first_row += len(boundary)
     return PrimitiveTable(
         tuple(positions),
         tuple(radii),
         np.concatenate([np.zeros((0, 4), np.int32), *corners]),
         records,
         np.concatenate(attributes).astype(np.float32),
+        found,
     )
 
 
-def _by_layer(count: int, bricks: Iterable[Sequence[Primitives | None]]) -> list[list[Primitives]]:
-    """Return, for each layer, its primitives in each brick."""
-    found: list[list[Primitives]] = [[] for _ in range(count)]
+def _by_layer(count: int, bricks: Iterable[Sequence[T | None]]) -> list[list[T]]:
+    """Return, for each layer, what it has in each brick."""
+    found: list[list[T]] = [[] for _ in range(count)]
     for brick in bricks:
         for own, one in zip(found, brick, strict=False):
             own += [one] if one is not None else []

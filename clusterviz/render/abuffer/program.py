@@ -12,11 +12,13 @@ from typing import Literal
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
 from clusterviz.render.abuffer.fills import EARLY, PASSES, Pass
 from clusterviz.render.abuffer.resolves import SMALLEST, is_sorted
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BLOCK, GPU_TILE
+from clusterviz.render.cells.table import GRID, GRIDS_BINDING
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
@@ -44,6 +46,9 @@ _LIGHT_NAMES = [
     "brick_begin",
     "classified",
 ]
+_RAMP_NAMES = (
+    "Class is_valid class_at segment_of IN_ORDER leaning absorb absorb_within absorb_next integrated".split()
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,7 @@ class GeometryVariant:
     kinds : of primitives, in alphabetical order
     size : fragments of a pixel that are sorted at a time; 0: all are stored in order
     discards : what should be hidden is left out
+    grids : number of unstructured grids
     """
 
     lights: int
@@ -64,6 +70,7 @@ class GeometryVariant:
     kinds: tuple[Kind, ...]
     size: int
     discards: bool = False
+    grids: int = 0
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -75,7 +82,26 @@ class GeometryVariant:
     @property
     def constants(self) -> str:
         """GLSL declarations, in front of all files."""
-        return f"#define STORED readonly\nconst int SIZE = {self.size};\n{kind_constants(self.kinds)}"
+        grids = f"const int GRIDS = {self.grids};\n"
+        return f"#define STORED readonly\nconst int SIZE = {self.size};\n{grids}{kind_constants(self.kinds)}"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Files of unstructured grids."""
+        if not self.grids:
+            return ("no_cells.glsl",)
+        grid = f"grid[{'own_grid' if self.grids > 1 else 0}]"
+        macros = {name: f"{name}_of_cells" for name in _RAMP_NAMES} | {
+            "frame": grid,
+            "buckets": f"{grid}.buckets",
+            "FIRST_BUCKET": f"{grid}.first_bucket",
+            "FURTHER_STARTS": f"{grid}.further_starts",
+            "MAY_BE_INVALID": "false",
+        }
+        begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
+        ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
+        classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
+        return (*ramp, "strict_side.glsl", define(classes), "walk.glsl", "run.glsl", undefine(classes))
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""
@@ -119,25 +145,26 @@ def lit_layer(plan: Plan) -> Shading | None:
 
 
 def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None:
-    """Return what a plan needs; None without geometry."""
-    if plan.content is None or not plan.content.geometry:
+    """Return what a plan needs; None without geometry and unstructured grids."""
+    if plan.content is None or not plan.content.layers:
         return None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards)
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards, len(plan.content.cells))
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
-    """Return the programs that find a plan's fragments, in the order in which they run; none without geometry."""
-    layers = plan.content.geometry if plan.content else ()
-    opaque = {layer.opaque for layer in layers}
+    """Return the programs that find a plan's fragments, in the order in which they run; none without geometry and grids."""
+    layers = plan.content.layers if plan.content else ()
+    opaque = {isinstance(layer, GeometryLayer) and layer.opaque for layer in layers}
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
     in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
-    common = plan.march.jittered, planes, kinds_of(plan), which, brick, in_order, lanes, discards
+    grids = bool(plan.content and plan.content.cells)
+    common = plan.march.jittered, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
     return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and layers else ())]
 
 
@@ -155,6 +182,7 @@ class FindVariant:
     in_order : the fragments of a pixel are sorted where they lie
     lanes : of a CPU's vectors; 0 for a GPU
     discards : as in `GeometryVariant`
+    grids : there are faces by which rays enter unstructured grids
     """
 
     step: Pass
@@ -166,6 +194,7 @@ class FindVariant:
     in_order: bool
     lanes: int = 0
     discards: bool = False
+    grids: bool = False
 
     @property
     def name(self) -> str:
@@ -182,7 +211,7 @@ class FindVariant:
             f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
-            f"const bool SORTED = {_bool(self.in_order)};",
+            f"const bool SORTED = {_bool(self.in_order)}, ENTRIES = {_bool(self.grids)};",
             f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
             f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
@@ -196,7 +225,7 @@ class FindVariant:
                 "FRAME": FRAME_BLOCK,
                 "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
                 "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
-                "GEOMETRY": GEOMETRY_BLOCK,
+                "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
                 "STORE": ("sort.glsl", STORES[self.step]),
                 "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
                 "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",

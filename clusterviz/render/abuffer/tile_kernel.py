@@ -13,7 +13,8 @@ import numba
 ROUNDED = 1e-6  # of float32 coordinates, with a margin
 ROUNDED_DEPTH = 1e-5  # of fragments, with a margin
 MARGIN = 1e-2  # pixels
-LENS = 8  # numbers of `lens_of`
+ENTRY = 3  # kind of a face at the boundary of a grid
+LENS = 9  # numbers of `lens_of`
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _inline = numba.njit(inline="always", **_OPTIONS)
@@ -30,19 +31,22 @@ def move(matrix, unit, lens, positions, radii, target, boxes):  # type: ignore[n
     unit : float64 (1,), camera units of a world unit
     lens : float64 (LENS,)
     positions : float32 or float64 (n, 3)
-    radii : float32 (n,), world units; or (0,)
+    radii : float32 (n,), world units; or (0,); of corners of cells what is written behind their positions
     target : float32 (n, 4)
     boxes : float32 (n, 4), least and greatest column and row; infinite columns if not ahead of the eye, and no row if
-        behind it
+        behind it; for corners of cells behind it those of the line through the eye, as walks may begin there
     """
     for n in range(len(positions)):
         x, y, z = positions[n, 0], positions[n, 1], positions[n, 2]
         for axis in range(3):
             target[n, axis] = matrix[axis, 0] * x + matrix[axis, 1] * y + matrix[axis, 2] * z + matrix[axis, 3]
         target[n, 3] = radii[n] * unit[0] if len(radii) else 0.0
-        x, y, z, r = target[n, 0] - lens[1], lens[2] - target[n, 1], target[n, 2] - lens[0], target[n, 3]
+        x, y, z = target[n, 0] - lens[1], lens[2] - target[n, 1], target[n, 2] - lens[0]
+        r = 0.0 if lens[8] != 0 else target[n, 3]
         size = ROUNDED * (abs(target[n, 0]) + abs(target[n, 1]) + abs(target[n, 2]) * (1 + lens[7]) + r)
         near, far, e = (z - r, z + r, r + size) if lens[6] != 0 else (1.0, 1.0, r + size)
+        if lens[6] != 0 and lens[8] != 0 and far < -size:
+            x, y, near, far = -x, -y, -far, -near
         if lens[6] != 0 and not near > size:
             boxes[n, 0], boxes[n, 1] = -math.inf, math.inf
             boxes[n, 2], boxes[n, 3] = (math.inf, -math.inf) if far < 0 else (-math.inf, math.inf)
@@ -60,7 +64,7 @@ def _below(number):  # type: ignore[no-untyped-def]
 
 
 def list_tiles(  # type: ignore[no-untyped-def]
-    shift, width, height, layers, begin, end, boxes, corners, vertices, limits, left_out, counts, pairs
+    shift, width, height, eye, layers, begin, end, boxes, corners, vertices, limits, left_out, counts, pairs
 ):
     """Find the primitives of each tile among some, and return how many pairs of a tile and a primitive there are.
 
@@ -68,6 +72,7 @@ def list_tiles(  # type: ignore[no-untyped-def]
     ----------
     shift : log2 of the pixels along the side of a tile
     width, height : of the rectangle of pixels
+    eye : its depth; −∞ if rays are parallel
     layers : int64 (layers + 1, 2), first row and kind of each, as in primitives.glsl; the last is the end
     begin, end : rows of primitives
     boxes : float32 (n, 4), as in `move`
@@ -81,7 +86,8 @@ def list_tiles(  # type: ignore[no-untyped-def]
     found, across = 0, (width - 1 >> shift) + 1
     for layer in range(len(layers) - 1):
         kind = layers[layer, 1]
-        first, middle, last = (0, 1, 2) if kind == 0 else (1, 2, 2) if kind == 1 else (0, 0, 0)
+        is_triangle = kind == 0 or kind == ENTRY
+        first, middle, last = (0, 1, 2) if is_triangle else (1, 2, 2) if kind == 1 else (0, 0, 0)
         for row in range(max(begin, layers[layer, 0]), min(end, layers[layer + 1, 0])):
             p, q, r = corners[row, first], corners[row, middle], corners[row, last]
             x_low = min(min(boxes[p, 0], boxes[q, 0]), boxes[r, 0])
@@ -89,8 +95,11 @@ def list_tiles(  # type: ignore[no-untyped-def]
             y_low = min(min(boxes[p, 2], boxes[q, 2]), boxes[r, 2])
             y_high = max(max(boxes[p, 3], boxes[q, 3]), boxes[r, 3])
             is_cut = x_low == -math.inf and y_low < math.inf
+            if kind == ENTRY:
+                ahead = vertices[p, 2] > eye
+                is_cut = is_cut or ahead != (vertices[q, 2] > eye) or ahead != (vertices[r, 2] > eye)
             if is_cut:
-                y_low, y_high = x_low, x_high
+                x_low, x_high, y_low, y_high = -math.inf, math.inf, -math.inf, math.inf
             # Centres of pixels.
             i, i_end = math.ceil(min(max(x_low, 0.0), width)), math.floor(max(min(x_high, width - 1.0), -1.0))
             j, j_end = math.ceil(min(max(y_low, 0.0), height)), math.floor(max(min(y_high, height - 1.0), -1.0))
@@ -98,11 +107,12 @@ def list_tiles(  # type: ignore[no-untyped-def]
                 continue
             depth = -math.inf
             if len(limits):
-                a, b, c, radius = vertices[p, 2], vertices[q, 2], vertices[r, 2], vertices[p, 3]
+                a, b, c = vertices[p, 2], vertices[q, 2], vertices[r, 2]
+                radius = 0.0 if is_triangle else vertices[p, 3]
                 depth = min(min(a, b), c) - radius - ROUNDED_DEPTH * (abs(a) + abs(b) + abs(c) + radius)
             # Sides of a triangle: a · column + b · row + c is at least 0 inside.
             a0 = b0 = c0 = a1 = b1 = c1 = a2 = b2 = c2 = 0.0
-            if kind == 0 and not is_cut:
+            if is_triangle and not is_cut:
                 px, py, qx, qy = _middle(boxes, p, 0), _middle(boxes, p, 2), _middle(boxes, q, 0), _middle(boxes, q, 2)
                 rx, ry = _middle(boxes, r, 0), _middle(boxes, r, 2)
                 turn = (qx - px) * (ry - py) - (qy - py) * (rx - px)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from clusterviz.gl.layout import glsl_block
 from clusterviz.image.partial import Rect
 from clusterviz.kernels.compiled import CompiledKernel
+from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 
 CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
 SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
 SAMPLED = 4096  # primitives whose size is looked at
-ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0]])  # corners that bound a primitive of each kind
+ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0], [0, 1, 2]])  # corners that bound a primitive of each kind
 LEAST = 1 << 13  # primitives or vertices of a task
 GEOMETRY = np.dtype(
     [
@@ -46,7 +47,7 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "int64; int64; int64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
+    "int64; int64; int64; float64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
     "float32[::1]; int64[::1]; int64[::1]",
     _SOURCES,
     1,
@@ -81,7 +82,8 @@ class TileLists:
 def prepare_tiles(plan: Plan) -> None:
     """Compile the kernels that a plan needs, or load them."""
     assert plan.content, "there is geometry"
-    kinds = {layer.position_type.name for layer in plan.content.geometry}
+    types = [layer.position_type for layer in plan.content.geometry] + [layer.point_type for layer in plan.content.cells]
+    kinds = {each.name for each in types}
     for kernel in (*(_MOVE[kind] for kind in kinds), _LIST, _PLACE):
         kernel.prepare()
 
@@ -100,7 +102,7 @@ def camera_block(plan: Plan, lights: int) -> NDArray[np.void]:
         axis /= np.linalg.norm(axis)
         block[name][0] = *axis, -(axis @ centre)
     block["eye"][0, 0] = block["forward"][0, :3] @ (eye - centre)
-    block["counts"][0] = len(plan.content.geometry), 0, 0, lights
+    block["counts"][0] = len(plan.content.layers), 0, 0, lights
     return block
 
 
@@ -108,7 +110,7 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     """Return how the camera's coordinates become pixels of a rectangle.
 
     Depth of the eye, and its place to the right and up; pixels a unit; column and row of the line of sight; 1 for
-    perspective, and the largest slope of a ray.
+    perspective; the largest slope of a ray; and 0, which is 1 for corners of cells.
     """
     assert plan.content, "there is geometry"
     view, eye = plan.view, np.array(plan.view.eye)
@@ -116,7 +118,7 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     pixels = (plan.content.domain.spacing if view.parallel else 1.0) / view.pixel
     column, row = view.size[0] / 2 - 0.5 - rect.x_begin, view.size[1] / 2 - 0.5 - rect.y_begin
     slope = 0.0 if view.parallel else view.pixel * (view.size[0] + view.size[1])
-    return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope])
+    return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope, 0.0])
 
 
 def make_lists(
@@ -154,7 +156,8 @@ def make_lists(
     def pairs_of(share: tuple[int, int], nearest: NDArray[np.float32], own: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the pairs of a share of the primitives, and count them."""
         pairs = np.empty(4 * (share[1] - share[0]), np.int64)
-        given = shift, rect.width, rect.height, layers, *share, boxes, table.corners, vertices, farthest, nearest
+        eye = -np.inf if plan.view.parallel else float(block["eye"][0, 0])
+        given = shift, rect.width, rect.height, eye, layers, *share, boxes, table.corners, vertices, farthest, nearest
         while True:
             found = _LIST(*given, own, pairs)
             if found <= len(pairs):
@@ -187,15 +190,16 @@ def _moved(
     lens = lens_of(plan, block, rect)
     camera = np.stack([block[name][0] for name in ("right", "up", "forward")])
     vertices, boxes = (np.empty((table.vertices, 4), np.float32) for _ in range(2))
-    unit = np.array([1 / plan.content.domain.spacing])
+    unit, ones, whole = np.array([1 / plan.content.domain.spacing]), np.ones(1), np.append(lens[:-1], 1.0)
     tasks, first = [], 0
-    for layer, positions, radii in zip(plan.content.geometry, table.positions, table.radii, strict=True):
+    for layer, positions, radii in zip(plan.content.layers, table.positions, table.radii, strict=True):
         matrix = camera[:, :3] @ layer.index_from_file
         matrix[:, 3] += camera[:, 3]
         kind = positions.dtype.name
         for begin, end in _parts(len(positions), count):
             moved = positions[begin:end], radii[begin:end], *(each[first:][begin:end] for each in (vertices, boxes))
-            tasks.append(threads.submit(_MOVE[kind], matrix, unit, lens, *moved))
+            scales = (unit, lens) if isinstance(layer, GeometryLayer) else (ones, whole)
+            tasks.append(threads.submit(_MOVE[kind], matrix, *scales, *moved))
         first += len(positions)
     for task in tasks:
         task.result()

@@ -236,7 +236,9 @@ class VectorCaster:
             buffers,
             textures(plan),
             variant,
-            self._tables.table(plan.content.geometry if plan.content else (), bricks, self.pool.primitives),
+            self._tables.table(
+                plan.content.layers if plan.content else (), bricks, self.pool.primitives, self.pool.cells
+            ),
         )
 
     def _draw_rect(

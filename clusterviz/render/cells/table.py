@@ -1,0 +1,143 @@
+"""Tetrahedra of a box of bricks in the arrays that shaders read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.faces import NONE, find_neighbours
+from clusterviz.plan.cells import CellBrick, CellLayer
+from clusterviz.plan.content import Content
+from clusterviz.plan.segments import BUCKETS
+
+OUTWARD = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+"""Corners of the face without corner k, counter-clockwise seen from outside."""
+GRID = np.dtype(
+    [
+        ("buckets", "f4", 4),  # as in the frame's block
+        ("optics", "f4", 4),  # a cell's side of the domain in opacity unit distances
+        ("last_segment", "i4"),
+        ("first_bucket", "i4"),
+        ("further_starts", "i4"),
+        ("first_value", "i4"),  # of tetrahedron 0, in the table's values; `NO_VALUES`: points have them
+    ]
+)
+GRIDS_BINDING = 4
+NO_VALUES = -0x7FFFFFFF
+"""As in run.glsl."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGrid:
+    """Tetrahedra of one grid in a box.
+
+    Attributes
+    ----------
+    points : float32 or float64 (n, 3), in the coordinates of the file
+    scalars : float32 (n,), in units of clim; zeros if tetrahedra have them
+    values : float32 (m,), of tetrahedra; or (0,)
+    corners : int32 (m, 4), rows of points, ascending
+    following : int32 (m, 4), `Neighbours.halves`, negative at the boundary
+    boundary : int32 (b, 4), corners of the faces at the boundary, counter-clockwise seen from outside in the domain,
+        and the half-face, which is four times the tetrahedron and the place of its corner that is not on the face
+    """
+
+    points: NDArray[Any]
+    scalars: NDArray[np.float32]
+    values: NDArray[np.float32]
+    corners: NDArray[np.int32]
+    following: NDArray[np.int32]
+    boundary: NDArray[np.int32]
+
+
+def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int = 1) -> LocalGrid:
+    """Return the tetrahedra of some bricks, each once.
+
+    Parameters
+    ----------
+    threads : find neighbours
+    """
+    forms = layer.forms(0, 0)
+    empty = CellBrick(**{name: np.zeros(shape, dtype) for name, (shape, dtype) in forms.items()})
+    parts = [empty, *bricks]
+    numbers, chosen = np.unique(np.concatenate([part.numbers for part in parts]), return_index=True)
+    rows, first, places = np.unique(
+        np.concatenate([part.rows for part in parts]), return_index=True, return_inverse=True
+    )
+    begins = np.cumsum([0, *(len(part.rows) for part in parts)])
+    given = np.concatenate([part.corners + begin for part, begin in zip(parts, begins, strict=False)])
+    corners = places[given[chosen].astype(np.int64)].astype(np.uint32)
+    values = layer.shader_values(np.concatenate([part.values for part in parts])[chosen if layer.on_cells else first])
+    neighbours = find_neighbours(corners, len(rows), threads)
+    tetrahedron, k = np.nonzero(neighbours.halves == NONE)
+    own = corners[tetrahedron].astype(np.int64)
+    place = (own < np.take_along_axis(own, k[:, None], 1)).sum(axis=1)
+    faces = np.take_along_axis(own, OUTWARD[k], 1)
+    if np.linalg.det(layer.index_from_file[:, :3]) < 0:
+        faces = faces[:, ::-1]
+    ascending = neighbours.ascending()
+    return LocalGrid(
+        np.concatenate([part.points for part in parts])[first],
+        np.zeros(len(rows), np.float32) if layer.on_cells else values,
+        values if layer.on_cells else np.zeros(0, np.float32),
+        ascending.tetrahedra.astype(np.int32),
+        ascending.halves.view(np.int32),
+        np.column_stack([faces, 4 * tetrahedron + place]).astype(np.int32),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CellTable:
+    """Tetrahedra of all grids of a scene in a box.
+
+    Attributes
+    ----------
+    corners : int32 (m, 4), rows of the A-buffer's vertices, ascending
+    following : int32 (m, 4), half-faces behind the faces of each tetrahedron, negative at the boundary
+    values : float32 (k,), of the tetrahedra of grids whose tetrahedra have them; at least one
+    first_values : of tetrahedron 0 of all, as if it were of that grid, for each grid; or `NO_VALUES`
+    """
+
+    corners: NDArray[np.int32]
+    following: NDArray[np.int32]
+    values: NDArray[np.float32]
+    first_values: tuple[int, ...]
+
+
+def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTable, list[NDArray[np.int32]]]:
+    """Return the table of grids whose points are behind other vertices, and their boundary faces with all rows."""
+    corners, following, values, boundaries = (list[NDArray[Any]]() for _ in range(4))
+    first_values, tetrahedra, count = list[int](), 0, 0
+    for grid in grids:
+        corners.append(grid.corners + vertices)
+        following.append(np.where(grid.following < 0, -1, grid.following + 4 * tetrahedra))
+        boundaries.append((grid.boundary + [vertices, vertices, vertices, 4 * tetrahedra]).astype(np.int32))
+        first_values.append(count - tetrahedra if len(grid.values) else NO_VALUES)
+        values.append(grid.values)
+        vertices, tetrahedra, count = vertices + len(grid.points), tetrahedra + len(grid.corners), count + len(values[-1])
+    table = CellTable(
+        np.concatenate(corners).astype(np.int32),
+        np.concatenate(following).astype(np.int32),
+        np.concatenate([*values, np.zeros(1, np.float32)]),
+        tuple(first_values),
+    )
+    return table, boundaries
+
+
+def grids_block(content: Content, table: CellTable) -> NDArray[np.void]:
+    """Return the block of all grids, `GRID` (n,); segments of the volumes come before theirs."""
+    blocks = np.zeros(len(content.cells), GRID)
+    first = sum(len(layer.segments.records) for layer in content.volume_layers)
+    for number, (block, layer) in enumerate(zip(blocks, content.cells, strict=True), len(content.volume_layers)):
+        segments = layer.segments
+        block["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
+        block["optics"][0] = layer.units
+        first += len(segments.records)
+        block["last_segment"], block["first_bucket"] = first - 1, BUCKETS * number
+        block["further_starts"] = segments.further_starts
+    blocks["first_value"] = table.first_values
+    return blocks

@@ -1,0 +1,163 @@
+// Absorption along a ray in all unstructured grids, in part after part of it. In each grid the ray walks from tetrahedron to tetrahedron (walk.glsl).
+// It starts at the entry that the pixel's list of fragments holds, even behind the eye or in another box, and goes on with the next entry where it
+// has left. Of parts of a grid that overlap, the one that is entered first is drawn. A ray has no tetrahedron twice: it enters each by one face only.
+layout(std430, binding = 19) readonly buffer CellsBlock { int cell_row[]; };       // corners of tetrahedra
+layout(std430, binding = 20) readonly buffer NextBlock { int next_half_face[]; };
+layout(std430, binding = 22) readonly buffer CellValuesBlock { float cell_value[]; };
+const int NO_VALUES = -0x7fffffff;
+const uint NO_ENTRY = 0xffffffffu;
+const float NOWHERE = 3e38; // depth, and scalar
+
+Walk walks[GRIDS];                   // on the face by which the ray leaves the tetrahedron
+int passed[GRIDS];                   // half-face by which it has entered it, negative outside of the grid
+vec2 entered[GRIDS], leaves[GRIDS]; // depth and scalar there; outside, leaves.x is the depth of the next entry
+uvec2 entry[GRIDS];                  // key of the last one; outside, of the next one
+Class known[GRIDS];                  // of the scalar up to which the ray was composited
+int cells_list;                      // of the pixel
+float cell_length;                   // of the ray, in cells of the domain, for each cell of depth
+vec2 unclipped;                      // depths
+
+vec4 cell_vertex(int row) {
+    return vec4(sheared(vertex[row]), vertex[row].zw);
+}
+
+int cell_corner(int half_face) {
+    return cell_row[half_face];
+}
+
+int cell_next(int half_face) {
+    return next_half_face[half_face];
+}
+
+bool is_entry(uint number) {
+    return (number >> 1) >= layer[geometry.counts.x - GRIDS].table.x && number < NO_ENTRY - 1u;
+}
+
+// The next entry into a grid behind the last one.
+void find_entry(int g) {
+    uvec2 found = uvec2(NO_ENTRY);
+    int place = int(fragment_list[cells_list]), count = int(fragment_list[cells_list + 1]), shift = int(fragment_list[PAGE_SHIFT]);
+    for (int n = 0; n < count; ++n) {
+        if (n > 0) place = place_after(place, shift);
+        uvec2 own = key[place];
+        if (!is_entry(own.y) || !is_behind(own, entry[g]) || !is_behind(found, own)) continue;
+        if (GRIDS == 1 || layer_of(int(own.y >> 1)) - geometry.counts.x + GRIDS == g) found = own;
+    }
+    entry[g] = found;
+}
+
+// Wait for the entry.
+void wait_outside(int g) {
+    passed[g] = -1;
+    leaves[g] = vec2(entry[g].y == NO_ENTRY ? NOWHERE : depth_of(entry[g].x), 0.0);
+}
+
+// Pass the tetrahedron that the walk is about to pass.
+void pass_next(int g) {
+    Walk walk = walks[g];
+    passed[g] = walk.half_face;
+    entered[g] = met(walk);
+    pass(walk);
+    leaves[g] = met(walk);
+    walks[g] = walk;
+    int first = grid[GRIDS > 1 ? g : 0].first_value;
+    if (first != NO_VALUES) entered[g].y = leaves[g].y = cell_value[first + (passed[g] >> 2)];
+}
+
+// Go on to where the ray leaves the tetrahedron, or enters the grid, behind a depth.
+void walk_to(int g, float depth) {
+    while (leaves[g].x <= depth) {
+        if (passed[g] < 0) {
+            walks[g] = enter(corner[entry[g].y >> 1].w);
+            pass_next(g);
+        } else if (walks[g].half_face >= 0) {
+            pass_next(g);
+        } else {
+            find_entry(g);
+            wait_outside(g);
+        }
+    }
+}
+
+void begin_cells(int pixel) {
+    cells_list = list_of(pixel);
+    for (int g = 0; g < GRIDS; ++g) {
+        entry[g] = uvec2(0u);
+        find_entry(g);
+        wait_outside(g);
+    }
+}
+
+uvec4 cells_left(int g) {
+    return uvec4(passed[g], entry[g], cells_list);
+}
+
+void go_back_in_cells(int g, uvec4 left) {
+    passed[g] = int(left.x);
+    entry[g] = left.yz;
+    cells_list = int(left.w);
+}
+
+float depth_at(double position) {
+    return float(ray_depth.x + clamp(position, -1e30LF, 1e30LF) / ray_depth.y);
+}
+
+void face_cells(Ray ray) {
+    cell_length = sqrt(1.0 + dot(ray_slope, ray_slope));
+    unclipped = vec2(depth_at(ray.kept.x), depth_at(ray.kept.y));
+    for (int g = 0; g < GRIDS; ++g) {
+        known[g].s = NOWHERE;
+        if (passed[g] < 0) {
+            wait_outside(g);
+        } else {
+            walks[g] = enter(passed[g]);
+            pass_next(g);
+        }
+    }
+}
+
+float scalar_in(int g, float depth) {
+    return mix(entered[g].y, leaves[g].y, clamp((depth - entered[g].x) / (leaves[g].x - entered[g].x), 0.0, 1.0));
+}
+
+// Colour and opacity of a part of the tetrahedron in which the ray is.
+vec4 seen_in(int g, float begin, float end) {
+    if (GRIDS > 1) own_grid = g;
+    float s = scalar_in(g, begin);
+    Class front = known[g];
+    if (front.s != s) front = class_at(s);
+    Class back = class_at(scalar_in(g, end));
+    known[g] = back;
+    if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
+    return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
+}
+
+// Composite a part of a slab, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in order; where several are, or
+// volumes, between two cuts the order is ignored.
+void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle, float begin, float end, float length) {
+    float at = depth_at(double(k) + double(middle + begin)), last = depth_at(double(k) + double(middle + end));
+    vec4 even = HAS_VOLUMES && depth.a > 1e-37 ? depth.a * float(ray_depth.y) / length * vec4(colour, 1.0) : vec4(0.0);
+    while (at < last && !is_opaque(sum.a)) {
+        bool is_kept = at >= unclipped.x && at < unclipped.y;
+        float next = min(last, is_kept ? unclipped.y : at < unclipped.x ? unclipped.x : NOWHERE);
+        for (int g = 0; g < GRIDS; ++g) {
+            walk_to(g, at);
+            next = min(next, leaves[g].x);
+        }
+        vec4 mixed = even * (next - at), only = vec4(0.0);
+        int media = mixed.a > 0.0 ? 1 : 0;
+        if (media > 0) only = absorbed(mixed.a) * vec4(colour, 1.0);
+        for (int g = 0; g < GRIDS; ++g) {
+            if (passed[g] < 0 || !is_kept) continue;
+            vec4 seen = seen_in(g, at, next);
+            if (!(seen.a > 0.0)) continue;
+            only = seen;
+            ++media;
+            if (HAS_VOLUMES || GRIDS > 1) mixed += optical_depth(min(seen.a, 1.0 - 5.9604645e-8)) * vec4(seen.rgb / seen.a, 1.0);
+        }
+        if (media > 1) only = absorbed(mixed.a) * vec4(mixed.rgb / mixed.a, 1.0);
+        sum += (1.0 - sum.a) * only;
+        at = next;
+        ++run_iterations;
+    }
+}
