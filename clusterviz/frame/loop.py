@@ -67,20 +67,12 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
-    _refuse_grids(scene)
     scene, opened, bricks = open_volumes(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
     work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
-
-
-def _refuse_grids(scene: Scene) -> None:
-    """Refuse unstructured grids, which no renderer draws."""
-    if scene.grids:
-        found, allowed = scene.grids[0].path, "volumes, meshes, lines and points"
-        raise SceneError("unstructured grids cannot be drawn yet", where="grids[0]", found=found, allowed=allowed)
 
 
 class FrameLoop:
@@ -105,7 +97,6 @@ class FrameLoop:
         *,
         several: bool = True,
     ) -> None:
-        _refuse_grids(scene)
         run = self._run = Run(channel, options or Options())
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)

@@ -264,7 +264,7 @@ def make_content_plan(
             frame_coherence=None
             if geometry or grids
             else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
-            discard_margin=scene.quality.early_discarding if geometry else None,
+            discard_margin=scene.quality.early_discarding if geometry and not grids else None,
         ),
         BlendMode(),
         planes,

@@ -1,7 +1,9 @@
 // Walk of a ray through tetrahedra, from one to the next through the face between them: no list and no order is needed but that of the faces at
 // the boundary. A half-face is 4 * tetrahedron + the place of its corner that is not on the face; corners of a tetrahedron ascend.
-// Given: vec4 cell_vertex(int row), with x and y in the plane across the ray, the same for all tetrahedra, then depth and scalar; int cell_corner(int)
-// and int cell_next(int) of half-faces. cell_next is the half-face of the tetrahedron on the other side, negative at the boundary.
+vec4 cell_vertex(int row);       // x and y in the plane across the ray, the same for all tetrahedra, then depth and scalar
+int cell_corner(int half_face);
+int cell_next(int half_face);    // the half-face of the tetrahedron on the other side, negative at the boundary
+
 struct Walk {
     int half_face;   // of the tetrahedron that the ray is about to pass; negative: it has left the grid
     ivec3 corner;    // of the face that the ray is on

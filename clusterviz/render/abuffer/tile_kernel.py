@@ -72,7 +72,7 @@ def list_tiles(  # type: ignore[no-untyped-def]
     ----------
     shift : log2 of the pixels along the side of a tile
     width, height : of the rectangle of pixels
-    eye : its depth; −∞ if rays are parallel
+    eye : float64 (1,), its depth; −∞ if rays are parallel
     layers : int64 (layers + 1, 2), first row and kind of each, as in primitives.glsl; the last is the end
     begin, end : rows of primitives
     boxes : float32 (n, 4), as in `move`
@@ -96,8 +96,8 @@ def list_tiles(  # type: ignore[no-untyped-def]
             y_high = max(max(boxes[p, 3], boxes[q, 3]), boxes[r, 3])
             is_cut = x_low == -math.inf and y_low < math.inf
             if kind == ENTRY:
-                ahead = vertices[p, 2] > eye
-                is_cut = is_cut or ahead != (vertices[q, 2] > eye) or ahead != (vertices[r, 2] > eye)
+                ahead = vertices[p, 2] > eye[0]
+                is_cut = is_cut or ahead != (vertices[q, 2] > eye[0]) or ahead != (vertices[r, 2] > eye[0])
             if is_cut:
                 x_low, x_high, y_low, y_high = -math.inf, math.inf, -math.inf, math.inf
             # Centres of pixels.

@@ -47,7 +47,7 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "int64; int64; int64; float64; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
+    "int64; int64; int64; float64[::1]; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
     "float32[::1]; int64[::1]; int64[::1]",
     _SOURCES,
     1,
@@ -156,7 +156,7 @@ def make_lists(
     def pairs_of(share: tuple[int, int], nearest: NDArray[np.float32], own: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the pairs of a share of the primitives, and count them."""
         pairs = np.empty(4 * (share[1] - share[0]), np.int64)
-        eye = -np.inf if plan.view.parallel else float(block["eye"][0, 0])
+        eye = np.array([-np.inf if plan.view.parallel else block["eye"][0, 0]])
         given = shift, rect.width, rect.height, eye, layers, *share, boxes, table.corners, vertices, farthest, nearest
         while True:
             found = _LIST(*given, own, pairs)

@@ -24,6 +24,7 @@ GRID = np.dtype(
         ("first_bucket", "i4"),
         ("further_starts", "i4"),
         ("first_value", "i4"),  # of tetrahedron 0, in the table's values; `NO_VALUES`: points have them
+        ("unused", "f4", 4),
     ]
 )
 GRIDS_BINDING = 4

@@ -1,0 +1,145 @@
+"""Unstructured grids in the ray casters: against the float64 reference, alone, with geometry and volumes, in any parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from data.cells import lattice, mixed
+from render import scenes
+from render.scenes import Prepared
+
+from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Geometry, Mesh
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.data.tetrahedra import make_tetrahedra
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.frame import Options, Run, prepare
+from clusterviz.reference import render_reference
+from clusterviz.reference.cells import PlacedCells
+from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.geometry import MeshSection
+from clusterviz.scene.grids import GridSection
+from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
+
+CAMERAS = {
+    "outside": Camera(position=(22, 17, 14), focal_point=(3, 3, 3), view_up=(0, 0, 1)),
+    "inside": Camera(position=(3.2, 2.7, 2.9), focal_point=(5, 6, 4), view_up=(0, 0, 1), view_angle=90),
+    "parallel": Camera(position=(22, -17, 14), focal_point=(3, 3, 3), view_up=(0, 0, 1), parallel_scale=5),
+    "along edges": Camera(position=(3, 3, -20), focal_point=(3, 3, 3), view_up=(0, 1, 0), view_angle=20),
+    "far": Camera(position=(3e6, 3e6, 4e6), focal_point=(3, 3, 3), view_up=(0, 0, 1), view_angle=1.5e-4),
+}
+
+
+def waves(points: np.ndarray) -> np.ndarray:
+    x, y, z = points.T
+    return 0.5 + 0.2 * np.sin(1.3 * x + 0.4 * y) + 0.2 * np.cos(1.1 * z - 0.7 * y) + 0.1 * np.sin(2.1 * y)
+
+
+def without(grid: UnstructuredGrid, share: float) -> UnstructuredGrid:
+    """The grid with holes."""
+    kept = np.random.default_rng(5).random(len(grid.cells["hexahedron"])) >= share
+    return replace(grid, cells={"hexahedron": grid.cells["hexahedron"][kept]})
+
+
+def bent(grid: UnstructuredGrid, shift: tuple[float, float, float] = (0, 0, 0)) -> UnstructuredGrid:
+    """The grid with corners nowhere in particular."""
+    moved = grid.points + 0.2 * np.random.default_rng(6).uniform(-1, 1, grid.points.shape) + shift
+    return replace(grid, points=moved, point_arrays={"f": waves(moved)})
+
+
+LATTICE = lattice(6, 6, 6, field=waves)
+HOLES = bent(without(lattice(7, 6, 6, field=waves), 0.3))
+BESIDE = bent(without(lattice(5, 5, 5, field=waves), 0.1), (2.6, 2.3, 1.4))
+CELLS = replace(mixed(), point_arrays={}, points=3 * mixed().points)
+LOOK: dict[str, Any] = {"path": "g", "clim": (0.0, 1.0), "opacity_unit_distance": 2.0}
+THIN = GridSection(**LOOK, cmap=((0.0, 1, 0, 0), (0.5, 0, 1, 0.2), (1.0, 0, 0.3, 1)), opacity=((0.1, 0), (0.9, 0.8)))
+PEAKS = GridSection(**LOOK, cmap="inferno", opacity=((0.3, 0), (0.35, 0.9), (0.4, 0), (0.6, 0), (0.7, 0.7), (0.8, 0)))
+OF_CELLS = GridSection(path="g", array="kind", clim=(3.0, 9.0), opacity=((3, 0.2), (9, 0.6)), opacity_unit_distance=2.0)
+MIRRORED = THIN.model_copy(update={"transform": ((-1, 0.2, 0, 6), (0, 1, 0, 0), (0, 0, 1.1, 0), (0, 0, 0, 1))})
+NOISE = scenes.smooth((9, 8, 10))
+VOLUME = (
+    Volume(path="v", clim=(0.0, 1.0), opacity=((0.2, 0), (1.0, 0.5)), cmap="gray", opacity_unit_distance=2.0),
+    NOISE,
+    Grid(NOISE.shape, (0.8, 0.8, 0.8), (1, 0, -1)),
+)
+PLANES = Mesh(
+    "m", np.array([[-2, 9, 2], [9, -2, 3], [3, 3, 9], [8, 8, -1]], np.float32), np.array([[0, 1, 2], [0, 1, 3]])
+)
+MESH = (MeshSection(path="m", color="red", opacity=0.5, shade=False), PLANES)
+Entry = tuple[GridSection, UnstructuredGrid]
+
+
+def prepared(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], meshes: tuple[Any, ...]) -> Prepared:
+    sources = [ArraySource(one[1], one[2]) for one in volumes]
+    given = [Geometry(mesh=mesh) for _, mesh in meshes]
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [*sources, *given, *(grid for _, grid in grids)])
+    assert share.plan is not None
+    return Prepared(share.plan, bricks)
+
+
+def scene_of(
+    grids: tuple[Entry, ...], camera: str, volumes: tuple[Any, ...] = (), meshes: tuple[Any, ...] = (), **keys: Any
+) -> Scene:
+    brick, step = keys.pop("brick", 64), keys.pop("step", 0.7)
+    return Scene(
+        volumes=tuple(one[0] for one in volumes),
+        meshes=tuple(one[0] for one in meshes),
+        grids=tuple(one[0] for one in grids),
+        camera=CAMERAS[camera],
+        image=ImageSettings(size=(36, 28)),
+        quality=Quality(step=step),
+        cluster=Cluster(brick=brick),
+        **keys,
+    )
+
+
+def expected(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], meshes: tuple[Any, ...]) -> np.ndarray:
+    cells = []
+    for section, grid in grids:
+        found = make_tetrahedra(grid, section.array)
+        if section.transform is not None:
+            matrix = np.array(section.transform)
+            found = replace(found, points=found.points @ matrix[:3, :3].T + matrix[:3, 3])
+            if np.linalg.det(matrix) < 0:
+                found = replace(found, corners=found.corners[:, [1, 0, 2, 3]])
+        cells.append(PlacedCells(found, transfer_function(section)))
+    parts = [one[2] for one in volumes], [one[1] for one in volumes]
+    return render_reference(scene, *parts, surfaces=meshes, cells=cells)
+
+
+CASES: dict[str, tuple[Any, ...]] = {
+    "lattice": (((THIN, LATTICE),), (), (), {}, tuple(CAMERAS), 1e-5),
+    "holes": (((THIN, HOLES),), (), (), {}, tuple(CAMERAS), 1e-5),
+    "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 1e-3),
+    "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 1e-5),
+    "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 1e-5),
+    "clipped": (((THIN, HOLES),), (), (), {"clip": Clip(planes=(((3, 3, 3), (0.2, 1, 1)),))}, ("outside", "inside"), 1e-5),
+    "geometry": (((THIN, HOLES),), (), (MESH,), {}, ("outside", "inside"), 1e-5),
+    "volume": (((THIN, HOLES),), (VOLUME,), (), {"step": 0.1}, ("outside", "inside"), 3e-3),
+    "volume and geometry": (((THIN, HOLES),), (VOLUME,), (MESH,), {"step": 0.1}, ("outside",), 3e-3),
+    "two": (((THIN, HOLES), (PEAKS, BESIDE)), (), (), {}, ("outside", "inside"), 3e-2),
+}
+
+
+@pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
+def test_pictures_are_the_reference(name: str, camera: str) -> None:
+    grids, volumes, meshes, keys, _, bound = CASES[name]
+    scene = scene_of(grids, camera, volumes, meshes, **keys)
+    right = expected(scene, grids, volumes, meshes)
+    found = scenes.drawn(None, prepared(scene, grids, volumes, meshes))[0]
+    assert right[..., 3].max() > 0.3
+    assert np.abs(found - right).max() <= bound
+
+
+@pytest.mark.parametrize("camera", ["outside", "inside"])
+def test_parts_and_bricks_do_not_change_the_picture(camera: str) -> None:
+    grids = ((THIN, HOLES),)
+    first = scenes.drawn(None, prepared(scene_of(grids, camera), grids, (), (MESH,)[:0]))[0]
+    for brick, leaves in ((9, 5), (13, 1)):
+        scene = scene_of(grids, camera, brick=brick)
+        found = scenes.drawn(None, prepared(scene, grids, (), ()), leaves)[0]
+        assert np.abs(found - first).max() <= 1e-5, brick
