@@ -27,6 +27,7 @@ from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consiste
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Change
+from clusterviz.scene.grids import KBuffer
 from clusterviz.scene.values import Scene
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
@@ -67,12 +68,23 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
+    _refuse_undrawn(scene)
     scene, opened, bricks = open_volumes(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
     work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
+
+
+def _refuse_undrawn(scene: Scene) -> None:
+    """Refuse settings of unstructured grids that no renderer draws."""
+    for number, grid in enumerate(scene.grids):
+        if grid.shade:
+            raise SceneError("grids cannot be lit yet", where=f"grids[{number}].shade", found="true", allowed="false")
+        if isinstance(grid.visibility, KBuffer):
+            text, where = "k-buffers cannot be drawn yet", f"grids[{number}].visibility"
+            raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}}", allowed="exact")
 
 
 class FrameLoop:
@@ -97,6 +109,7 @@ class FrameLoop:
         *,
         several: bool = True,
     ) -> None:
+        _refuse_undrawn(scene)
         run = self._run = Run(channel, options or Options())
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)

@@ -49,14 +49,17 @@ def egl_device(device: Device) -> int | None:
     return None if device == "cpu" else device
 
 
-def check_one_size(plan: Plan) -> None:
+def check_opengl(plan: Plan) -> None:
     """Check that OpenGL can draw the bricks of a plan.
 
     Raises
     ------
     InputError
-        They have several sizes.
+        They have several sizes, or tetrahedra of unstructured grids.
     """
+    if plan.content and plan.content.cells:
+        text = "OpenGL does not draw unstructured grids yet"
+        raise InputError(text, where="grids", found="a GPU or --device", allowed="the CPU (--device cpu)")
     if plan.layout.edges_zyx is not None:
         raise InputError(
             "OpenGL draws bricks of one size only",

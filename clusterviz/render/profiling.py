@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import check_one_size
+from clusterviz.render.choice import check_opengl
 from clusterviz.render.cpu.caster import VectorCaster, compiled_variant
 from clusterviz.render.render_result import RenderResult, footprint
 from clusterviz.render.variant import Profile, Variant
@@ -198,7 +198,7 @@ def _instrumented(variant: Variant, mode: Mode) -> Instrumented:
 
 def _raycaster(context: moderngl.Context, plan: Plan) -> Raycaster:
     """Return an OpenGL ray caster that profiles."""
-    check_one_size(plan)
+    check_opengl(plan)
     from clusterviz.render.raycast import Buffers, Raycaster
 
     class ProfilingRaycaster(Raycaster):

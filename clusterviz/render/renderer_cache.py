@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import Device, check_one_size, egl_device, prefers_cpu
+from clusterviz.render.choice import Device, check_opengl, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.crossing import Crossing, Planes
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
@@ -140,7 +140,7 @@ class RendererCache:
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
         if self._prefers_cpu:
             return VectorCaster(plan)
-        check_one_size(plan)
+        check_opengl(plan)
         if self._context is None:
             raise ValueError("there is no context yet")
         from clusterviz.render.raycast import Raycaster

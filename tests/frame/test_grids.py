@@ -24,7 +24,7 @@ from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.files import dump_scene, load_scene
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.text import scene_summary
-from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.values import Scene
 from clusterviz.scene.visibility import visibility_warnings
 
 BOX = lattice(2, 3, 4, spacing=0.5)
@@ -131,9 +131,33 @@ def test_frames_may_differ_in_colours_and_opacity_only() -> None:
         check_same_volume(first, Scene(grids=(GridSection(path="a", array="T"),)))
 
 
-@pytest.mark.parametrize("given", [mixed(), Scene(grids=(GridSection(path="none.vtu"),)), pyvista_like()])
-def test_drawing_is_refused(given: Any) -> None:
-    with pytest.raises(SceneError, match=r"grids\[0\]: unstructured grids cannot be drawn yet"):
-        clusterviz.render(given)
-    with pytest.raises(SceneError, match="cannot be drawn yet"):
-        clusterviz.render(Scene(volumes=(Volume(path="a"),)), grids=[{"path": mixed(), "array": "f"}])
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"shade": True}, r"grids\[0\].shade: grids cannot be lit yet; found true; allowed false"),
+        (
+            {"visibility": {"k": 6}},
+            r"grids\[0\].visibility: k-buffers cannot be drawn yet; found {k: 6}; allowed exact",
+        ),
+    ],
+)
+def test_what_is_not_drawn_is_refused(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=r"grids\[0\]" + message):
+        clusterviz.render(mixed(), **keys)
+
+
+def test_objects_are_drawn_as_files_are(tmp_path: Path) -> None:
+    """Their pictures are compared with the reference in tests/render/test_cells.py."""
+    camera = {"position": (9.0, 7.0, 5.0), "focal_point": (1.0, 0.5, 1.0)}
+    scenes: list[tuple[Any, dict[str, Any]]] = [
+        (str(vtu(tmp_path / "a.vtu")), {"array": "f", "opacity": 0.6}),
+        (pyvista_like(), {"array": "f", "opacity": 0.6}),
+        (Scene(), {"grids": [{"path": meshio_like(), "array": "f", "opacity": 0.6}]}),
+    ]
+    first, *others = (
+        np.asarray(clusterviz.render(given, size=(24, 18), camera=camera, step=1.0, background="black", **keys))
+        for given, keys in scenes
+    )
+    assert first[..., 3].max() > 0.5
+    for other in others:
+        np.testing.assert_allclose(other, first, atol=1e-6)
