@@ -134,10 +134,10 @@ def test_frames_may_differ_in_colours_and_opacity_only() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"shade": True}, r"grids\[0\].shade: grids cannot be lit yet; found true; allowed false"),
+        ({"shade": True}, r"\.shade: grids cannot be lit yet; found true; allowed false"),
         (
             {"visibility": {"k": 6}},
-            r"grids\[0\].visibility: k-buffers cannot be drawn yet; found {k: 6}; allowed exact",
+            r"\.visibility: k-buffers cannot be drawn yet; found {k: 6}; allowed exact",
         ),
     ],
 )
