@@ -317,7 +317,18 @@ def content_files(
     whole = (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)),) if volumes else ()
     each += geometry
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
-    return (*whole, *blocks, *sums, *rows_of_pieces, "densest.glsl", *cells, *layers, *looks, *each, "multi_volume.glsl")
+    return (
+        *whole,
+        *blocks,
+        *sums,
+        *rows_of_pieces,
+        "densest.glsl",
+        *cells,
+        *layers,
+        *looks,
+        *each,
+        "multi_volume.glsl",
+    )
 
 
 def content_blocks(content: Content) -> list[tuple[int, NDArray[Any]]]:
@@ -356,20 +367,22 @@ def volumes_block(content: Content) -> NDArray[np.void]:
 
 
 def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np.float64] | None]:
-    """Return buckets, records and sums; of several volumes and grids concatenated, and buckets refer to the joined records.
+    """Return buckets, records and sums; of volumes and grids concatenated, and buckets refer to the joined records.
 
     Records are bytes then, since there are two types of one size; sums are None if no volume has any.
     """
     if not plan.content or not (plan.content.volume_layers or plan.content.cells):
         return plan.segments.buckets, plan.segments.records, plan.segments.sums
-    buckets, sums, first, layers = [], [], 0, (*plan.content.volume_layers, *plan.content.cells)
-    for part in layers:
-        own = part.segments.buckets.copy()
+    volumes, grids = plan.content.volume_layers, plan.content.cells
+    each = [*(part.segments for part in volumes), *(part.segments for part in grids)]
+    buckets, sums, first = [], [], 0
+    for segments in each:
+        own = segments.buckets.copy()
         own["first"] += first
         buckets.append(own)
-        count = len(part.segments.records)
-        sums.append(np.zeros((count, SUM_ROWS)) if part.segments.sums is None else part.segments.sums)
+        count = len(segments.records)
+        sums.append(np.zeros((count, SUM_ROWS)) if segments.sums is None else segments.sums)
         first += count
-    records = np.concatenate([part.segments.records.view(np.uint8) for part in layers])
-    has_sums = any(part.segments.sums is not None for part in layers)
+    records = np.concatenate([segments.records.view(np.uint8) for segments in each])
+    has_sums = any(segments.sums is not None for segments in each)
     return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None

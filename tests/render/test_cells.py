@@ -1,4 +1,4 @@
-"""Unstructured grids in the ray casters: against the float64 reference, alone, with geometry and volumes, in any parts."""
+"""Unstructured grids in the ray casters against the float64 reference: alone, with geometry and volumes, in any parts."""
 
 from __future__ import annotations
 
@@ -70,6 +70,7 @@ PLANES = Mesh(
     "m", np.array([[-2, 9, 2], [9, -2, 3], [3, 3, 9], [8, 8, -1]], np.float32), np.array([[0, 1, 2], [0, 1, 3]])
 )
 MESH = (MeshSection(path="m", color="red", opacity=0.5, shade=False), PLANES)
+CUT = {"clip": Clip(planes=(((3, 3, 3), (0.2, 1, 1)),))}
 Entry = tuple[GridSection, UnstructuredGrid]
 
 
@@ -117,7 +118,7 @@ CASES: dict[str, tuple[Any, ...]] = {
     "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 1e-5),
     "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 1e-5),
     "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 1e-5),
-    "clipped": (((THIN, HOLES),), (), (), {"clip": Clip(planes=(((3, 3, 3), (0.2, 1, 1)),))}, ("outside", "inside"), 1e-5),
+    "clipped": (((THIN, HOLES),), (), (), CUT, ("outside", "inside"), 1e-5),
     "geometry": (((THIN, HOLES),), (), (MESH,), {}, ("outside", "inside"), 1e-5),
     "volume": (((THIN, HOLES),), (VOLUME,), (), {"step": 0.1}, ("outside", "inside"), 1e-4),
     "volume and geometry": (((THIN, HOLES),), (VOLUME,), (MESH,), {"step": 0.1}, ("outside",), 1e-4),

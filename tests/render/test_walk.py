@@ -45,14 +45,14 @@ void main() {
     found[gl_LocalInvocationIndex] = sum;
 }
 """
-FILES = ("strict_side.glsl", "walk.glsl")
 
 
 def walked(cells: Tetrahedra, slopes: np.ndarray, lanes: int) -> np.ndarray:
     """What rays from the origin find: float32 (n, 4), as `FoundBlock`; n is a multiple of the lanes."""
     topology = find_neighbours(cells.corners, len(cells.points)).ascending()
     entries = np.array([_entry(cells, topology.tetrahedra, topology.halves, slope) for slope in slopes], np.float32)
-    source = ShaderSource(PROGRAM.replace("#include", "".join(shader_file(name).read_text() for name in FILES)), ("test",))
+    files = "".join(shader_file(name).read_text() for name in ("strict_side.glsl", "walk.glsl"))
+    source = ShaderSource(PROGRAM.replace("#include", files), ("test",))
     call = function_of(object_code(source, f"walk{lanes}", lanes), f"walk{lanes}")
     vertices = np.column_stack([cells.points, cells.values]).astype(np.float32)
     rays = np.column_stack([slopes, entries, entries]).astype(np.float32)

@@ -46,9 +46,7 @@ _LIGHT_NAMES = [
     "brick_begin",
     "classified",
 ]
-_RAMP_NAMES = (
-    "Class is_valid class_at segment_of IN_ORDER leaning absorb absorb_within absorb_next integrated".split()
-)
+_RAMP_NAMES = ["Class", "is_valid", "class_at", "segment_of", "IN_ORDER", "leaning", "absorb", "absorb_within", "absorb_next", "integrated"]
 
 
 @dataclass(frozen=True)
@@ -152,11 +150,13 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards, len(plan.content.cells))
+    return GeometryVariant(
+        min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards, len(plan.content.cells)
+    )
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
-    """Return the programs that find a plan's fragments, in the order in which they run; none without geometry and grids."""
+    """Return the programs that find a plan's fragments, in the order in which they run; none without any layers."""
     layers = plan.content.layers if plan.content else ()
     opaque = {isinstance(layer, GeometryLayer) and layer.opaque for layer in layers}
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"

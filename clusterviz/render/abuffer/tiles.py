@@ -47,8 +47,8 @@ _MOVE = {
 _LIST = CompiledKernel(
     "clusterviz.render.abuffer.tile_kernel",
     "list_tiles",
-    "int64; int64; int64; float64[::1]; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; float32[::1]; "
-    "float32[::1]; int64[::1]; int64[::1]",
+    "int64; int64; int64; float64[::1]; int64[:,::1]; int64; int64; float32[:,::1]; int32[:,::1]; float32[:,::1]; "
+    "float32[::1]; float32[::1]; int64[::1]; int64[::1]",
     _SOURCES,
     1,
 )
@@ -82,7 +82,9 @@ class TileLists:
 def prepare_tiles(plan: Plan) -> None:
     """Compile the kernels that a plan needs, or load them."""
     assert plan.content, "there is geometry"
-    types = [layer.position_type for layer in plan.content.geometry] + [layer.point_type for layer in plan.content.cells]
+    types = [layer.position_type for layer in plan.content.geometry] + [
+        layer.point_type for layer in plan.content.cells
+    ]
     kinds = {each.name for each in types}
     for kernel in (*(_MOVE[kind] for kind in kinds), _LIST, _PLACE):
         kernel.prepare()

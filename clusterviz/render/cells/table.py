@@ -65,7 +65,7 @@ def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int 
     forms = layer.forms(0, 0)
     empty = CellBrick(**{name: np.zeros(shape, dtype) for name, (shape, dtype) in forms.items()})
     parts = [empty, *bricks]
-    numbers, chosen = np.unique(np.concatenate([part.numbers for part in parts]), return_index=True)
+    _, chosen = np.unique(np.concatenate([part.numbers for part in parts]), return_index=True)
     rows, first, places = np.unique(
         np.concatenate([part.rows for part in parts]), return_index=True, return_inverse=True
     )
@@ -119,7 +119,11 @@ def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTabl
         boundaries.append((grid.boundary + [vertices, vertices, vertices, 4 * tetrahedra]).astype(np.int32))
         first_values.append(count - tetrahedra if len(grid.values) else NO_VALUES)
         values.append(grid.values)
-        vertices, tetrahedra, count = vertices + len(grid.points), tetrahedra + len(grid.corners), count + len(values[-1])
+        vertices, tetrahedra, count = (
+            vertices + len(grid.points),
+            tetrahedra + len(grid.corners),
+            count + len(values[-1]),
+        )
     table = CellTable(
         np.concatenate(corners).astype(np.int32),
         np.concatenate(following).astype(np.int32),
