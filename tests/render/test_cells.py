@@ -1,4 +1,4 @@
-"""Unstructured grids in the ray casters against the float64 reference: alone, with geometry and volumes, in any parts."""
+"""Unstructured grids drawn by CPUs, against the float64 reference: alone, with geometry and volumes, in any parts."""
 
 from __future__ import annotations
 

@@ -46,7 +46,18 @@ _LIGHT_NAMES = [
     "brick_begin",
     "classified",
 ]
-_RAMP_NAMES = ["Class", "is_valid", "class_at", "segment_of", "IN_ORDER", "leaning", "absorb", "absorb_within", "absorb_next", "integrated"]
+_RAMP_NAMES = [
+    "Class",
+    "is_valid",
+    "class_at",
+    "segment_of",
+    "IN_ORDER",
+    "leaning",
+    "absorb",
+    "absorb_within",
+    "absorb_next",
+    "integrated",
+]
 
 
 @dataclass(frozen=True)

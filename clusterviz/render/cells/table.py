@@ -116,7 +116,7 @@ def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTabl
     for grid in grids:
         corners.append(grid.corners + vertices)
         following.append(np.where(grid.following < 0, -1, grid.following + 4 * tetrahedra))
-        boundaries.append((grid.boundary + [vertices, vertices, vertices, 4 * tetrahedra]).astype(np.int32))
+        boundaries.append((grid.boundary + np.array([vertices, vertices, vertices, 4 * tetrahedra])).astype(np.int32))
         first_values.append(count - tetrahedra if len(grid.values) else NO_VALUES)
         values.append(grid.values)
         vertices, tetrahedra, count = (
