@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from data.cells import lattice, mixed, tetrahedra
+from data.cells import lattice, mixed, one_cell, tetrahedra
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame.opening import OpenedContent, open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.plan.content import SEGMENT_COST
@@ -21,6 +22,7 @@ from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Sce
 
 TURN = ((0.6, -0.8, 0, 3), (0.8, 0.6, 0, -2), (0, 0, -1.5, 1), (0, 0, 0, 1))
 GRIDS = [lattice(3, 4, 5), mixed()]
+NOTHING = UnstructuredGrid("nothing", np.zeros((0, 3)), {}, {"f": np.zeros(0)})
 SECTIONS = [
     GridSection(path="a", transform=TURN, opacity=0.5),
     GridSection(path="b", array="kind", opacity=[[4, 0.2], [8, 0.9]], opacity_unit_distance=0.5),
@@ -105,9 +107,11 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
         assert hidden[index] == (brick.cells[0].values[brick.cells[0].corners].max() <= 9)
 
 
-def test_ranks_find_the_same() -> None:
+@pytest.mark.parametrize("given", [GRIDS, [one_cell("tetra")], [NOTHING]], ids=["two", "one cell", "nothing"])
+def test_ranks_find_the_same(given: list[Any]) -> None:
     def found(channel: Channel) -> Any:
-        _, opened, plan = planned(scene_of(*SECTIONS), GRIDS, channel)
+        sections = SECTIONS if len(given) > 1 else [GridSection(path="a")]
+        _, opened, plan = planned(scene_of(*sections), given, channel)
         assert plan.content
         first = dict(opened.read(plan, set(visible(plan)[channel.rank :: channel.size])))
         facts = [tuple(map(repr, vars(info).items())) for info in opened.infos]
