@@ -7,6 +7,7 @@ rank has read its bricks it forgets the file, which it reads again if bricks are
 from __future__ import annotations
 
 from collections.abc import Callable, Set
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class KnownCells:
             matrix = world_from_file(section)
             box = drawn.box(matrix, np.arange(len(found.corners)))
             cells = int(np.count_nonzero(np.diff(found.cells))) + 1
-            volume = _measures(found.points, found.corners, matrix)[0].sum()
+            volume = _volume(found.points, found.corners, matrix)
             self._on_cells, self._types = found.on_cells, (found.points.dtype, found.values.dtype)
             has_any = len(found.corners) > 0
             self.info = GridInfo(
@@ -140,24 +141,54 @@ class KnownCells:
         return self._measures[key]
 
     def _measured_members(self, section: GridSection, grid: BrickGrid, members: BrickMembers) -> Floats:
-        drawn, matrix = self._search.opened(), grid.index_from_file(section)
-        brick, counts_zyx, ranks = grid.layout.brick, grid.layout.counts_zyx, self._channel.size
-        found = np.stack([np.full(len(members.begins) - 1, value) for value in (np.inf, -np.inf, 0.0)])
-        for kept in np.flatnonzero(np.diff(members.begins)).tolist():
-            begin = brick * np.array(np.unravel_index(self._channel.rank + kept * ranks, counts_zyx)[::-1], np.float64)
-            numbers = members.of(kept)
-            values = _values_of(drawn, numbers)
-            areas = np.zeros(0)
-            for first in range(0, len(numbers), CHUNK // 4):
-                corners = drawn.corners[numbers[first : first + CHUNK // 4]]
-                placed = transformed(drawn.positions[corners], matrix)
-                low, high = placed.min(axis=1), placed.max(axis=1)
-                inside = (np.minimum(high, begin + brick) - np.maximum(low, begin)).clip(0) / (high - low).clip(TINY)
-                areas = _measures(drawn.positions, corners, matrix)[1] * inside.prod(axis=1).clip(LEAST_SHARE)
-                # A convex body's mean shadow is a quarter of its surface.
-                found[2, kept] += areas.sum() / 4
-            found[:2, kept] = values.min(), values.max()
+        drawn, matrix, brick = self._search.opened(), grid.index_from_file(section), grid.layout.brick
+        bricks, ranks = len(members.begins) - 1, self._channel.size
+        found = np.repeat([[np.inf], [-np.inf], [0.0]], bricks, axis=1)
+        flat = self._channel.rank + np.arange(bricks) * ranks
+        x, rest = flat % grid.layout.counts_zyx[2], flat // grid.layout.counts_zyx[2]
+        begins = brick * np.stack([x, rest % grid.layout.counts_zyx[1], rest // grid.layout.counts_zyx[1]], axis=1)
+        owners = np.repeat(np.arange(bricks), np.diff(members.begins))
+        numbers, places = np.unique(members.numbers, return_inverse=True)
+        measured = _Measured.of(drawn, numbers, matrix)
+        for first in range(0, len(owners), CHUNK):
+            some = places[first : first + CHUNK]
+            owner, low, high = owners[first : first + CHUNK], measured.low[some], measured.high[some]
+            inside = np.minimum(high, begins[owner] + brick) - np.maximum(low, begins[owner])
+            shares = (inside.clip(0) / (high - low).clip(TINY)).prod(axis=1).clip(LEAST_SHARE)
+            # One after the other, so that sums are the same on any ranks.
+            np.add.at(found[2], owner, measured.shadow[some] * shares)
+            np.minimum.at(found[0], owner, measured.values[0, some])
+            np.maximum.at(found[1], owner, measured.values[1, some])
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Tetrahedra in cells of the domain: corners of boxes float64 (m, 3), mean shadow (m,), extreme scalars (2, m)."""
+
+    low: Floats
+    high: Floats
+    shadow: Floats
+    values: NDArray[Any]
+
+    @classmethod
+    def of(cls, drawn: DrawnPrimitives, numbers: NDArray[np.uint32], matrix: Floats) -> _Measured:
+        low, high, shadow = np.empty((len(numbers), 3)), np.empty((len(numbers), 3)), np.empty(len(numbers))
+        for begin in range(0, len(numbers), CHUNK // 4):
+            some = slice(begin, begin + CHUNK // 4)
+            placed = [transformed(drawn.positions[corner], matrix) for corner in drawn.corners[numbers[some]].T]
+            low[some], high[some] = np.minimum.reduce(placed), np.maximum.reduce(placed)
+            u, v, w = (corner - placed[0] for corner in placed[1:])
+            pairs = (u, v), (u, w), (v, w), (v - u, w - u)
+            # A convex body's mean shadow is a quarter of its surface.
+            shadow[some] = sum(_twice_area(*pair) for pair in pairs) / 8
+        own = drawn.of_cells[""][numbers, None] if drawn.of_cells else drawn.of_vertices[""][drawn.corners[numbers]]
+        return cls(low, high, shadow, np.stack([own.min(axis=1), own.max(axis=1)]))
+
+
+def _twice_area(u: Floats, v: Floats) -> Floats:
+    uu, vv, uv = (np.einsum("mx,mx->m", *pair) for pair in ((u, u), (v, v), (u, v)))
+    return np.asarray(np.sqrt((uu * vv - uv * uv).clip(0)))
 
 
 def _drawn(found: Tetrahedra) -> DrawnPrimitives:
@@ -166,21 +197,13 @@ def _drawn(found: Tetrahedra) -> DrawnPrimitives:
     return DrawnPrimitives("tetrahedron", found.points, found.corners, NO_RADII, 0, of_points, of_cells)
 
 
-def _values_of(drawn: DrawnPrimitives, numbers: NDArray[np.uint32]) -> NDArray[Any]:
-    return drawn.of_cells[""][numbers] if drawn.of_cells else drawn.of_vertices[""][drawn.corners[numbers]]
-
-
-def _measures(points: NDArray[Any], corners: NDArray[np.integer[Any]], matrix: Floats) -> tuple[Floats, Floats]:
-    """Return the volumes and the surfaces of tetrahedra (m,) mapped by a matrix."""
-    volumes, surfaces = np.zeros(len(corners)), np.zeros(len(corners))
+def _volume(points: NDArray[Any], corners: NDArray[np.uint32], matrix: Floats) -> float:
+    """Return the volume of all tetrahedra, mapped by a matrix."""
+    found = 0.0
     for begin in range(0, len(corners), CHUNK // 4):
-        some = slice(begin, begin + CHUNK // 4)
-        a, b, c, d = (transformed(points[corner], matrix) for corner in corners[some].T)
-        across = np.cross(b - a, c - a)
-        volumes[some] = np.abs(np.einsum("mx,mx->m", across, d - a)) / 6
-        others = np.cross(b - a, d - a), np.cross(c - a, d - a), np.cross(c - b, d - b)
-        surfaces[some] = 0.5 * sum(np.linalg.norm(each, axis=1) for each in (across, *others))
-    return volumes, surfaces
+        a, b, c, d = (points[corner].astype(np.float64) for corner in corners[begin : begin + CHUNK // 4].T)
+        found += float(np.einsum("mx,mx->m", np.cross(b - a, c - a), d - a).sum())
+    return abs(found * float(np.linalg.det(matrix[:3, :3]))) / 6
 
 
 def _cropped(numbers: NDArray[np.uint32], drawn: DrawnPrimitives, rows_of: DistinctRows) -> CellBrick:
