@@ -132,7 +132,7 @@ class KnownCells:
 
         The first call for a grid is collective.
         """
-        key = grid.domain, grid.layout.brick, section.transform
+        key = grid.domain, grid.layout.brick, grid.reach, section.transform
         if key not in self._measures:
             members = self._search.members(section, grid)
             with agree(self._channel, 0, "plan"):

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from data.grid_writers import vtu
 
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
+from clusterviz.data import open_scene
 from clusterviz.image import write_image
 from clusterviz.scene import Scene, scene_of_data
 
@@ -206,3 +208,10 @@ def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() 
 def test_scene_with_a_shader_is_not_compared_with_the_reference() -> None:
     scene = scene_of_data("field:gaussian:9", ["volumes.0.shader=mine.glsl"])
     assert "it does not read shaders such as" in str(compare_with_reference(scene))
+
+
+def test_grids_are_compared_with_the_reference(tmp_path: Path) -> None:
+    scene = open_scene(vtu(tmp_path / "a.vtu"), ["array=kind", "opacity=0.5", "image.size=[24,18]"])
+    assert compare_with_reference(scene).max <= 1e-5
+    lit = scene.model_copy(update={"grids": (scene.grids[0].model_copy(update={"shade": True}),)})
+    assert "its grids are not lit" in str(compare_with_reference(lit))
