@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from data.cells import lattice, mixed
 from data.grid_writers import vtu
+from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 import clusterviz
 from clusterviz.comm import LoopbackChannel
@@ -23,8 +24,9 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.files import dump_scene, load_scene
 from clusterviz.scene.grids import GridSection
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.text import scene_summary
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Camera, ImageSettings, Scene
 from clusterviz.scene.visibility import visibility_warnings
 
 BOX = lattice(2, 3, 4, spacing=0.5)
@@ -161,3 +163,44 @@ def test_objects_are_drawn_as_files_are(tmp_path: Path) -> None:
     assert first[..., 3].max() > 0.5
     for other in others:
         np.testing.assert_allclose(other, first, atol=1e-6)
+
+
+def drawn_scene(**keys: Any) -> tuple[Scene, list[UnstructuredGrid]]:
+    """Two grids whose fields are linear, of which one is mirrored into the other."""
+    mirror = ((-1.0, 0.0, 0.0, 3.0), (0.0, 1.0, 0.0, 0.5), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    sections = GridSection(path="a", opacity=0.3), GridSection(path="b", array="f", cmap="hot", transform=mirror)
+    camera = Camera(position=(9.0, 7.0, 6.0), focal_point=(1.0, 0.8, 0.7), view_up=(0, 0, 1))
+    scene = Scene(grids=sections, camera=camera, image=ImageSettings(size=(30, 24)))
+    return with_settings(scene, keys) if keys else scene, [BOX, mixed()]
+
+
+WAYS: list[tuple[int, dict[str, Any]]] = [
+    (2, {"brick": 80, "distribution": "interleaved"}),
+    (3, {"brick": 64}),
+    (2, {"brick": 100, "distribution": "replicated"}),
+    (3, {"brick": 64, "mode": "sort-first"}),
+    (5, {"brick": 100, "mode": "hybrid", "groups": 2}),
+    (7, {"brick": 600}),  # more ranks than bricks
+]
+
+
+def test_pictures_are_the_same_on_any_ranks() -> None:
+    scene, given = drawn_scene(brick=1024)
+    (first,) = on_ranks(1, [scene], given, device="cpu")
+    assert pixels(first)[..., 3].max() > 0.5
+    for ranks, keys in WAYS:
+        check_same(on_ranks(ranks, [with_settings(scene, keys)], given, device="cpu"), [first])
+
+
+def test_tetrahedra_migrate_and_are_read_when_they_become_visible() -> None:
+    scene, given = drawn_scene(brick=128)
+    around = [(9, 7, 6), (-6, 4, 3), (2, 9, 2), (9, 7, -6), (4, -9, 6)]
+    changes: list[dict[str, Any]] = [{"position": place} for place in around]
+    changes += [
+        {"grids.0.opacity": [[4, 0], [8, 0.9]]},
+        {"grids.0.opacity": [[2, 0.5], [8, 0.9]], "grids.1.cmap": "bone"},
+    ]
+    scenes = [with_settings(scene, change) for change in changes]
+    frames = on_ranks(3, moving(scenes), given, device="cpu")
+    check_same(frames, [on_ranks(1, [scene], given, device="cpu")[0] for scene in scenes])
+    assert so_far(frames, "bricks_received") > 0

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, dump_scene, load_scene, scene_of_data, scene_schema
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml
 
@@ -176,7 +177,7 @@ def test_the_schema_describes_every_key() -> None:
     described(schema)
     for section in schema["$defs"].values():
         described(section)
-    sections = {"volumes", "meshes", "lines", "points", "lights", "clip", "camera", "image", "quality", "cluster"}
+    sections = {*LISTED_SECTIONS, "volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
     assert set(schema["properties"]) == {*sections, "automatic"}
 
 
